@@ -30,7 +30,6 @@ from kg.knowledge.conceptnet.relate import ImportedRelation
 from kg.knowledge.conceptnet.strength import LOCATED, NEAR, probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.knowledge.placement.shipped_conceptnet import table_text
 from kg.model import vocabulary as v
 
 TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
@@ -87,11 +86,14 @@ def table_6_1(graph: Path) -> str:
 def ship(graph: Path) -> str:
     """The table of weights that ships, from what `graph` says of our categories."""
     catalogue = Catalogue.from_quads(load_ontologies().quads)
-    return table_text(
+    rows = sorted(
         (catalogue.label(f.subject), catalogue.label(f.target), f.weight, f.weight_against)
         for f in import_conceptnet(graph).found
         if f.kind == v.LOCATED_AT and catalogue.by_iri(f.subject).kind == "object"
     )
+    lines = ["object,place,weight,weight_against"]
+    lines += [f"{thing},{place},{weight:g},{against:g}" for thing, place, weight, against in rows]
+    return "\n".join(lines) + "\n"
 
 
 def _weight(found: ImportedRelation | None) -> str:

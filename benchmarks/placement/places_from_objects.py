@@ -21,8 +21,7 @@ import numpy as np
 
 from benchmarks.placement.data import Sources, TrialData, load
 from benchmarks.placement.methods import one_building
-from kg.knowledge.placement.belief_model import posterior_belief
-from kg.knowledge.placement.posterior import posterior
+from kg.knowledge.placement.belief_model import posterior, posterior_belief
 from kg.knowledge.placement.settings import FITTED
 
 WEIGHTS: Final = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0)

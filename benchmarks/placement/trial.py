@@ -19,8 +19,7 @@ from benchmarks.placement.methods import (
     with_seen,
 )
 from benchmarks.placement.scores import MEASURES, Predictions, interval, resampled
-from kg.knowledge.placement.belief_model import posterior_belief
-from kg.knowledge.placement.posterior import posterior
+from kg.knowledge.placement.belief_model import posterior, posterior_belief
 from kg.knowledge.placement.settings import PlacementParameters
 
 #: numbers of rooms seen before the rest of the building is judged

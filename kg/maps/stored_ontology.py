@@ -41,11 +41,11 @@ class StoredOntology:
         self, quads: Iterable[Quad], *, by: str | None = None, whole: bool = False
     ) -> Replacement:
         """Replace the ontology in one transaction."""
-        from kg.knowledge.ontology.diagnostics import reject_invalid
+        from kg.knowledge.ontology.diagnostics import check_valid
         from kg.knowledge.ontology.replacement import replace_ontology
 
         ontology = Ontology(tuple(anonymous(quads)), ())
-        reject_invalid(ontology)
+        check_valid(ontology)
         with self._guard:
             taken = replace_ontology(self._store, ontology.quads, by, whole=whole)
             if taken.commit is not None:

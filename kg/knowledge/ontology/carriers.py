@@ -1,4 +1,4 @@
-"""Kinds of objects that others stand on or lie in, as the ontology has them (here:carries)."""
+"""Kinds of objects that carry or contain others, from here:carries in the ontology."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from kg.model import vocabulary as v
 
 @dataclass(frozen=True, slots=True)
 class CarrierKinds:
-    """Categories, by IRI, that things may be on or inside of; of subclasses as of their classes."""
+    """IRIs of categories that objects may be on or inside of, subclasses included."""
 
     supports: frozenset[str]
     containers: frozenset[str]
@@ -21,7 +21,7 @@ class CarrierKinds:
 
 
 def carrier_kinds(ontology: Iterable[Quad]) -> CarrierKinds:
-    """The kinds that the quads of an ontology declare."""
+    """The carriers declared in an ontology's quads."""
     ontology = tuple(ontology)
     carried: dict[str, set[str]] = {v.ON: set(), v.INSIDE: set()}
     backs: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Catalogue of categories: names used by people and networks to IRIs, and back."""
+"""Catalogue of categories: maps names of people and networks to IRIs, and back."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError, did_you_mean
 from kg.rdf.quad_store import QuadStore
 
-#: Where two kinds share a name, the earlier kind has precedence unless a kind is given.
+#: In this order of precedence for a name that two kinds share.
 KINDS: Final = ("object", "supercategory", "place")
 
 
@@ -29,8 +29,8 @@ class Category:
     label: str
     kind: str
     synonyms: tuple[str, ...] = ()
-    hidden: tuple[str, ...] = ()  # names in vocabularies of networks only
-    provisional: bool = False  # created for a network's label without a category
+    hidden: tuple[str, ...] = ()  # names only in vocabularies of networks
+    provisional: bool = False  # created for a network's label that had no category
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,10 +57,11 @@ class Catalogue:
 
     @classmethod
     def from_quads(cls, quads: Iterable[Quad]) -> Catalogue:
-        """The categories an ontology's quads declare.
+        """The categories in an ontology's quads.
 
-        Objects are the subclasses of here:Object, places those of here:Place, supercategories the
-        other named superclasses of objects. A class without a label is called by its name.
+        Objects are the subclasses of here:Object, places the subclasses of here:Place,
+        supercategories the other named superclasses of objects. A class without a label has its
+        local name as label.
         """
         quads = tuple(quads)
         labels, synonyms, hidden = _names(quads)
@@ -85,13 +86,13 @@ class Catalogue:
         return cls.from_quads(store.quads_for_pattern(None, None, None, graph))
 
     def find(self, label: str, kind: str | None = None) -> Category:
-        """The category called `label`: by label, synonym, simple plural, class name or IRI.
+        """The category with that label, synonym, simple plural, class name or IRI.
 
-        Case, spaces, underscores, hyphens and other marks do not matter. `kind` narrows the search.
-        A provisional category is found only where no other has that name.
+        Case, spaces, underscores, hyphens and other marks are ignored. `kind` narrows the search.
+        Provisional categories come last.
 
         Raises:
-            UnknownCategoryError: none has that name; the message suggests similar ones.
+            UnknownCategoryError: no category has that name; the message suggests similar ones.
         """
         category = self.get(label, kind)
         if category is not None:
@@ -107,7 +108,7 @@ class Catalogue:
         raise UnknownCategoryError(f"no {f'{kind} ' if kind else ''}category {label!r}{close}")
 
     def get(self, label: str, kind: str | None = None) -> Category | None:
-        """As `find`, but None where nothing is called `label`."""
+        """As `find`, but None for an unknown label."""
         if (exact := self._by_iri.get(label)) is not None:
             return exact if kind in (None, exact.kind) else None
         for key in _readings(name_key(label)):
@@ -117,9 +118,9 @@ class Catalogue:
         return None
 
     def for_label(self, label: str, kind: str) -> Category | None:
-        """The category that a network's `label` means: `get` without plurals of provisional ones.
+        """The category of a network's `label`, as `get` without plurals of provisional categories.
 
-        So what a label means does not depend on which label of the network was met first.
+        So the meaning of a label does not depend on the order of a network's labels.
         """
         category = self.get(label, kind)
         if category is not None and category.provisional:
@@ -135,7 +136,7 @@ class Catalogue:
         """Label of the category with that IRI.
 
         Raises:
-            UnknownCategoryError: no category has it.
+            UnknownCategoryError: no category has that IRI.
         """
         if (category := self._by_iri.get(iri)) is None:
             raise UnknownCategoryError(f"no category has the IRI {iri}")
@@ -148,11 +149,11 @@ class Catalogue:
 class StoredCatalogue:
     """Lazily read categories of a stored ontology.
 
-    Many queries need none, and reading them takes longer than opening a map.
+    Reading them takes longer than opening a map, and many queries do not need them.
     """
 
     def __init__(self, store: Callable[[], QuadStore], known: Catalogue | None = None) -> None:
-        """`store` gives the open store; `known` its categories where they were read before."""
+        """`store` returns the open store; `known` has its categories if they were read before."""
         self._store = store
         self._known = known
         self._changes = 0
@@ -183,13 +184,13 @@ class StoredCatalogue:
 def name_key(name: str) -> str:
     """Lookup key of a name: case-folded, without spaces, hyphens and other marks.
 
-    Of a name that is nothing but marks, all but the spaces.
+    A name without letters and digits only loses its spaces.
     """
     folded = unicodedata.normalize("NFKC", name.removeprefix("here:")).casefold()
     folded = unicodedata.normalize("NFKC", folded)
     if not any(c.isalnum() for c in folded):
         return "".join(folded.split())
-    # vowel signs of some scripts are combining marks (M*): they make another word
+    # vowel signs of some scripts are combining marks (M*) and distinguish words
     return "".join(c for c in folded if c.isalnum() or unicodedata.category(c)[0] == "M")
 
 

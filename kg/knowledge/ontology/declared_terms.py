@@ -1,4 +1,4 @@
-"""The ``here:`` terms that the vocabulary and a map's ontology declare, and those of a query."""
+"""Declared ``here:`` terms of the vocabulary and an ontology; undeclared ones in queries."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _PREFIX = "here:"
 
 
 def declared_terms(engine: QuadStore) -> set[str]:
-    """IRIs of the vocabulary's own terms, and of all that the ontology types; in ``here:``."""
-    ours = {value for value in vars(v).values() if isinstance(value, str)}
+    """IRIs in ``here:`` that the vocabulary module or the ontology in the store declares."""
+    vocabulary = {value for value in vars(v).values() if isinstance(value, str)}
     quads = engine.quads_for_pattern(None, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)
     declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-    return {iri for iri in ours | declared if iri.startswith(v.HERE)} | {v.HERE}
+    return {iri for iri in vocabulary | declared if iri.startswith(v.HERE)} | {v.HERE}
 
 
 def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
-    """A line for each ``here:`` term of a query that is not declared.
+    """A message for each undeclared ``here:`` term of a query.
 
-    A misspelt class would match nothing, without an error.
+    Without it, a misspelt class matches nothing and causes no error.
     """
     used = dict.fromkeys(iri for token in tokens_of(sparql) if (iri := _iri(token.text)))
     if not used:
@@ -35,7 +35,7 @@ def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
 
 
 def undeclared(iri: str, declared: set[str]) -> str:
-    """That no ontology declares a ``here:`` term, with declared ones of a close spelling."""
+    """The message for an undeclared ``here:`` term, with declared terms of a close spelling."""
     names = {_short(known).lower(): _short(known) for known in declared if known != v.HERE}
     close = did_you_mean(_short(iri).lower(), names)
     spelt = re.sub(r"here:[\w-]+", lambda match: names[match[0]], close)
@@ -47,7 +47,7 @@ def _short(iri: str) -> str:
 
 
 def _iri(text: str) -> str:
-    """The IRI of a ``here:`` term, written with its prefix or as an IRI; else empty."""
+    """The IRI of a token that is a ``here:`` term, prefixed or not; empty for other tokens."""
     if text.startswith(_PREFIX):
         return v.HERE + text.removeprefix(_PREFIX)
     return text[1:-1] if text.startswith(f"<{v.HERE}") else ""

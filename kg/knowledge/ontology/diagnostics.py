@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from pyoxigraph import BlankNode, NamedNode, Quad
+from pyoxigraph import BlankNode, Quad
 
 from kg.knowledge.ontology.dl_profile import owl_dl_findings
 from kg.knowledge.ontology.lint import check_quads, shapes_of
 from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.relations import Notes, annotated_key
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
 
 _MAX_LISTED = 3  # findings named in one message
-_PARTS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
+
 _BEGINNINGS: Final = ("", "<owl:Class rdf:about=", "<rdf:Description rdf:about=")
 _TERM: Final = re.compile(r"here:[\w-]+")
 
 
 def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
-    """Validation findings: SHACL, undeclared terms, OWL 2 DL and, with `reason`, HermiT's.
+    """Validation findings of SHACL, undeclared terms, OWL 2 DL and, with `reason`, of HermiT.
 
-    HermiT needs Java; raises OntologyError where there is none, and where the ontology as a whole
-    contradicts itself. Blank nodes are named by the statement they annotate.
+    Annotating blank nodes have the name of their statement.
+
+    Raises:
+        OntologyError: with `reason`, there is no Java, or the whole ontology is contradictory.
     """
     quads = ontology.quads
     shapes = shapes_of(ontology.files[0].parent) if ontology.files else None
@@ -35,14 +40,20 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     if not quads and ontology.files:
         found.append(Finding(ontology.files[0].name, "holds no statement", severity="warning"))
     if reason and not any(finding.severity == "violation" for finding in found):
-        found += _contradictions(quads)
+        from kg.knowledge.ontology.reasoning import inconsistent_classes, load_world
+
+        message = "can have no members: HermiT"
+        found += [Finding(iri, message) for iri in inconsistent_classes(load_world(quads))]
     statements = _annotated(quads)
-    named = (_renamed(finding, statements) for finding in found)
-    return sorted(set(named), key=lambda f: (f.severity != "violation", f))
+    named = {
+        replace(finding, focus=statements.get(finding.focus.removeprefix("_:"), finding.focus))
+        for finding in found
+    }
+    return sorted(named, key=lambda f: (f.severity != "violation", f))
 
 
-def reject_invalid(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
-    """The warnings of `inspect`; raises OntologyError, with file and line, for the violations."""
+def check_valid(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
+    """The warnings of `inspect`; raises OntologyError, with file and line, for violations."""
     found = inspect(ontology, reason=reason)
     violations = [f for f in found if f.severity == "violation"]
     if violations:
@@ -63,10 +74,10 @@ def finding_line(finding: Finding, files: Iterable[Path]) -> str:
 
 
 def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
-    """File and line, from 1, that a finding is about.
+    """File and line number (from 1) of a finding.
 
-    One that names its subject and most of its other terms; among equals one that begins with a
-    term, then the first.
+    The line has the subject and as many other terms of the finding as possible. Among equal lines,
+    one that begins with a term is preferred, then the first.
     """
     text = " ".join((_short(finding.focus), finding.message, _short(finding.value)))
     subject = _short(finding.focus).partition(" ")[0]
@@ -88,7 +99,7 @@ def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
 
 
 def _pattern(term: str) -> re.Pattern[str] | None:
-    """How a term may be written in Turtle, N-Triples or RDF/XML."""
+    """Pattern of the forms of a term in Turtle, N-Triples and RDF/XML."""
     full = term.replace("here:", v.HERE, 1) if term.startswith("here:") else term
     local = re.escape(re.split("[#/]", full)[-1])
     if not local:
@@ -96,36 +107,18 @@ def _pattern(term: str) -> re.Pattern[str] | None:
     return re.compile(rf"<{re.escape(full)}>|[\w-]*:{local}\b|[\"'#;/]{local}[\"']")
 
 
-def _contradictions(quads: tuple[Quad, ...]) -> list[Finding]:
-    from kg.knowledge.ontology.reasoning import inconsistent_classes, load_world
-
-    classes = inconsistent_classes(load_world(quads))
-    return [Finding(focus=iri, message="can have no members: HermiT") for iri in classes]
-
-
 def _annotated(quads: Iterable[Quad]) -> dict[str, str]:
-    """Name of each annotating blank node to the statement that it annotates, in short."""
-    parts: dict[str, dict[str, str]] = {}
+    """Label of each annotating blank node -> its statement as text."""
+    notes: dict[str, Notes] = defaultdict(list)
     for quad in quads:
-        node, value = quad.subject, quad.object
-        if (
-            quad.predicate.value in _PARTS
-            and isinstance(node, BlankNode)
-            and isinstance(value, NamedNode)
-        ):
-            parts.setdefault(node.value, {})[quad.predicate.value] = _short(value.value)
+        if isinstance(quad.subject, BlankNode):
+            notes[quad.subject.value].append((quad.predicate.value, quad.object))
+    keys = {node: annotated_key(axiom) for node, axiom in notes.items()}
     return {
-        node: " ".join(axiom[part] for part in (_PARTS[0], _PARTS[1], _PARTS[2]))
-        for node, axiom in parts.items()
-        if len(axiom) == len(_PARTS)
+        node: " ".join(map(_short, (key[1], key[0], key[2])))
+        for node, key in keys.items()
+        if key is not None
     }
-
-
-def _renamed(finding: Finding, statements: dict[str, str]) -> Finding:
-    name = statements.get(finding.focus.removeprefix("_:"))
-    if name is None:
-        return finding
-    return Finding(name, finding.message, finding.path, finding.value, finding.severity)
 
 
 def _short(iri: str) -> str:

@@ -1,4 +1,4 @@
-"""Ontology diff: changes of terms, relations and names; other statements are counted by term."""
+"""Ontology diff: changes of terms, relations and names, and counts of other statements by term."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class OntologyChange:
     #: term, relation, probability, source, label, synonym, comment, version, parent, statistics
     #: or other
     kind: str
-    subject: str  # IRI of the term that it is about
+    subject: str  # IRI of the changed term
     words: str
     before: str = ""
     after: str = ""
@@ -48,22 +48,21 @@ class OntologyChange:
 
 
 def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
-    """Changes from `old` to `new`, both given as quads: terms, relations, names, others.
+    """Changes between two ontologies, given as quads: terms, relations, names, others.
 
-    Raises OntologyError where the relations of one of them are malformed
-    (`kg.knowledge.ontology.relations`).
+    Raises OntologyError for malformed relations (`kg.knowledge.ontology.relations`).
     """
     before, after = OntologySummary(old), OntologySummary(new)
-    was, is_ = set(before.quads), set(after.quads)
-    gone = [q for q in before.quads if q not in is_]
-    came = [q for q in after.quads if q not in was]
+    old_quads, new_quads = set(before.quads), set(after.quads)
+    removed = [q for q in before.quads if q not in new_quads]
+    added = [q for q in after.quads if q not in old_quads]
     return [
         *_terms(before, after),
         *_relations(before, after),
-        *_names(before, after, gone, came),
+        *_names(before, after, removed, added),
         *_parents(before, after),
-        *_statistics(before, after, gone, came),
-        *_others(before, after, gone, came),
+        *_statistics(before, after, removed, added),
+        *_others(before, after, removed, added),
     ]
 
 
@@ -88,7 +87,8 @@ def _relations(before: OntologySummary, after: OntologySummary) -> Iterator[Onto
     for key in sorted(before.relations.keys() | after.relations.keys()):
         old, new = before.relations.get(key), after.relations.get(key)
         if old is None and new is not None:
-            words = f"{_stated(new, after)} {new.probability:g} added{_from(new)}"
+            sources = f" ({listed})" if (listed := _listed(new)) else ""
+            words = f"{_stated(new, after)} {new.probability:g} added{sources}"
             yield OntologyChange("+", "relation", key[1], words, after=f"{new.probability:g}")
         elif new is None and old is not None:
             words = f"{_stated(old, before)} {old.probability:g} removed"
@@ -114,21 +114,17 @@ def _stated(relation: Relation, side: OntologySummary) -> str:
     return f"{side.name(relation.subject)} {verb} {side.name(relation.target)}"
 
 
-def _from(relation: Relation) -> str:
-    return f" ({listed})" if (listed := _listed(relation)) else ""
-
-
 def _listed(relation: Relation) -> str:
     return ", ".join(repr(getattr(source, "value", source)) for source in relation.sources)
 
 
 def _names(
-    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+    before: OntologySummary, after: OntologySummary, removed: Iterable[Quad], added: Iterable[Quad]
 ) -> Iterator[OntologyChange]:
-    """Labels, synonyms, comments and versions of terms that are in both."""
+    """Labels, synonyms, comments and versions of the common terms."""
     both = before.terms.keys() & after.terms.keys()
     sides: dict[tuple[str, str], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
-    for index, quads in enumerate((gone, came)):
+    for index, quads in enumerate((removed, added)):
         for quad in quads:
             subject = getattr(quad.subject, "value", "")
             if quad.predicate.value in _NAMING and subject in both:
@@ -165,21 +161,22 @@ def _parents(before: OntologySummary, after: OntologySummary) -> Iterator[Ontolo
 
 
 def _statistics(
-    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+    before: OntologySummary, after: OntologySummary, removed: Iterable[Quad], added: Iterable[Quad]
 ) -> Iterator[OntologyChange]:
-    """Rooms that were counted; other numbers are another count."""
-    for sign, verb, side, quads in (("-", "removed", before, gone), ("+", "added", after, came)):
+    """Room statistics; changed numbers are reported as removed and added."""
+    sides = ("-", "removed", before, removed), ("+", "added", after, added)
+    for sign, verb, side, quads in sides:
         touched = {getattr(quad.subject, "value", "") for quad in quads}
         for iri in sorted(touched & side.statistics.keys()):
             yield OntologyChange(sign, "statistics", iri, f"{side.counted(iri)} {verb}")
 
 
 def _others(
-    before: OntologySummary, after: OntologySummary, gone: Iterable[Quad], came: Iterable[Quad]
+    before: OntologySummary, after: OntologySummary, removed: Iterable[Quad], added: Iterable[Quad]
 ) -> Iterator[OntologyChange]:
-    """Statements without a change of their own, counted by the term that they are about."""
+    """Statements that no other change reports, counted by their term."""
     both = before.terms.keys() & after.terms.keys()
-    for sign, side, quads in (("-", before, gone), ("+", after, came)):
+    for sign, side, quads in (("-", before, removed), ("+", after, added)):
         reported = side.terms.keys() - both
         counts = Counter(
             getattr(quad.subject, "value", "")
@@ -207,12 +204,8 @@ def _is_reported(quad: Quad, side: OntologySummary, reported: Iterable[str]) -> 
         return predicate in _OF_AXIOMS
     if subject not in side.terms:
         return False
-    named_parent = predicate == v.RDFS_SUB_CLASS_OF and not _is_node(quad)
-    return predicate in _NAMING or named_parent
-
-
-def _is_node(quad: Quad) -> bool:
-    return getattr(quad.object, "value", "").startswith(v.GENID)
+    to_node = getattr(quad.object, "value", "").startswith(v.GENID)
+    return predicate in _NAMING or (predicate == v.RDFS_SUB_CLASS_OF and not to_node)
 
 
 def _counted(count: int, what: str) -> str:

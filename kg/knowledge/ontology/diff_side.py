@@ -69,12 +69,12 @@ class OntologySummary:
         thing, place = (
             self.name(properties.get(one, "")) for one in (v.STATISTICS_OBJECT, v.STATISTICS_PLACE)
         )
-        rooms, held = properties.get(v.ROOM_COUNT, "?"), properties.get(v.ROOMS_WITH_OBJECT, "?")
+        rooms, with_it = (properties.get(one, "?") for one in (v.ROOM_COUNT, v.ROOMS_WITH_OBJECT))
         source = properties.get(v.DCT_SOURCE)
-        return f"{thing} in {held} of {rooms} rooms that are {place} ({source!r})"
+        return f"{thing} in {with_it} of {rooms} rooms that are {place} ({source!r})"
 
     def kind(self, iri: str) -> str:
-        """``category``, or what else the term is declared as."""
+        """``category``, or the declared kind of another term."""
         return "category" if self.catalogue.by_iri(iri) else self.terms[iri]
 
     def above(self, iri: str) -> str:

@@ -1,7 +1,7 @@
 """OWL 2 DL profile checks that need no reasoner.
 
-The rest of the profile is for the OWLAPI to judge (docs/how-to/protege.md); the kinds of properties
-and their declarations are checked in `kg.knowledge.ontology.lint`.
+The OWLAPI checks the rest of the profile (docs/how-to/protege.md). `kg.knowledge.ontology.lint`
+checks the kinds of properties and their declarations.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ _LEXICAL: Final = {
 
 
 def owl_dl_findings(quads: Iterable[Quad]) -> list[Finding]:
-    """Undeclared classes, terms that are class and datatype, OWL's own terms declared anew, and
-    literals that are not of their datatype."""
+    """Violations of the profile: undeclared classes, terms that are both class and datatype,
+    redeclared terms of OWL, and literals with an invalid lexical form."""
     quads = tuple(quads)
     kinds: dict[str, set[str]] = defaultdict(set)
     for quad in quads:
@@ -66,14 +66,14 @@ def _undeclared_classes(quads: Iterable[Quad], kinds: dict[str, set[str]]) -> It
 
 
 def _declared_wrongly(kinds: dict[str, set[str]]) -> Iterator[Finding]:
-    for iri, of in kinds.items():
-        if {v.OWL_CLASS, v.RDFS_DATATYPE} <= of:
+    for iri, types in kinds.items():
+        if {v.OWL_CLASS, v.RDFS_DATATYPE} <= types:
             yield Finding(focus=iri, message="is a class and a datatype")
-        if iri.startswith(_RESERVED) and of & _DECLARING and iri not in _ALLOWED:
+        if iri.startswith(_RESERVED) and types & _DECLARING and iri not in _ALLOWED:
             yield Finding(focus=iri, message="is a term of OWL itself and cannot be declared anew")
 
 
-#: built-in terms that editors declare all the same, as what they are
+#: built-in terms that editors declare redundantly
 _ALLOWED: Final = (
     {v.OWL_THING, v.OWL_NOTHING}
     | {

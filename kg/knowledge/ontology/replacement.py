@@ -1,8 +1,7 @@
 """Replacement of a map's ontology in one transaction, also while the map is in use.
 
-graph:ontology becomes the new ontology. graph:commonsense loses what only the old one compiled to
-and gains what the new one does; what people or imports wrote there stays, and where they gave a
-relation another probability, theirs is kept.
+graph:ontology becomes the new ontology. In graph:commonsense the compiled quads of the old ontology
+are replaced by those of the new one. Relations that people or imports wrote or changed there stay.
 """
 
 from __future__ import annotations
@@ -33,10 +32,10 @@ _MAX_LISTED = 5  # terms named in one message
 
 @dataclass(frozen=True, slots=True)
 class Replacement:
-    """Result of a replacement; `commit` is None where nothing changed."""
+    """Result of a replacement; `commit` is None without a change."""
 
     changes: tuple[OntologyChange, ...]
-    kept: tuple[str, ...]  # IRIs of relations kept as people wrote them into the map
+    kept: tuple[str, ...]  # IRIs of relations that people changed in the map
     commit: ChangeSet | None
 
 
@@ -45,11 +44,11 @@ def replace_ontology(
 ) -> Replacement:
     """Replace the ontology of the map in `store` by validated quads.
 
-    Provisional categories that the map refers to are kept, whether the quads have them or not.
+    Provisional categories that the map refers to are always kept.
 
-    Raises OntologyError where the map uses terms that they do not declare, or where they leave out
-    ontologies that the map's is made of and are not marked as the `whole`; nothing is written
-    then.
+    Raises:
+        OntologyError: the quads do not declare terms that the map uses, or are not marked as the
+            `whole` ontology and lack an ontology that the map has; nothing is written.
     """
     new = named(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads)
     stored = tuple(store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
@@ -58,9 +57,9 @@ def replace_ontology(
     compiled = compile_commonsense(new)
     present = set(store.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
     before = compiled_before(old, present)
-    _reject_missing(old, new)
-    reject_partial(old, new, whole=whole)
-    reject_lost_terms(store, old, new, present - before)
+    _check_core_terms(old, new)
+    check_complete(old, new, whole=whole)
+    check_used_terms(store, old, new, present - before)
     delete, insert, kept = recompiled(present, before, set(compiled))
     differences = tuple(changes(old, new))
     if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
@@ -83,8 +82,8 @@ def compiled_before(old: Iterable[Quad], present: set[Quad]) -> set[Quad]:
         return present
 
 
-def reject_partial(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:
-    """Raise OntologyError where `new` leaves out ontologies of `old` and is not the `whole`."""
+def check_complete(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:
+    """Raise OntologyError if `new` lacks ontologies of `old` and is not the `whole`."""
     missing = () if whole else left_out(old, new)
     if missing:
         names = ", ".join(f"<{iri}>" for iri in missing)
@@ -95,10 +94,10 @@ def reject_partial(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> 
 
 
 def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
-    """IRIs of ontologies of `old` of which `new` lacks the header and some statements.
+    """IRIs of ontologies in `old` that `new` lacks: no header, and missing statements.
 
-    Where `new` imports nothing, and so is one file made of all, their classes must be there;
-    single statements may have been edited. Otherwise all statements must, as in their own files.
+    If `new` imports nothing, it is one edited file of all ontologies: only missing classes count.
+    Otherwise every missing statement counts.
     """
     old, new = tuple(old), tuple(new)
     missing = headers(old) - headers(new)
@@ -119,9 +118,12 @@ def _is_of_a_file(quad: Quad, headers: frozenset[str]) -> bool:
 def recompiled(
     present: set[Quad], before: set[Quad], after: set[Quad]
 ) -> tuple[list[Quad], list[Quad], tuple[str, ...]]:
-    """Quads to delete and insert in graph:commonsense, and IRIs of relations that are kept.
+    """Quads to delete and insert in graph:commonsense, and IRIs of kept relations.
 
-    `present` is what it holds, `before` and `after` what the ontology compiled and compiles to.
+    Args:
+        present: quads of the graph.
+        before: compiled quads of the old ontology.
+        after: compiled quads of the new ontology.
     """
     there, was, will = (_by_relation(quads) for quads in (present, before, after))
     delete = [q for q in before - after if not _is_relation(q)]
@@ -162,8 +164,8 @@ def _declared(quads: Iterable[Quad]) -> set[str]:
     return {getattr(q.subject, "value", "") for q in quads if q.predicate == v.RDF_TYPE}
 
 
-def _reject_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:
-    """Raise OntologyError where `new` lacks terms that hereabouts itself uses."""
+def _check_core_terms(old: Iterable[Quad], new: Iterable[Quad]) -> None:
+    """Raise OntologyError if `new` lacks terms of hereabouts itself."""
     values = (value for value in vars(v).values() if isinstance(value, str))
     ours = {value for value in values if value.startswith(v.HERE)}
     lost = sorted((_declared(old) - _declared(new)) & ours)
@@ -174,16 +176,16 @@ def _reject_missing(old: Iterable[Quad], new: Iterable[Quad]) -> None:
         )
 
 
-def reject_lost_terms(
+def check_used_terms(
     store: TransactionalStore, old: Iterable[Quad], new: Iterable[Quad], by_hand: set[Quad]
 ) -> None:
-    """Raise OntologyError where `new` lacks categories that the map uses."""
-    spoken = {q.object for q in by_hand if _is_relation(q)}
-    lost = []
-    for iri in sorted(_classes(old) - _classes(new)):
-        node = NamedNode(iri)
-        if node in spoken or _is_used(store, node):
-            lost.append(iri)
+    """Raise OntologyError if `new` lacks categories that the map or relations `by_hand` use."""
+    related = {q.object for q in by_hand if _is_relation(q)}
+    lost = [
+        iri
+        for iri in sorted(_classes(old) - _classes(new))
+        if NamedNode(iri) in related or _is_used(store, NamedNode(iri))
+    ]
     if lost:
         raise OntologyError(
             f"the ontology is refused: the map uses {_listed(lost)}, which it does not "

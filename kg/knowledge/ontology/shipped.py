@@ -1,4 +1,4 @@
-"""The shipped ontology as a new map holds it, compiled once in a process."""
+"""The shipped ontology as in a new map, compiled once in a process."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class CompiledOntology:
 
 
 def shipped_ontology() -> CompiledOntology:
-    """The ontology that comes with hereabouts, compiled anew only where its files have changed.
+    """The ontology of hereabouts, recompiled only after a change of its files.
 
-    Raises OntologyError where a file does not parse.
+    Raises OntologyError if a file does not parse.
     """
     files = ontology_files(ONTOLOGIES)
     return _compiled(tuple((path, path.read_bytes()) for path in files))
@@ -33,7 +33,7 @@ def shipped_ontology() -> CompiledOntology:
 
 @lru_cache(maxsize=1)
 def _compiled(contents: tuple[tuple[Path, bytes], ...]) -> CompiledOntology:
-    # the contents are the key of the cache; the files are read by name, for the errors to name them
+    # the contents are the cache key; files are read by name, so that errors have the names
     ontology = named(read_files(path for path, _ in contents).quads)
     return CompiledOntology(
         (*ontology, *compile_commonsense(ontology)), Catalogue.from_quads(ontology)

@@ -21,10 +21,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.knowledge.placement.settings import STATEMENT_STRENGTH, PlacementParameters
+from kg.knowledge.placement.settings import (
+    DETECTION_RATE,
+    FALSE_POSITIVE_RATE,
+    LIKELIHOOD_DAMPING,
+    MAX_LOG_RATIO,
+    STATEMENT_STRENGTH,
+    PlacementParameters,
+)
 from kg.knowledge.placement.surveys import SurveyFeatures
 
 Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
 
 #: Bound of log-odds, so that probabilities lie strictly between 0 and 1.
 _MAX_LOG_ODDS: Final = 9.0
@@ -113,3 +121,28 @@ def log_odds_terms(
 def sigmoid(x: Matrix) -> Matrix:
     """1 / (1 + exp(-x)), kept away from 0 and 1."""
     return np.asarray(1 / (1 + np.exp(-np.clip(x, -_MAX_LOG_ODDS, _MAX_LOG_ODDS))))
+
+
+def posterior(
+    present: Matrix, observed: NDArray[np.bool_], prior: Vector, weight: Vector | None = None
+) -> Vector:
+    """Posterior over place categories given the objects in the place, (m,), adding up to 1.
+
+    Naive Bayes, made robust: detectors have misses and false positives, objects of a room are not
+    independent (damping), and the log-likelihood ratio of a single object is bounded.
+
+    Args:
+        present: (n, m) p(object in place) of n objects.
+        observed: (n,) whether each object was found or missed.
+        prior: (m,) prior of the place categories, >= 0, with a positive sum.
+        weight: (n,) weight of each object, 0..1; None: all 1.
+    """
+    detected = DETECTION_RATE * present + FALSE_POSITIVE_RATE * (1 - present)
+    likelihood = np.log(np.where(observed[:, None], detected, 1 - detected))
+    base = prior / prior.sum()
+    # log-likelihood ratio of each object to the average place
+    relative = likelihood - likelihood @ base[:, None]
+    counts = np.ones(len(observed)) if weight is None else weight
+    score = LIKELIHOOD_DAMPING * (counts @ np.clip(relative, -MAX_LOG_RATIO, MAX_LOG_RATIO))
+    product = base * np.exp(score - score[base > 0].max(initial=-np.inf))
+    return np.asarray(product / product.sum())

@@ -24,7 +24,7 @@ _THESIS = "thesis"
 
 @dataclass(frozen=True, slots=True)
 class StatedRelation:
-    """A stated relation as a reason shows it."""
+    """A stated relation, in words for a reason."""
 
     source: str
     text: str
@@ -32,7 +32,7 @@ class StatedRelation:
 
 @dataclass(frozen=True, slots=True)
 class PlacementEvidence:
-    """Placement evidence of one ontology, with the index of its rows and columns."""
+    """Placement evidence of one ontology, with the indices of objects and places."""
 
     objects: Mapping[str, int]  # IRI -> row
     places: Mapping[str, int]  # IRI -> column
@@ -40,7 +40,7 @@ class PlacementEvidence:
     evidence: EvidenceArrays
     stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
     near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
-    counted: Mapping[str, float]  # place IRI -> rooms of it in the statistics
+    counted: Mapping[str, float]  # place IRI -> number of such rooms in the statistics
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
@@ -49,16 +49,18 @@ def placement_evidence(
 ) -> PlacementEvidence:
     """Placement evidence in an ontology's quads about all its objects and places.
 
-    A relation of a class is one of its subclasses too; here:Place itself is a column, for places
-    of unknown category. With `shipped`, an ontology without ConceptNet relations is read with the
-    shipped weights (`kg.knowledge.placement.shipped_conceptnet`). Raises OntologyError as
-    `relations` and `statistics` do.
+    A relation of a class counts for its subclasses too. The class here:Place is a column for places
+    of unknown category. With `shipped`, an ontology without ConceptNet relations gets the shipped
+    weights (`kg.knowledge.placement.shipped_conceptnet`). Raises OntologyError as `relations` and
+    `statistics`.
     """
     quads = tuple(quads)
     above = superclasses(quads)
-    of = {kind: [c.iri for c in catalogue.categories if c.kind == kind] for kind in _KINDS}
-    objects = {iri: row for row, iri in enumerate(of["object"])}
-    places = {iri: column for column, iri in enumerate((*of["place"], v.PLACE))}
+    object_iris, place_iris = (
+        [c.iri for c in catalogue.categories if c.kind == kind] for kind in ("object", "place")
+    )
+    objects = {iri: row for row, iri in enumerate(object_iris)}
+    places = {iri: column for column, iri in enumerate((*place_iris, v.PLACE))}
     edges = relations(quads)
     counts = statistics(quads)
     builder = _Builder(objects, places, above)
@@ -92,11 +94,8 @@ def placement_evidence(
     )
 
 
-_KINDS = ("object", "place")
-
-
 class _Builder:
-    """Spreads relations over the rows and columns of the classes below theirs."""
+    """Adds relations to the cells of all subclasses of their classes."""
 
     def __init__(
         self,
@@ -116,7 +115,8 @@ class _Builder:
             return
         cells = np.ix_(self._rows[relation.subject], self._columns[relation.target])
         for evidence in relation.evidence:
-            source = "; ".join(_text(s) for s in evidence.sources) or "ontology"
+            sources = (str(getattr(source, "value", source)) for source in evidence.sources)
+            source = "; ".join(sources) or "ontology"
             if evidence.imported:
                 net = max((evidence.weight or 0.0) - evidence.weight_against, 0.0)
                 self.weight[cells] = np.maximum(self.weight[cells], net)
@@ -133,10 +133,6 @@ class _Builder:
                     self.stated_relations[row, column].append(StatedRelation(source, text))
 
 
-def _text(source: object) -> str:
-    return str(getattr(source, "value", source))
-
-
 def _below(
     index: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
 ) -> defaultdict[str, list[int]]:
@@ -151,11 +147,11 @@ def _below(
 def room_counts(
     counts: Iterable[RoomStatistics], objects: Mapping[str, int], places: Mapping[str, int]
 ) -> tuple[Matrix, Matrix]:
-    """(n, m) rooms searched and rooms that held the object, all sources together.
+    """(n, m) rooms searched and rooms with the object, over all sources.
 
-    A source counts as having searched all its rooms for every object that it lists anywhere, if
-    only with 0: a pair without a count is 0 of the rooms of that place. Objects it never lists are
-    not counted.
+    A source that lists an object anywhere, also with 0, searched all its rooms for it: a pair
+    without a count then means 0 of the rooms of that place. Objects that a source never lists do
+    not count.
     """
     rooms, held = np.zeros((2, len(objects), len(places)))
     by_source: dict[str, list[RoomStatistics]] = defaultdict(list)
@@ -186,7 +182,7 @@ def _rooms_of(counts: Iterable[RoomStatistics]) -> dict[str, float]:
 def _inherit_counts(
     rooms: Matrix, held: Matrix, objects: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
 ) -> None:
-    """Objects without counts inherit those of their nearest counted superclass."""
+    """Objects without counts inherit the counts of their nearest counted superclass."""
     counted = {iri for iri, row in objects.items() if rooms[row].any()}
     for iri, row in objects.items():
         ancestors = [up for up in above.get(iri, ()) if up in counted and up != iri]

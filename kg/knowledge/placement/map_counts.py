@@ -1,4 +1,4 @@
-"""Room counts of this map: rooms that hold an object, and rooms searched without finding it."""
+"""Room counts of a map: rooms with an object, and rooms searched without finding it."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class MapCounts:
     """Beliefs about the r places of a map: their categories and the objects they hold."""
 
     kind: Matrix  # (r, m) belief in each place category
-    holds: Matrix  # (r, n) probability that it holds an object of each kind
-    searched: Matrix  # (r, n) fraction of it that was searched for each kind, 0..1
+    holds: Matrix  # (r, n) probability that the place holds an object of each kind
+    searched: Matrix  # (r, n) fraction of the place that was searched for each kind, 0..1
 
     @property
     def with_object(self) -> Matrix:
-        """(n, m) expected number of rooms of each kind that hold each object."""
+        """(n, m) expected number of rooms of each kind with each object."""
         return np.asarray(self.holds.T @ self.kind)
 
     @property
@@ -31,14 +31,14 @@ class MapCounts:
         return np.asarray(((1 - self.holds) * self.searched).T @ self.kind)
 
     def near(self, row: int, other: int) -> tuple[float, float]:
-        """Expected number of rooms with `other` that hold object `row`, and that do not."""
-        there = self.holds[:, other]
+        """Expected number of rooms with `other` and with, or without, the object `row`."""
+        with_other = self.holds[:, other]
         without = (1 - self.holds[:, row]) * self.searched[:, row]
-        return float(there @ self.holds[:, row]), float(there @ without)
+        return float(with_other @ self.holds[:, row]), float(with_other @ without)
 
 
 def searched_fraction(views: int) -> float:
-    """Fraction of a place that counts as searched after `views` scene categorisations, 0..1."""
+    """Fraction of a place, 0..1, that counts as searched after `views` scene categorisations."""
     return views / (views + HALF_SEARCHED_VIEWS) if views >= MIN_VIEWS else 0.0
 
 
@@ -50,11 +50,11 @@ def map_counts(
     above: Mapping[str, tuple[str, ...]],
     sought: Collection[str] | None = None,
 ) -> MapCounts:
-    """Room counts of a map's records; rows of `objects`, columns of `columns`, both by IRI.
+    """Room counts of a map's records, with the numbers of objects and places by IRI.
 
     A place counts for each category in proportion to its belief. It holds an object with the
-    probability that at least one of that category, or of a subcategory, exists there. It was
-    searched for the objects whose IRIs are in `sought` (None: for all).
+    probability that at least one object of the category, or of a subcategory, exists there. It was
+    searched for the objects with IRIs in `sought` (None: for all).
     """
     rooms = tuple(places)
     number = {room.iri: n for n, room in enumerate(rooms)}

@@ -1,7 +1,7 @@
-"""Room names of data sets mapped to place categories; groups of similar categories.
+"""Mapping of room names of data sets to place categories, and groups of similar categories.
 
-``rooms.csv`` and ``similar.csv`` beside this file are the tables (docs/explanation/placement.md). A
-room name that is the label or a synonym of a place category needs no row.
+The tables are ``rooms.csv`` and ``similar.csv`` beside this file (docs/explanation/placement.md). A
+label or synonym of a place category needs no row.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ class RoomType:
 
     iri: str
     label: str
-    below: str | None = None  # IRI of the superclass of a new one; None: it exists
+    below: str | None = None  # IRI of the superclass of a new category; None: it exists
 
 
 def room_types(name: str, catalogue: Catalogue) -> tuple[RoomType, ...]:
-    """Room types of a room name; several for a combined room ("kitchen/living room").
+    """Room types of a room name, in any case and with any surrounding space.
 
-    Case and surrounding space do not matter. A tie between annotators ("tie: bedroom & office")
-    counts as several. Empty for a room of unknown kind; a name without an entry is a new category
+    A combined room ("kitchen/living room") and a tie between annotators ("tie: bedroom & office")
+    have several types, a room of unknown kind has none. A name without an entry is a new category
     below here:Place.
     """
     name = " ".join(name.split())
@@ -82,10 +82,10 @@ def similarity(
     catalogue: Catalogue,
     above: Mapping[str, tuple[str, ...]],
 ) -> NDArray[np.float64]:
-    """(m, k): 1 where a place and another room type are in one group of ``similar.csv``, else 0.
+    """(m, k): 1 for a place and another room type in one group of ``similar.csv``, else 0.
 
-    A place is in the groups of its superclasses too (`above`: IRI -> it and all its superclasses),
-    and with them and its subclasses where no group lists them.
+    A place is also in the groups of its superclasses (`above`: IRI -> itself and all its
+    superclasses), and similar to its superclasses and subclasses.
     """
     groups = _groups(catalogue)
 

@@ -11,15 +11,15 @@ from typing import Final
 class SurveyWeights:
     """Weights of the four features of one survey of rooms (`kg.knowledge.placement.surveys`)."""
 
-    covers_object: float  # log-odds of an object that the survey looked for
+    covers_object: float  # log-odds of an object in the survey
     object_rate: float  # for each unit of the log-odds of the object's rate in all rooms
-    covers_place: float  # log-odds where the survey has rooms of the kind
-    lift: float  # for each unit by which that kind's log-odds exceed those of all rooms
+    covers_place: float  # log-odds of a kind of place in the survey
+    lift: float  # for each unit of log-odds of this kind of place above those of all rooms
 
 
 @dataclass(frozen=True, slots=True)
 class KnowledgeWeights:
-    """Weights of what is stated of a pair."""
+    """Weights of the stated knowledge about a pair."""
 
     base: float  # log-odds of an object in a place without further evidence
     listed: float  # log-odds where an ontology lists the pair
@@ -30,17 +30,17 @@ class KnowledgeWeights:
 class PlacementParameters:
     """Fitted parameters of the model (docs/explanation/placement.md has the formula)."""
 
-    knowledge: KnowledgeWeights  # of objects that a survey looked for
-    unsurveyed: KnowledgeWeights  # of all others
+    knowledge: KnowledgeWeights  # of objects in a survey
+    unsurveyed: KnowledgeWeights  # of all other objects
     surveys: Mapping[str, SurveyWeights]  # by the name of the survey
-    kappa: float  # strength of all that against imported statistics [rooms]
-    tau: float  # strength of other buildings against this one, at most [rooms of this building]
+    kappa: float  # strength of m0 relative to imported statistics [rooms]
+    tau: float  # maximum strength of other buildings relative to this one [rooms]
 
 
 #: Fitted by `benchmarks/placement/fit.py` to 15 homes: logistic regression with a ridge penalty of
-#: 1 on all weights but the base, then kappa and tau by the Beta-binomial likelihood of each home
-#: given the statistics of the others; kappa at the lower end of what is as likely (5 to 12), as
-#: buildings other than homes are less like m0.
+#: 1 on all weights except the base, then kappa and tau by the Beta-binomial likelihood of each home
+#: given the statistics of the others. Kappa is the lower end of its likely range (5 to 12), since
+#: m0 fits other buildings less well.
 FITTED: Final = PlacementParameters(
     knowledge=KnowledgeWeights(base=-3.9271, listed=0.0804, conceptnet=0.4949),
     unsurveyed=KnowledgeWeights(base=-3.583, listed=0.7004, conceptnet=1.808),

@@ -1,13 +1,13 @@
-"""Shipped ConceptNet locations of objects, for ontologies that imported none.
+"""Shipped ConceptNet locations of objects, for ontologies without imported ones.
 
-`tables/conceptnet.csv` holds the weights that `hereabouts import conceptnet` finds in ConceptNet 4
-for the shipped categories. It is not in `ontologies/`, whose relations are those of the thesis.
+`tables/conceptnet.csv` has the weights that `hereabouts import conceptnet` finds in ConceptNet 4
+for the shipped categories. The shipped ontologies contain only the relations of the thesis.
 """
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -18,12 +18,12 @@ from kg.knowledge.ontology.relations import Relation, RelationEvidence
 from kg.model import vocabulary as v
 
 TABLE: Final = Path(__file__).with_name("tables") / "conceptnet.csv"
-COLUMNS: Final = ("object", "place", "weight", "weight_against")
+
 SOURCE: Final = "ConceptNet 4 (CC BY-SA 4.0)"
 
 
 def shipped_relations(catalogue: Catalogue) -> Iterator[Relation]:
-    """A here:locatedAt for each row whose two categories the catalogue has."""
+    """A here:locatedAt for each row with two categories of the catalogue."""
     for thing, place, weight, against in _rows():
         subject, target = catalogue.get(thing, "object"), catalogue.get(place, "place")
         if subject is None or target is None:
@@ -40,10 +40,3 @@ def _rows() -> tuple[tuple[str, str, float, float], ...]:
             (row["object"], row["place"], float(row["weight"]), float(row["weight_against"]))
             for row in csv.DictReader(file)
         )
-
-
-def table_text(relations: Iterable[tuple[str, str, float, float]]) -> str:
-    """The CSV of (object, place, weight, weight against), by label, sorted."""
-    lines = [",".join(COLUMNS)]
-    lines += [f"{thing},{place},{w:g},{a:g}" for thing, place, w, a in sorted(relations)]
-    return "\n".join(lines) + "\n"

@@ -20,16 +20,16 @@ _CLASS: Final = NamedNode(v.ROOM_STATISTICS)
 class RoomStatistics:
     """Room statistics of one pair: of `rooms` rooms, `rooms_with` held the object."""
 
-    source: str  # what was counted, in words; one name for one data set
+    source: str  # name of the data set
     place: str  # IRI of the kind of place
     object: str  # IRI of the kind of object
     rooms: int  # >= 1
     rooms_with: int  # 0..rooms
-    license: str = ""  # IRI of the licence the counts are under; "" where it is not known
+    license: str = ""  # IRI of the licence of the counts; "": unknown
 
     @property
     def iri(self) -> str:
-        """The IRI of its node in graph:ontology."""
+        """The IRI of the node in graph:ontology."""
         return "/".join((v.STATISTICS + _name(self.source), _name(self.place), _name(self.object)))
 
 
@@ -38,7 +38,7 @@ def _name(text: str) -> str:
 
 
 def statistics_quads(found: Iterable[RoomStatistics]) -> Iterator[Quad]:
-    """Quads of graph:ontology that state room statistics."""
+    """Quads of graph:ontology for room statistics."""
     for one in found:
         node = NamedNode(one.iri)
         yield Quad(node, v.RDF_TYPE, _CLASS, v.ONTOLOGY_GRAPH)
@@ -56,10 +56,10 @@ def _quad(node: NamedNode, predicate: str, value: NamedNode | Literal) -> Quad:
 
 
 def statistics(quads: Iterable[Quad]) -> tuple[RoomStatistics, ...]:
-    """The statistics among an ontology's quads, sorted.
+    """The statistics in an ontology's quads, sorted.
 
     Raises:
-        OntologyError: one lacks a part, or has more rooms with the object than rooms.
+        OntologyError: a node lacks a part, or has more rooms with the object than rooms.
     """
     properties: dict[object, dict[str, str]] = defaultdict(dict)
     nodes: dict[object, None] = {}

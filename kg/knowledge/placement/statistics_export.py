@@ -1,4 +1,4 @@
-"""Room statistics as quads of an ontology, and their export into an ontology file."""
+"""Export of room statistics: quads of an ontology, and an ontology file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from kg.model.errors import InvalidFactError, OntologyError
 from kg.rdf.parsing import parse_file
 from kg.store.atomic_file import write_atomically
 
-#: the ontologies whose categories the statistics are about
+#: the ontologies with the categories of the statistics
 _IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))
 
 
@@ -40,21 +40,22 @@ def table_quads(table: RoomTable) -> tuple[Quad, ...]:
 
 
 def write_rooms(table: RoomTable, path: Path) -> None:
-    """A Turtle file for a folder of ontologies; the same table gives the same bytes.
+    """Write a Turtle file for a folder of ontologies; the same table gives the same bytes.
 
-    Raises GraphError where it cannot be written, InvalidFactError where a file exists with
-    anything but such a table of the same source: it would be lost.
+    Raises:
+        GraphError: the file cannot be written.
+        InvalidFactError: the file exists and has other content than this source's statistics.
     """
-    source = table.statistics[0].source
+    source, license = table.statistics[0].source, table.statistics[0].license
     name = NamedNode(v.ROOMS_ONTOLOGY + quote(source, safe=""))
-    _reject_other_content(path, name, source)
+    _check_overwritable(path, name, source)
     properties: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE.value, NamedNode(v.OWL_ONTOLOGY)),
         *((v.OWL_IMPORTS, NamedNode(iri)) for iri in _IMPORTS),
         (v.RDFS_LABEL, Literal(f"room statistics: {source}")),
         (v.RDFS_COMMENT, Literal("How many real rooms of a kind hold an object of a kind.")),
         (v.OWL_VERSION_INFO, Literal("1")),
-        (v.DCT_LICENSE, _license(table)),
+        (v.DCT_LICENSE, NamedNode(license) if license else Literal("not stated")),
     ]
     header = [
         Quad(name, NamedNode(predicate), value, v.ONTOLOGY_GRAPH) for predicate, value in properties
@@ -62,12 +63,12 @@ def write_rooms(table: RoomTable, path: Path) -> None:
     triples = [quad.triple for quad in (*header, *table_quads(table))]
     text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b""
     lines = text.decode().split("\n")[:-1]
-    # the serialiser declares prefixes in an order of its own, another one each time
+    # the serialiser declares prefixes in a random order
     lines.sort(key=lambda line: line if line.startswith("@prefix") else "@prefiy")
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _reject_other_content(path: Path, name: NamedNode, source: str) -> None:
+def _check_overwritable(path: Path, name: NamedNode, source: str) -> None:
     if not path.exists():
         return
     try:
@@ -88,8 +89,3 @@ def _reject_other_content(path: Path, name: NamedNode, source: str) -> None:
 #: predicates of a room type that statistics declare
 _OF_KINDS: Final = (v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF, v.RDFS_LABEL, v.RDFS_COMMENT)
 _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "dct", "xsd")}
-
-
-def _license(table: RoomTable) -> NamedNode | Literal:
-    given = table.statistics[0].license
-    return NamedNode(given) if given else Literal("not stated")

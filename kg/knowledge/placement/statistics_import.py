@@ -15,7 +15,7 @@ from kg.knowledge.placement.statistics import RoomStatistics
 from kg.model.errors import InvalidFactError
 
 COLUMNS: Final = ("room", "n_rooms", "object", "rooms_with_object")
-#: tables that ship, by name: file, what was counted, licence
+#: shipped tables by name: file, source, licence
 SHIPPED: Final = {
     "s3dis": (
         Path(__file__).with_name("tables") / "s3dis.csv",
@@ -24,18 +24,18 @@ SHIPPED: Final = {
     )
 }
 _MAX_COUNT: Final = 10**12
-#: rows a table may have: there are hundreds of kinds of room and of object, not more
+#: a data set has at most hundreds of kinds of rooms and of objects
 MAX_ROWS: Final = 200_000
 
 
 @dataclass(frozen=True, slots=True)
 class RoomTable:
-    """Room table: its statistics, the room types it adds, and what is left out."""
+    """Room table: its statistics, its new room types, and its omitted names."""
 
     statistics: tuple[RoomStatistics, ...]
     new_types: tuple[RoomType, ...]  # place categories that do not exist yet
-    mixed: tuple[str, ...]  # names of rooms that are several kinds or none, left out
-    unknown: tuple[str, ...]  # names of objects no category carries, left out
+    mixed: tuple[str, ...]  # omitted names of rooms of several kinds or of none
+    unknown: tuple[str, ...]  # omitted names of objects without a category
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +49,12 @@ class _Row:
 def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "") -> RoomTable:
     """The statistics in a CSV file with the columns room, n_rooms, object, rooms_with_object.
 
-    Other columns do not matter. Rooms of one name have one n_rooms. Names that are the same
+    Other columns are ignored. Each room name has one n_rooms. The counts of names of the same
     category ("hallway" and "hall/stairwell") are added up.
 
     Raises:
-        InvalidFactError: a column is missing, a number is not valid, a pair occurs twice,
-            a room has two n_rooms; the message has the line. Or nothing in the file was usable.
+        InvalidFactError: a column is missing, a number is invalid, a pair occurs twice, a room has
+            two different n_rooms (the message has the line), or no row is usable.
     """
     rooms: dict[str, int] = {}
     held: dict[tuple[str, str], int] = {}
@@ -91,12 +91,15 @@ def _table(
         if room in single and (category := objects[name]) is not None:
             found[single[room].iri, category.iri] += rooms_with
     for place in {place for place, _ in found}:
-        # two names of one object may both have been in one room
+        # one room may hold two names of the same object
         for key in [key for key in found if key[0] == place and found[key] > number[place]]:
             found[key] = number[place]
     if not found:
         raise InvalidFactError(f"{path}: no room and object that the ontology knows")
-    _fill(found, number)
+    # rooms without objects count too: a row for each of their types
+    anything = min(thing for _, thing in found)
+    for place in set(number) - {place for place, _ in found}:
+        found[place, anything] = 0
     return RoomTable(
         tuple(
             replace(pattern, place=place, object=thing, rooms=number[place], rooms_with=count)
@@ -108,18 +111,10 @@ def _table(
     )
 
 
-def _fill(found: dict[tuple[str, str], int], number: dict[str, int]) -> None:
-    """Add one row for each room type without objects, since its rooms count too."""
-    anything = min(thing for _, thing in found)
-    for place in set(number) - {place for place, _ in found}:
-        found[place, anything] = 0
-
-
 def _rows(path: Path) -> Iterator[tuple[int, _Row]]:
     try:
-        with path.open(
-            newline="", encoding="utf-8-sig"
-        ) as file:  # spreadsheets write a byte order mark
+        # spreadsheets write a byte order mark
+        with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, strict=True)
             columns = reader.fieldnames or ()
             if missing := [name for name in COLUMNS if name not in columns]:

@@ -1,13 +1,14 @@
-"""Surveys of rooms that ship: of so many rooms of a kind, how many held an object.
+"""Shipped surveys of rooms: numbers of rooms of a kind with and without an object.
 
 `tables/room_statistics.csv` has the counts of BEHAVIOR-1K's homes and of COCO's photographs (NOTICE
-names authors and licences). A photograph shows part of a room and was taken for its objects: counts
-are features of a regression, not rates. Each survey gives four for a pair of object and place:
+names authors and licences). A photograph shows part of a room and was taken for its objects, so the
+counts are features of a regression, not rates. Each survey has four features for a pair of object
+and place:
 
-    c     1 where the survey looked for the object
-    rate  c (logit m + 2), m its mean rate over all kinds of place
-    d     c where it has rooms of that kind of place, or of the nearest class above it, or of those
-          that `similar.csv` puts in a group with it
+    c     1 if the survey covers the object, else 0
+    rate  c (logit m + 2), with the mean rate m of the object over all kinds of place
+    d     c if the survey covers the kind of place, its nearest superclass, or a similar kind
+          (`similar.csv`), else 0
     lift  d (logit((with + 4 m) / (rooms + 4)) - logit m)
 """
 
@@ -42,7 +43,7 @@ _CENTRE: Final = 2.0  # log-odds of rates are about -2 on average
 
 @dataclass(frozen=True, slots=True)
 class SurveyFeatures:
-    """Features of n objects in m places, and the counts they come from."""
+    """Features of n objects in m places, and the underlying counts."""
 
     name: str
     covers_object: Matrix  # c (n, m)
@@ -53,13 +54,13 @@ class SurveyFeatures:
     rooms_with: Matrix  # (n, m)
 
     def cut(self, rows: ArrayLike, columns: ArrayLike) -> SurveyFeatures:
-        """The features of some objects in some places, by number."""
+        """The features of the objects `rows` in the places `columns`, by number."""
         cells = np.ix_(np.asarray(rows), np.asarray(columns))
         arrays = [name for name in self.__dataclass_fields__ if name != "name"]
         return SurveyFeatures(self.name, *(getattr(self, name)[cells] for name in arrays))
 
     def log_odds(self, weights: SurveyWeights) -> Matrix:
-        """(n, m) what the survey adds to the log-odds of a pair."""
+        """(n, m) contribution of the survey to the log-odds of a pair."""
         return np.asarray(
             weights.covers_object * self.covers_object
             + weights.object_rate * self.object_rate
@@ -86,7 +87,7 @@ def survey_features(
 ) -> tuple[SurveyFeatures, ...]:
     """Features of each shipped survey for categories by IRI (`above`: IRI -> all superclasses).
 
-    An object that a survey did not look for takes the counts of its nearest superclass that it did.
+    An object outside of a survey has the counts of its nearest superclass in the survey.
     """
     return tuple(
         _features(name, survey, objects, places, catalogue, above)
@@ -127,10 +128,10 @@ def _features(
 
 
 def room_frequencies(places: Sequence[str], catalogue: Catalogue) -> NDArray[np.float64]:
-    """(m,) how likely a room of a home is of each category, by IRI; adds up to 1.
+    """(m,) probability that a room of a home has each category (by IRI), adding up to 1.
 
-    From the shipped survey of whole homes, whose rooms nobody chose; each category counts a room
-    more. A kind of room counts for one category, not for those above or beside it.
+    The source is the shipped survey of whole homes, with one more room of each category
+    (smoothing). A kind of room counts for its own category only.
     """
     homes = _surveys()[HOMES]
     counts = np.ones(len(places))
@@ -151,7 +152,7 @@ def logit(p: ArrayLike) -> Matrix:
 def _nearest(
     iri: str, number: Mapping[str, int], above: Mapping[str, tuple[str, ...]]
 ) -> int | None:
-    """The number of a class, or of its most specific superclass that has one."""
+    """The number of a class, or of its most specific numbered superclass."""
     ups = [up for up in (iri, *above.get(iri, ())) if up in number]
     if iri in number or not ups:
         return number.get(iri)
@@ -164,7 +165,7 @@ def _columns(
     catalogue: Catalogue,
     above: Mapping[str, tuple[str, ...]],
 ) -> Matrix:
-    """(counted, m) 1 where the rooms of a counted kind of place speak for a place."""
+    """(counted, m) 1 if the rooms of a counted kind of place count for a place."""
     kinds = [_kind(label, catalogue) for label in counted]
     number = {kind.iri: n for n, kind in enumerate(kinds)}
     found = similarity(places, kinds, catalogue, above).T
@@ -178,7 +179,7 @@ def _columns(
 
 
 def _kind(label: str, catalogue: Catalogue) -> RoomType:
-    """The room type of a label; one that no category has where the catalogue lacks it."""
+    """The room type of a label, with an empty IRI if the catalogue lacks it."""
     return next(iter(room_types(label, catalogue)), RoomType("", label))
 
 

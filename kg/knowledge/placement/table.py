@@ -21,11 +21,11 @@ from kg.knowledge.placement.belief_model import (
     CONCEPTNET,
     LISTED,
     log_odds_terms,
+    posterior,
     posterior_belief,
 )
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence
 from kg.knowledge.placement.map_counts import MapCounts, map_counts
-from kg.knowledge.placement.posterior import posterior
 from kg.knowledge.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
 from kg.knowledge.placement.surveys import room_frequencies
 from kg.model import vocabulary as v
@@ -35,7 +35,7 @@ from kg.model.records import ObjectRecord, PlaceRecord
 
 @dataclass(frozen=True, slots=True)
 class PlacementReason:
-    """One source of a probability, and its share in it; the shares of a placement add up to 1."""
+    """One source of a probability with its share; the shares of a placement add up to 1."""
 
     source: str
     text: str
@@ -44,7 +44,7 @@ class PlacementReason:
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """How likely a place of a kind holds at least one object of a kind: Beta(alpha, beta)."""
+    """Probability that a place of a kind holds at least one object of a kind: Beta(alpha, beta)."""
 
     object: str  # IRI
     place: str  # IRI
@@ -62,15 +62,15 @@ def table_of(
     parameters: PlacementParameters = FITTED,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
-    """Placement table of an ontology's quads, imported statistics included, and of a map's rooms.
+    """Placement table of an ontology, with its imported statistics, and of a map's rooms.
 
     Args:
-        quads: those of graph:ontology.
-        places: the rooms of a map; none before there is any map.
-        objects: the objects of that map.
-        parameters: the strengths of the sources.
-        sought: IRIs of the objects that the detector of the map can detect: only for these does a
-            searched room count as one without (None: for all).
+        quads: quads of graph:ontology.
+        places: rooms of a map, if any.
+        objects: objects of the map.
+        parameters: strengths of the sources.
+        sought: IRIs of the objects that the map's detector can detect; only for these does a
+            searched room count as a room without the object. None: all objects.
 
     Raises:
         OntologyError: for an invalid ontology.
@@ -85,8 +85,8 @@ def table_of(
 class PlacementTable:
     """Placement probabilities of one moment; immutable. Arguments are IRIs of categories.
 
-    An object may be a supercategory: at least one of its members. A place that is not in the table
-    is treated as one of unknown category. Unknown objects raise UnknownCategoryError.
+    A supercategory as object means at least one of its members. A place outside of the table counts
+    as a place of unknown category. Unknown objects raise UnknownCategoryError.
     """
 
     def __init__(
@@ -105,9 +105,9 @@ class PlacementTable:
         self._mean = self._belief.mean
         e = self._evidence
         counted = sum((survey.covers_place for survey in e.surveys), e.rooms)
-        every = e.listed + e.weight + counted + e.statements + e.building_with
-        #: (n, m) whether anything but the base is known of a pair
-        self._informed: NDArray[np.bool_] = np.asarray(every > 0)
+        total = e.listed + e.weight + counted + e.statements + e.building_with
+        #: (n, m) whether a pair has any evidence
+        self._informed: NDArray[np.bool_] = np.asarray(total > 0)
 
     @property
     def objects(self) -> tuple[str, ...]:
@@ -121,7 +121,7 @@ class PlacementTable:
 
     @property
     def room_frequencies(self) -> Mapping[str, float]:
-        """How likely a room of a home is of each place category, by IRI; adds up to 1."""
+        """Probability that a room of a home has each place category (by IRI), adding up to 1."""
         shares = room_frequencies(self.places, self._catalogue)
         return dict(zip(self.places, map(float, shares), strict=True))
 
@@ -131,7 +131,7 @@ class PlacementTable:
         return float(1 - np.prod(1 - self._mean[rows, column]))
 
     def placement(self, object_iri: str, place_iri: str) -> Placement:
-        """Probability, uncertainty and reasons; a supercategory has its likeliest member's."""
+        """Probability, uncertainty and reasons; a supercategory has those of its likeliest member."""
         rows, column = self._rows(object_iri), self._column(place_iri)
         p = self.probability(object_iri, place_iri)
         total = min(self._total(row, column) for row in rows)
@@ -140,10 +140,10 @@ class PlacementTable:
         return Placement(object_iri, place_iri, p, p * total, (1 - p) * total, tuple(reasons))
 
     def near(self, object_iri: str, other_iri: str) -> float:
-        """Probability that the room of the second holds at least one of the first.
+        """Probability that the room of the other object holds at least one of the first object.
 
-        Where the second is found, the first is too, as far as places explain it; stated NearBy and
-        rooms of this map that hold the second count on top.
+        It is the probability that places explain, updated by stated here:nearBy relations and by
+        the rooms of this map with the other object.
         """
         rows, others = self._rows(object_iri), self._rows(other_iri)
         return float(np.mean([1 - np.prod([1 - self._near(a, b) for a in rows]) for b in others]))
@@ -154,17 +154,19 @@ class PlacementTable:
         missing: Iterable[str] = (),
         prior: Mapping[str, float] | None = None,
     ) -> dict[str, float]:
-        """p(place category | what was found there), by IRI, adding up to 1.
+        """p(place category | objects in the place), by IRI, adding up to 1.
+
+        Objects outside of the table are ignored.
 
         Args:
             observed: number of objects of each category; more than one counts as one, and a
-                fraction is the probability that there is one at all.
-            missing: objects searched for in the whole room and not found.
-            prior: prior beliefs of the categories, >= 0; only these are candidates.
-                Without it all categories with any evidence are equally likely.
+                fraction is the probability of at least one.
+            missing: objects not found by a search of the whole room.
+            prior: prior beliefs of the candidate categories, >= 0. None: all categories with any
+                evidence are equally likely.
 
-        Objects that are not in the table are ignored. Raises UnknownCategoryError where no category
-        of `prior` is known with a belief above 0.
+        Raises:
+            UnknownCategoryError: `prior` has no known category with a belief above 0.
         """
         weights = self._prior(prior)
         found = {iri for iri, count in observed.items() if count > 0 and iri in self._known.objects}
@@ -249,7 +251,7 @@ class PlacementTable:
             yield PlacementReason(source, text, share)
 
     def _prior_reasons(self, row: int, column: int, share: float) -> Iterator[PlacementReason]:
-        """Reasons within m0, in proportion to how far each term moves the log-odds."""
+        """Reasons for m0, with shares in proportion to the absolute log-odds of each term."""
         parts: list[tuple[str, str, float]] = []
         for name, term in log_odds_terms(self._evidence, self._parameters):
             moved = float(term[row, column])

@@ -20,7 +20,7 @@ from kg.history.curies import thing
 from kg.history.replay.past_state import replay
 from kg.history.replay.point_in_time import Difference, difference
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.knowledge.ontology.replacement import reject_lost_terms
+from kg.knowledge.ontology.replacement import check_used_terms
 from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.assertions import Assertions
 from kg.maps.facts.objects_and_places import RecordCodec
@@ -130,7 +130,7 @@ class Restoration:
         old = tuple(self.pending.before(None, None, None, v.ONTOLOGY_GRAPH))
         new = tuple(self.pending.after(None, None, None, v.ONTOLOGY_GRAPH))
         relations = set(self.pending.after(None, None, None, v.COMMONSENSE_GRAPH))
-        reject_lost_terms(self._store, old, new, relations)
+        check_used_terms(self._store, old, new, relations)
 
     def _is_within_scopes(self, quad: Quad) -> bool:
         if quad.graph_name not in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH):

@@ -8,11 +8,11 @@ from pathlib import Path
 
 from pyoxigraph import RdfFormat, serialize
 
-from kg.knowledge.ontology.diagnostics import reject_invalid
+from kg.knowledge.ontology.diagnostics import check_valid
 from kg.knowledge.ontology.diff import OntologyChange, changes
 from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.loading import Ontology
-from kg.knowledge.ontology.replacement import reject_partial
+from kg.knowledge.ontology.replacement import check_complete
 from kg.rdf.findings import Finding
 from kg.serving.client.record_codec import Json
 from kg.serving.client.served_server import ServedClient
@@ -52,11 +52,11 @@ def reload(
     """
     with IsolatedParser() as parse:
         ontology = load_with_imports(source, parse)
-    warnings = tuple(reject_invalid(ontology, reason=reason))
+    warnings = tuple(check_valid(ontology, reason=reason))
     whole = whole or source.is_dir()
     if dry:
         present = ontology_of_map(address)
-        reject_partial(present.quads, ontology.quads, whole=whole)
+        check_complete(present.quads, ontology.quads, whole=whole)
         return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)
     served = ServedClient.at(address) if is_url(address) else None
     if served is not None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, parse
 
-from kg.knowledge.ontology.diagnostics import inspect, reject_invalid
+from kg.knowledge.ontology.diagnostics import check_valid, inspect
 from kg.knowledge.ontology.diff import changes
 from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.lint import check_map
@@ -144,7 +144,7 @@ def test_what_is_badly_made_is_refused_with_its_line_and_the_reason(
     header = f"@prefix rdf: <{v.PREFIXES['rdf']}> .\n{HEADER}"
     path = written(tmp_path, turtle, header)
     with pytest.raises(OntologyError) as error:
-        reject_invalid(load_with_imports(path))
+        check_valid(load_with_imports(path))
     message = str(error.value)
     assert complaint in message
     assert "\n" not in message
@@ -158,7 +158,7 @@ def test_a_contradiction_is_refused_where_hermit_is_asked(tmp_path: Path) -> Non
     ontology = load_with_imports(written(tmp_path, both))
     assert [f for f in inspect(ontology) if f.severity == "violation"] == []
     with pytest.raises(OntologyError, match=r"line 10: here:Odd: can have no members"):
-        reject_invalid(ontology, reason=True)
+        check_valid(ontology, reason=True)
 
 
 def test_changes_are_told_in_words() -> None:
