@@ -131,7 +131,7 @@ class PlacementTable:
         return float(1 - np.prod(1 - self._mean[rows, column]))
 
     def placement(self, object_iri: str, place_iri: str) -> Placement:
-        """Probability, uncertainty and reasons; a supercategory has those of its likeliest member."""
+        """Probability, uncertainty and reasons (of its likeliest member for a supercategory)."""
         rows, column = self._rows(object_iri), self._column(place_iri)
         p = self.probability(object_iri, place_iri)
         total = min(self._total(row, column) for row in rows)
