@@ -69,9 +69,9 @@ def import_reference_maps(
         for entry, number in zip(_entries(places_json), free, strict=False)
     )
     rooms += places
-    seen = time.time() if stamp is None else stamp
+    last_seen = time.time() if stamp is None else stamp
     objects = tuple(
-        _object(entry, semantic_map.new_object_iri(), rooms, seen, catalogue)
+        _object(entry, semantic_map.new_object_iri(), rooms, last_seen, catalogue)
         for entry in _entries(objects_json)
     )
     _check_not_imported(
@@ -124,7 +124,7 @@ def export_reference_maps(
 
 
 def _object(
-    entry: Entry, iri: str, rooms: Sequence[PlaceRecord], seen: float, catalogue: Catalogue
+    entry: Entry, iri: str, rooms: Sequence[PlaceRecord], last_seen: float, catalogue: Catalogue
 ) -> ObjectRecord:
     position = _field(entry, "pos", dict)
     x, y, z = (_number(position, axis) for axis in ("x", "y", "z"))
@@ -136,8 +136,8 @@ def _object(
         confidence=confidence,
         existence=min(max(confidence, 0.0) / NU, 1.0),
         observations=_field(entry, "ndetections", int),
-        first_seen=seen,
-        last_seen=seen,
+        first_seen=last_seen,
+        last_seen=last_seen,
         place=next((room.iri for room in rooms if room.area.contains(x, y)), None),
     )
 
@@ -151,8 +151,8 @@ def _place(entry: Entry, iri: str, label: str, catalogue: Catalogue) -> PlaceRec
     by_name = dict(zip(names, beliefs, strict=True))
     xmin, xmax, ymin, ymax = (_number(entry, edge) for edge in ("xmin", "xmax", "ymin", "ymax"))
     views = min(_field(entry, "counter", int), MAX_VIEWS) if entry.get("checked", True) else 0
-    held = {catalogue.find(str(n), "place").iri: _number(by_name, n) for n in by_name}
-    return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, held)
+    shares = {catalogue.find(str(n), "place").iri: _number(by_name, n) for n in by_name}
+    return PlaceRecord(iri, label, xmin, xmax, ymin, ymax, views, shares)
 
 
 def _saved_object(record: ObjectRecord, names: Names, label: Callable[[str], str]) -> Entry:
@@ -168,7 +168,7 @@ def _saved_object(record: ObjectRecord, names: Names, label: Callable[[str], str
 
 
 def _saved_place(record: PlaceRecord, names: Names, label: Callable[[str], str]) -> Entry:
-    beliefs = sorted(record.beliefs.items(), key=lambda held: (-held[1], held[0]))
+    beliefs = sorted(record.beliefs.items(), key=lambda item: (-item[1], item[0]))
     known = [names.get(category, (-1, label(category))) for category, _ in beliefs]
     return {
         "counter": max(record.views, 1),

@@ -61,10 +61,10 @@ class Description:
 
 def description_of(engine: QuadStore, base: str) -> Description:
     """The metadata of the map with IRI `base`."""
-    held = properties_of(engine, base, v.DATASET_GRAPH)
-    title = min(held.get(v.DCT_TITLE, ()), default="map")
-    licence = min(held.get(v.DCT_LICENSE, ()), default=None)
-    return Description(base, title, first(held, v.DCT_CREATED, ""), licence)
+    properties = properties_of(engine, base, v.DATASET_GRAPH)
+    title = min(properties.get(v.DCT_TITLE, ()), default="map")
+    licence = min(properties.get(v.DCT_LICENSE, ()), default=None)
+    return Description(base, title, first(properties, v.DCT_CREATED, ""), licence)
 
 
 def changed_description(

@@ -76,22 +76,22 @@ def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[D
     found = list[DepartedRecord]()
     with reading_ahead(store, nodes):
         for node in nodes:
-            held = properties_of(store, node.value, v.MAP_GRAPH)
-            is_departed = v.DEPARTED_OBJECT in held.get(v.RDF_TYPE.value, ())
-            if is_departed and {v.OF_CATEGORY, v.X, v.Y} <= held.keys():
-                found.append(_record(node.value, held))
+            properties = properties_of(store, node.value, v.MAP_GRAPH)
+            is_departed = v.DEPARTED_OBJECT in properties.get(v.RDF_TYPE.value, ())
+            if is_departed and {v.OF_CATEGORY, v.X, v.Y} <= properties.keys():
+                found.append(_record(node.value, properties))
     return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))
 
 
-def _record(iri: str, held: Properties) -> DepartedRecord:
+def _record(iri: str, properties: Properties) -> DepartedRecord:
     return DepartedRecord(
         iri=iri,
-        category=first(held, v.OF_CATEGORY, ""),
-        p_map=axes_of(held, AXES),
-        peak=float(first(held, v.PEAK_EXISTENCE, "1")),
-        observations=int(first(held, v.OBSERVATION_COUNT, "1")),
-        first_seen=stamp_of(held, v.FIRST_SEEN),
-        last_seen=stamp_of(held, v.LAST_SEEN),
-        found_gone=stamp_of(held, v.FOUND_GONE),
-        extent=axes_of(held, SIDES) if held.keys() >= set(SIDES) else None,
+        category=first(properties, v.OF_CATEGORY, ""),
+        p_map=axes_of(properties, AXES),
+        peak=float(first(properties, v.PEAK_EXISTENCE, "1")),
+        observations=int(first(properties, v.OBSERVATION_COUNT, "1")),
+        first_seen=stamp_of(properties, v.FIRST_SEEN),
+        last_seen=stamp_of(properties, v.LAST_SEEN),
+        found_gone=stamp_of(properties, v.FOUND_GONE),
+        extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
     )

@@ -40,10 +40,10 @@ def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
     """All doors between two places, by IRI; doors without a position are left out."""
     found = []
     for quad in engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.DOOR), v.MAP_GRAPH):
-        held = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)
-        places = sorted(held.get(v.BOT_INTERFACE_OF, ()), key=iri_order)
-        if len(places) == 2 and v.X in held and v.Y in held:
-            x, y, width = (float(first(held, p, "0")) for p in (v.X, v.Y, v.WIDTH))
+        properties = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)
+        places = sorted(properties.get(v.BOT_INTERFACE_OF, ()), key=iri_order)
+        if len(places) == 2 and v.X in properties and v.Y in properties:
+            x, y, width = (float(first(properties, p, "0")) for p in (v.X, v.Y, v.WIDTH))
             iri = getattr(quad.subject, "value", "")
             found.append(DoorRecord(iri, x, y, width, (places[0], places[1])))
     return tuple(sorted(found, key=lambda door: iri_order(door.iri)))

@@ -123,8 +123,8 @@ class FrameWriter:
             self._place(place, wanted, stored)
         for door in update.doors:
             _put(wanted, facts_of_door(door))
-            held = self._recent.of(_node(door.iri))
-            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_DOORS))
+            before = self._recent.of(_node(door.iri))
+            _put(stored, (quad for quad in before if quad.predicate.value in OWN_OF_DOORS))
         if update.robot is not None:
             _put(wanted, robot_quads(update.robot, self._facts.base))
             stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
@@ -135,8 +135,8 @@ class FrameWriter:
             _put(stored, filter(self._owns, quads))
         for tile in update.floor:
             _put(wanted, facts_of_tile(self._facts.base, tile))
-            held = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
-            _put(stored, (quad for quad in held if quad.predicate.value in OWN_OF_TILES))
+            before = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
+            _put(stored, (quad for quad in before if quad.predicate.value in OWN_OF_TILES))
         for iri in subjects_of(update):
             quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
             _put(stored, (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES))
@@ -274,8 +274,8 @@ class FrameWriter:
         """Assertions of a thing, except relations to the things in `without`."""
         if not self._has_assertions:
             return {}
-        held = self._assertions.of(self._store.engine, iri)
-        return {p: a for p, a in held.items() if p not in SINGLE or a.value not in without}
+        assertions = self._assertions.of(self._store.engine, iri)
+        return {p: a for p, a in assertions.items() if p not in SINGLE or a.value not in without}
 
     def _owns(self, quad: Quad) -> bool:
         if quad.predicate != v.RDF_TYPE:

@@ -147,17 +147,17 @@ class RecordCodec:
         ]
         if record.from_floor:
             facts.append((v.FROM_FLOOR, Literal(True)))
-        held = self.of_beliefs(record)
+        beliefs = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.evidence_objects]
-        if (record.views or record.evidence_objects) and held:
+        if (record.views or record.evidence_objects) and beliefs:
             top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
             facts.append((v.RDF_TYPE.value, NamedNode(top)))
-        return subject_quads(record.iri, facts) + held
+        return subject_quads(record.iri, facts) + beliefs
 
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
         nodes: list[Quad] = []
-        for category, properties in self._held(record).items():
+        for category, properties in self._stored_beliefs(record).items():
             node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
             nodes += subject_quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
             facts = [
@@ -249,7 +249,7 @@ class RecordCodec:
         number = record.iri.rstrip("/").rpartition("/")[2]
         return f"{self.catalogue.label(record.category)} {number}"
 
-    def _held(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
+    def _stored_beliefs(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
         """Properties of a place's belief in each category."""
         scene = record.scene_beliefs if record.evidence_objects else {}
         held: dict[str, list[tuple[str, Literal]]] = {}

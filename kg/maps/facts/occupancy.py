@@ -164,15 +164,15 @@ def tiles_of_rows(rows: Iterable[Mapping[str, Value]]) -> tuple[FloorTile, ...]:
     return tuple(found.values())
 
 
-def _tile(held: Mapping[str, list[str]]) -> FloorTile | None:
+def _tile(properties: Mapping[str, list[str]]) -> FloorTile | None:
     """Tile parsed from its properties; None where they are not valid."""
     try:
-        metres = [min(held[p]) for p in (v.X, v.Y, v.Z, v.CELL_SIZE)]
-        changed = seconds(min(held[v.SOSA_RESULT_TIME]))
-        tile = _made(min(held[v.STOREY]), metres, min(held[v.FLOOR_CELLS]), changed)
+        metres = [min(properties[p]) for p in (v.X, v.Y, v.Z, v.CELL_SIZE)]
+        changed = seconds(min(properties[v.SOSA_RESULT_TIME]))
+        tile = _made(min(properties[v.STOREY]), metres, min(properties[v.FLOOR_CELLS]), changed)
     except (KeyError, ValueError):
         return None
-    viewed = decoded_times(min(held.get(v.VIEW_TIMES, ("",))))
+    viewed = decoded_times(min(properties.get(v.VIEW_TIMES, ("",))))
     return tile if tile is None or viewed is None else replace(tile, viewed=viewed)
 
 

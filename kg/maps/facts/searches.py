@@ -77,13 +77,13 @@ class SearchRecords:
     def looks(self, search: str) -> tuple[LookRecord, ...]:
         """The looks of the search with IRI `search`, in their order."""
         parts = _parts(self._store.engine, search, v.LOOK)
-        found = [_look(iri, search, held) for iri, held in parts]
+        found = [_look(iri, search, properties) for iri, properties in parts]
         return tuple(sorted(found, key=lambda look: look.number))
 
     def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
         """The obstacles that the search with IRI `search` met, in order."""
         parts = _parts(self._store.engine, search, v.OBSTACLE)
-        found = [_obstacle(iri, search, held) for iri, held in parts]
+        found = [_obstacle(iri, search, properties) for iri, properties in parts]
         return tuple(sorted(found, key=lambda obstacle: obstacle.number))
 
 
@@ -140,56 +140,56 @@ def _part(record: LookRecord | ObstacleRecord, what: str) -> Iterator[_Fact]:
         yield axis, number_literal(value, f"{what}: position", digits=2)
 
 
-def _search(iri: str, held: Properties) -> SearchRecord:
-    ended = held.get(v.PROV_ENDED_AT)
-    state = first(held, v.SEARCH_STATE, "running")
+def _search(iri: str, properties: Properties) -> SearchRecord:
+    ended = properties.get(v.PROV_ENDED_AT)
+    state = first(properties, v.SEARCH_STATE, "running")
     return SearchRecord(
         iri=iri,
-        words=tuple(sorted(held.get(v.SEARCH_WORDS, ()))),
-        categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
+        words=tuple(sorted(properties.get(v.SEARCH_WORDS, ()))),
+        categories=tuple(sorted(properties.get(v.SEARCHED_FOR, ()))),
         state=cast(SearchState, state if state in _STATES else "running"),
-        started=stamp_of(held, v.PROV_STARTED_AT),
+        started=stamp_of(properties, v.PROV_STARTED_AT),
         ended=seconds(min(ended)) if ended else None,
-        seconds=float(first(held, v.SEARCH_SECONDS, "0")),
-        left=float(first(held, v.PROBABILITY_LEFT, "1")),
-        found=tuple(sorted(held.get(v.FOUND, ()))),
+        seconds=float(first(properties, v.SEARCH_SECONDS, "0")),
+        left=float(first(properties, v.PROBABILITY_LEFT, "1")),
+        found=tuple(sorted(properties.get(v.FOUND, ()))),
     )
 
 
-def _look(iri: str, search: str, held: Properties) -> LookRecord:
-    numbers = [float(n) for n in first(held, v.GLIMPSES, "").split()]
+def _look(iri: str, search: str, properties: Properties) -> LookRecord:
+    numbers = [float(n) for n in first(properties, v.GLIMPSES, "").split()]
     return LookRecord(
         iri=iri,
         search=search,
-        number=int(first(held, v.NUMBER, "0")),
-        stamp=stamp_of(held, v.SOSA_RESULT_TIME),
-        position=_position(held),
-        heading=float(first(held, v.HEADING, "0")),
-        extent=float(first(held, v.EXTENT, "0")),
-        categories=tuple(sorted(held.get(v.SEARCHED_FOR, ()))),
-        found=tuple(sorted(held.get(v.FOUND, ()))),
+        number=int(first(properties, v.NUMBER, "0")),
+        stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
+        position=_position(properties),
+        heading=float(first(properties, v.HEADING, "0")),
+        extent=float(first(properties, v.EXTENT, "0")),
+        categories=tuple(sorted(properties.get(v.SEARCHED_FOR, ()))),
+        found=tuple(sorted(properties.get(v.FOUND, ()))),
         glimpses=tuple(zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True)),
     )
 
 
-def _obstacle(iri: str, search: str, held: Properties) -> ObstacleRecord:
+def _obstacle(iri: str, search: str, properties: Properties) -> ObstacleRecord:
     return ObstacleRecord(
         iri=iri,
         search=search,
-        number=int(first(held, v.NUMBER, "0")),
-        stamp=stamp_of(held, v.SOSA_RESULT_TIME),
-        position=_position(held),
-        reason=first(held, v.REASON, ""),
+        number=int(first(properties, v.NUMBER, "0")),
+        stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
+        position=_position(properties),
+        reason=first(properties, v.REASON, ""),
     )
 
 
 def _parts(engine: QuadStore, search: str, kind: str) -> Iterator[tuple[str, Properties]]:
     for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), v.MAP_GRAPH):
         iri = text_of(quad.subject)
-        held = properties_of(engine, iri, v.MAP_GRAPH)
-        if kind in held.get(v.RDF_TYPE.value, ()):
-            yield iri, held
+        properties = properties_of(engine, iri, v.MAP_GRAPH)
+        if kind in properties.get(v.RDF_TYPE.value, ()):
+            yield iri, properties
 
 
-def _position(held: Properties) -> tuple[float, float]:
-    return float(first(held, v.X, "0")), float(first(held, v.Y, "0"))
+def _position(properties: Properties) -> tuple[float, float]:
+    return float(first(properties, v.X, "0")), float(first(properties, v.Y, "0"))

@@ -25,7 +25,7 @@ class WriteCache:
     def __init__(self, store: TransactionalStore, owns: Callable[[Quad], bool]) -> None:
         self._store = store
         self._owns = owns
-        self._held: dict[NamedNode, dict[Quad, None]] = {}
+        self._cached: dict[NamedNode, dict[Quad, None]] = {}
         self._at: int | None = None  # the transaction whose state is cached
 
     def catch_up(self) -> int | None:
@@ -35,37 +35,37 @@ class WriteCache:
         """
         now = None if self._store.shared else self._store.sequence
         if now is None or now != self._at:
-            self._held.clear()
+            self._cached.clear()
         self._at = now
         return now
 
     def of(self, subject: NamedNode) -> dict[Quad, None]:
         """The quads of a subject, in a fixed order; do not modify the result."""
-        held = self._held.pop(subject, None)
-        if held is None:
+        cached = self._cached.pop(subject, None)
+        if cached is None:
             quads = self._store.engine.quads_for_pattern(subject, None, None, v.MAP_GRAPH)
-            held = dict.fromkeys(filter(self._owns, quads))
-            if len(self._held) >= MAX_SUBJECTS:
-                del self._held[next(iter(self._held))]
+            cached = dict.fromkeys(filter(self._owns, quads))
+            if len(self._cached) >= MAX_SUBJECTS:
+                del self._cached[next(iter(self._cached))]
         if self._at is not None:
-            self._held[subject] = held  # most recently used
-        return held
+            self._cached[subject] = cached  # most recently used
+        return cached
 
     def note(self, change: ChangeSet) -> None:
         """Apply a transaction of the writer itself."""
         if self._at is None or change.sequence != self._at + 1:
-            self._held.clear()
+            self._cached.clear()
             self._at = None
             return
         for quad in change.removed:
-            if (held := self._held_of(quad)) is not None:
-                held.pop(quad, None)
+            if (cached := self._cached_of(quad)) is not None:
+                cached.pop(quad, None)
         for quad in change.added:
-            if (held := self._held_of(quad)) is not None and self._owns(quad):
-                held[quad] = None
+            if (cached := self._cached_of(quad)) is not None and self._owns(quad):
+                cached[quad] = None
         self._at = change.sequence
 
-    def _held_of(self, quad: Quad) -> dict[Quad, None] | None:
+    def _cached_of(self, quad: Quad) -> dict[Quad, None] | None:
         if quad.graph_name != v.MAP_GRAPH or not isinstance(quad.subject, NamedNode):
             return None
-        return self._held.get(quad.subject)
+        return self._cached.get(quad.subject)

@@ -260,14 +260,14 @@ def _managed(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Itera
     if operation.verb in ("CLEAR", "DROP", "CREATE"):
         return _one_graph(engine, operation)
     source, target = (_graph(operation, written) for written in operation.graphs)
-    held = _held(engine, source)
-    if not held and source != v.MAP_GRAPH and not operation.silent:
+    quads = _quads_of(engine, source)
+    if not quads and source != v.MAP_GRAPH and not operation.silent:
         raise QueryError(f"{operation.verb}: there is no graph {source}")
     if source == target:
         return (), ()
-    copies = [Quad(q.subject, q.predicate, q.object, target) for q in held]
-    replaced = [] if operation.verb == "ADD" else _held(engine, target)
-    return [*replaced, *(held if operation.verb == "MOVE" else ())], copies
+    copies = [Quad(q.subject, q.predicate, q.object, target) for q in quads]
+    replaced = [] if operation.verb == "ADD" else _quads_of(engine, target)
+    return [*replaced, *(quads if operation.verb == "MOVE" else ())], copies
 
 
 def _one_graph(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Iterable[Quad]]:
@@ -275,17 +275,17 @@ def _one_graph(engine: Store, operation: Operation) -> tuple[Iterable[Quad], Ite
     if written in ("ALL", "NAMED"):
         return tuple(engine), ()
     graph = _graph(operation, written)
-    held = _held(engine, graph)
+    quads = _quads_of(engine, graph)
     creates = operation.verb == "CREATE"
-    if bool(held) == creates and graph != v.MAP_GRAPH and not operation.silent:
+    if bool(quads) == creates and graph != v.MAP_GRAPH and not operation.silent:
         what = "is a graph already" if creates else "is no graph of this map"
         raise QueryError(f"{operation.verb}: {graph} {what}; with SILENT that is no error")
-    return () if creates else held, ()
+    return () if creates else quads, ()
 
 
 def _graph(operation: Operation, written: str) -> NamedNode:
     return v.MAP_GRAPH if written == "DEFAULT" else _iri(operation.prologue, written)
 
 
-def _held(engine: Store, graph: NamedNode) -> list[Quad]:
+def _quads_of(engine: Store, graph: NamedNode) -> list[Quad]:
     return list(engine.quads_for_pattern(None, None, None, graph))

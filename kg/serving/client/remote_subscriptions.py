@@ -31,7 +31,7 @@ class RemoteSubscriptions(MapSubscriptions):
         self._notified = served.sequence  # the last transaction that listeners were notified of
         self._caught_up = self._notified  # the last one that `catch_up` has read
         self._own: set[int] = set()  # transactions since then that this process made
-        self._held = 0  # blocks of `hold` that are open
+        self._open_holds = 0  # blocks of `hold` that are open
         self._followers: list[ChangeStream] = []
         self._thread: threading.Thread | None = None  # reads the change stream for listeners
         self._closed = threading.Event()
@@ -47,7 +47,7 @@ class RemoteSubscriptions(MapSubscriptions):
         Raises HistoryError if the server does not keep them any more.
         """
         with self._guard:
-            if self._held:
+            if self._open_holds:
                 return
             self._notify(self._served.changes(self._notified))
             self._caught_up = self._notified
@@ -62,11 +62,11 @@ class RemoteSubscriptions(MapSubscriptions):
         """Lock the map against other threads; writes are checked for conflicts since its start."""
         with self._guard:
             self.catch_up()
-            self._held += 1
+            self._open_holds += 1
             try:
                 yield
             finally:
-                self._held -= 1
+                self._open_holds -= 1
 
     @contextlib.contextmanager
     def writing(self) -> Iterator[tuple[int, Collection[int], Callable[[ChangeSet], None]]]:

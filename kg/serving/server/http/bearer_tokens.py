@@ -68,8 +68,8 @@ class BearerTokens:
         if offered is None:
             return None
         # compares all, so that timing reveals nothing about partial matches
-        held = [name for name, token in self.secrets if hmac.compare_digest(token, offered)]
-        return held[0] if held else None
+        names = [name for name, token in self.secrets if hmac.compare_digest(token, offered)]
+        return names[0] if names else None
 
 
 def unauthorised(message: str) -> Problem:

@@ -70,17 +70,17 @@ def _of_stored(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     base = semantic_map.base
     part = next((part for part in _PARTS if iri.endswith(part)), "")
     thing = iri.removesuffix(part)
-    held = properties_of(semantic_map.engine, thing, v.MAP_GRAPH)
-    if not held:
+    properties = properties_of(semantic_map.engine, thing, v.MAP_GRAPH)
+    if not properties:
         return
     quads = semantic_map.engine.quads_for_pattern(NamedNode(thing), None, None, v.MAP_GRAPH)
     objects = RecordCodec(semantic_map.base, semantic_map.catalogue).objects_among(quads)
-    is_place = v.PLACE in held.get(v.RDF_TYPE.value, ())
+    is_place = v.PLACE in properties.get(v.RDF_TYPE.value, ())
     places = tuple(p for p in semantic_map.places() if p.iri == thing) if is_place else ()
     robot = semantic_map.robot() if thing == base + "robot" else None
     if objects or places or robot:
         yield from geometry_quads(base, objects, places, robot)
-    yield from standard_quads(base, {thing: held})
+    yield from standard_quads(base, {thing: properties})
 
 
 def _of_agent(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:

@@ -66,8 +66,8 @@ def _dataset(serving: AppState, root: str) -> list[Triple]:
     base = NamedNode(serving.semantic_map.base)
     graph = v.DATASET_GRAPH
     triples = _read("dataset.ttl", root, {_THE_MAP: base})
-    held = serving.semantic_map.engine.quads_for_pattern(base, None, None, graph)
-    triples += [quad.triple for quad in held]
+    quads = serving.semantic_map.engine.quads_for_pattern(base, None, None, graph)
+    triples += [quad.triple for quad in quads]
     sizes = graph_sizes(serving)
     if sizes:
         triples.append(_count(base, v.VOID_TRIPLES, sum(sizes.values())))
