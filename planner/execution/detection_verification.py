@@ -15,16 +15,12 @@ from planner.execution.protocol import Detected
 from planner.search.goals.status import PRESENT
 from planner.search.goals.targets import Target
 
-#: Score from which a single detection can be certain.
-SURE: Final = 0.6
-#: Views taken to verify one spot.
-MAX_VERIFICATIONS: Final = 3
-#: [m] between detections that agree.
-SAME_SPOT: Final = ReferenceSettings().kappa
-#: Existence from which a detection that a second view missed is verified once more ...
+SURE: Final = 0.6  # score from which on a single detection can be certain
+MAX_VERIFICATIONS: Final = 3  # views taken to verify one spot
+SAME_SPOT: Final = ReferenceSettings().kappa  # [m] between detections of one object
+#: existence from which on a detection is verified again after a second view missed it
 POSSIBLE: Final = 0.2
-#: [rad] ... from this far aside, since something may occlude it.
-ASIDE: Final = 0.6
+ASIDE: Final = 0.6  # [rad] around the object to the next viewpoint, since it may be occluded
 
 Spot = tuple[str, int, int]  # category's IRI, and a square metre of the floor
 
@@ -36,7 +32,7 @@ class TargetDetection:
     target: Target
     category: str  # IRI
     thing: Detected
-    object: str | None  # IRI of the object that it was associated with
+    object: str | None  # IRI of the associated object
     certain: bool
 
     @property
@@ -45,7 +41,7 @@ class TargetDetection:
         return np.array([self.thing.x, self.thing.y, self.thing.z])
 
     def shows(self, other: TargetDetection) -> bool:
-        """Whether both show the same object, or the same spot while there is no object yet."""
+        """Whether both show the same object, or the same category at the same spot."""
         if self.object is not None and self.object == other.object:
             return True
         distance = float(np.linalg.norm(self.p_map - other.p_map))
@@ -58,33 +54,33 @@ class TargetDetection:
 
 
 class DetectionVerifier:
-    """Judges detections of targets, and remembers those that were not certain."""
+    """Judges detections of targets, and counts the views that verify each spot."""
 
     def __init__(self) -> None:
-        self._seen: list[tuple[str, NDArray[np.float64]]] = []
-        self._looks: Counter[Spot] = Counter()
+        self._earlier: list[tuple[str, NDArray[np.float64]]] = []  # category and position
+        self._views: Counter[Spot] = Counter()
 
     def judge(self, target: Target, detection: AssociatedDetection) -> TargetDetection:
-        """Judge a detection: certain if likely and seen again or with a high score."""
+        """Judge a detection: certain if it is likely, and repeated or of a high score."""
         thing, category = detection.thing, detection.category
         p_map = np.array([thing.x, thing.y, thing.z])
-        again = any(
+        repeated = any(
             category == other and float(np.linalg.norm(p_map - p_other)) < SAME_SPOT
-            for other, p_other in self._seen
+            for other, p_other in self._earlier
         )
-        self._seen.append((category, p_map))
+        self._earlier.append((category, p_map))
         likely = detection.iri is not None and detection.existence >= PRESENT
-        certain = likely and (again or thing.score >= SURE)
+        certain = likely and (repeated or thing.score >= SURE)
         return TargetDetection(target, category, thing, detection.iri, certain)
 
     def open(self, detection: TargetDetection) -> bool:
-        """Whether another view of it is worth while."""
-        return self._looks[detection.spot] < MAX_VERIFICATIONS
+        """Whether another view may verify the detection."""
+        return self._views[detection.spot] < MAX_VERIFICATIONS
 
     def aside(self, detection: TargetDetection) -> float:
-        """[rad] how far aside the next view of it is taken; the first is straight."""
-        return ASIDE if self._looks[detection.spot] else 0.0
+        """[rad] around the object to the next viewpoint; the first view is straight."""
+        return ASIDE if self._views[detection.spot] else 0.0
 
-    def note_look(self, detection: TargetDetection) -> None:
-        """Count a view taken to verify it."""
-        self._looks[detection.spot] += 1
+    def count_view(self, detection: TargetDetection) -> None:
+        """Count a view taken to verify the detection."""
+        self._views[detection.spot] += 1

@@ -1,7 +1,7 @@
-"""Object updates from a search: pictures are mapped as a recording's, else positions are.
+"""Object updates from a search: pictures are mapped like a recording, or positions are.
 
-Objects that a look should have shown and did not lose existence. Objects related to a target call
-for a new plan.
+An object loses existence when a view misses it. A new object related to a target calls for a new
+plan.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class AssociatedDetection:
     """A robot's detection and the object of the map that it was associated with."""
 
     thing: Detected
-    category: str  # IRI: the object's, assertions applied; the label's where there is no object
-    iri: str | None  # of the object; None of a candidate, which is none yet
+    category: str  # IRI: the object's, assertions applied; for a candidate the label's
+    iri: str | None  # of the object; None for a candidate, which is not in the map yet
     existence: float  # of the object or candidate, with this detection
 
 
@@ -40,7 +40,7 @@ class DetectionUpdate:
 
     changes: ObjectChanges  # to be written
     detections: tuple[AssociatedDetection, ...]  # of known labels
-    unknown: tuple[str, ...]  # labels so far that no category of objects has
+    unknown: tuple[str, ...]  # all labels so far without a category of objects
 
     @property
     def shown(self) -> frozenset[str]:
@@ -48,11 +48,11 @@ class DetectionUpdate:
         return frozenset(one.iri for one in self.detections if one.iri is not None)
 
 
-_Seen = tuple[Detected, str, Sighting | ThingSighting]  # with its category's IRI
+_Located = tuple[Detected, str, Sighting | ThingSighting]  # with its category's IRI
 
 
 class ObjectUpdates:
-    """Objects of a map during a search, updated by `mapping`'s object mapper; writes nothing.
+    """Object mapper of a map during a search; it writes nothing.
 
     Observations name `recording`, which is the search, and the robot's `detector`.
     """
@@ -69,57 +69,64 @@ class ObjectUpdates:
         self._has_views = False
 
     def add(self, message: DetectionsMessage, stamp: float, pose: RobotPose) -> DetectionUpdate:
-        """Map what a message shows, taken at `stamp` [s since 1970]; without views from `pose`."""
+        """Map the views or positions of a message of `stamp` [s since 1970].
+
+        Positions are as seen from `pose`.
+        """
         if message.views:
-            changes, seen = self._map_views(message.views, stamp)
+            changes, located = self._map_views(message.views, stamp)
         else:
-            changes, seen = self._map_positions(message.objects, stamp, pose)
+            changes, located = self._map_positions(message.objects, stamp, pose)
         changes = self._relations.update(changes)
-        detections = tuple(self._associated(*one) for one in seen)
+        detections = tuple(self._associated(*detection) for detection in located)
         return DetectionUpdate(changes, detections, tuple(self._mapper.labels.unknown_labels))
 
     def existence(self, thing: Detected) -> float:
-        """Existence of what stands where a detection was, object or candidate; 0 of nothing."""
+        """Existence of the object or candidate at a detection's position; 0 without one."""
         sighting = self._sighting(thing)
         return 0.0 if sighting is None else self._mapper.belief_of(sighting)[1]
 
     def of(self, categories: Collection[str]) -> tuple[ObjectRecord, ...]:
-        """Objects of these categories (IRIs) at present, assertions applied."""
+        """Present objects of these categories (IRIs), assertions applied."""
         self._mapper.refresh()
         return tuple(r for r in self._mapper.objects() if r.category in categories)
 
     def decay(self, iri: str, times: int = 1, recall: float | None = None) -> ObjectChanges:
-        """Changes after `times` looks that should have shown the object and did not.
+        """Changes after `times` views that missed the object.
 
-        `recall` is the chance that such a look shows it; the detector's greatest by default.
-        Looks that were mapped as views count no more: each picture has, for what it missed.
+        `recall` is the chance that such a view detects it; by default the detector's greatest.
+        Nothing changes once views were mapped as pictures, since each picture lowers the existence
+        of the objects that it misses.
         """
         if self._has_views:
             return ObjectChanges()
         return self._relations.update(self._mapper.decay(iri, times, recall))
 
-    def _map_views(self, views: Sequence[View], stamp: float) -> tuple[ObjectChanges, list[_Seen]]:
+    def _map_views(
+        self, views: Sequence[View], stamp: float
+    ) -> tuple[ObjectChanges, list[_Located]]:
         self._has_views = True
-        changes, seen = ObjectChanges(), list[_Seen]()
+        changes, located = ObjectChanges(), list[_Located]()
         for view in views:
-            frame = replace(view.frame, stamp=stamp)  # the robot's clock may be another
+            frame = replace(view.frame, stamp=stamp)  # the robot's clock may differ from ours
             changes = changes.followed_by(self._mapper.add(frame, view.detections))
-            for one in self._mapper.sightings:
-                (_, category), score = max(one.scores.items(), key=lambda item: item[1])
-                thing = Detected(self._map.catalogue.label(category), score, *one.p_map.tolist())
-                seen.append((thing, category, one))
-        return changes, seen
+            for sighting in self._mapper.sightings:
+                (_, category), score = max(sighting.scores.items(), key=lambda item: item[1])
+                label = self._map.catalogue.label(category)
+                thing = Detected(label, score, *sighting.p_map.tolist())
+                located.append((thing, category, sighting))
+        return changes, located
 
     def _map_positions(
         self, things: Sequence[Detected], stamp: float, pose: RobotPose
-    ) -> tuple[ObjectChanges, list[_Seen]]:
-        located = [(thing, self._sighting(thing)) for thing in things]
-        seen = [(thing, one.category, one) for thing, one in located if one is not None]
-        sightings, robot = [one for _, _, one in seen], np.array([pose.x, pose.y])
-        return self._mapper.add_sightings(sightings, stamp, robot=robot), list(seen)
+    ) -> tuple[ObjectChanges, list[_Located]]:
+        pairs = [(thing, self._sighting(thing)) for thing in things]
+        located = [(thing, one.category, one) for thing, one in pairs if one is not None]
+        sightings, robot = [one for _, _, one in located], np.array([pose.x, pose.y])
+        return self._mapper.add_sightings(sightings, stamp, robot=robot), list(located)
 
     def _sighting(self, thing: Detected) -> Sighting | None:
-        """A detection with a position; None where its label has no category."""
+        """A detection with its category; None where its label has none."""
         category = self._mapper.labels.category(thing.label)
         if category is None:
             return None
@@ -142,7 +149,7 @@ def decay_missed(
     adapter: ViewpointAdapter,
     log: SearchLog,
 ) -> ObjectChanges:
-    """Lower the existence of those `records` that later views of the search should have shown."""
+    """Lower the existence of the objects `records` that later views of the search missed."""
     changes = ObjectChanges()
     for record in records:
         times = sum(
@@ -156,20 +163,20 @@ def decay_missed(
 
 
 class RelatedObjects:
-    """Objects related to `targets` by NearBy relations, as of the last question."""
+    """Objects related to `targets` by NearBy relations, as of the last query."""
 
     def __init__(self, semantic_map: SemanticMap, targets: Sequence[Target]) -> None:
         self._map = semantic_map
-        self._known = self._query(targets)
+        self._related = self._query(targets)
 
     def new_among(
         self, records: Sequence[ObjectRecord], targets: Sequence[Target]
     ) -> list[ObjectRecord]:
-        """Those of `records` that are related to `targets` and were not at the last question."""
+        """The objects among `records` that became related to `targets` since the last query."""
         if not targets:
             return []
-        before, self._known = self._known, self._query(targets)
-        return [record for record in records if record.iri in self._known - before]
+        before, self._related = self._related, self._query(targets)
+        return [record for record in records if record.iri in self._related - before]
 
     def _query(self, targets: Sequence[Target]) -> frozenset[str]:
         return frozenset(

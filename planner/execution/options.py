@@ -24,13 +24,13 @@ class SearchOutcome:
     state: SearchState
     reason: str
     found: tuple[str, ...]  # IRIs of objects
-    left: float  # probability that what is still wanted is there to be found
+    left: float  # probability that a target still wanted is on this floor
     seconds: float  # [s] by the robot's clock, over all runs
     looks: int  # over all runs
 
     @property
     def line(self) -> str:
-        """For people."""
+        """One line for people."""
         after = f"after {self.seconds:.0f} s and {self.looks} looks"
         if self.state == "found":
             return f"found {after}"
@@ -55,16 +55,16 @@ class SearchOptions:
     """Options of a search with a robot."""
 
     budget: float | None = None  # [s] of the robot's clock for this run
-    give_up_at: float = BELIEF.stop_below  # chance that looks missed a thing, at which to give up
-    timeout: float = 30.0  # [s] a robot may be silent
+    give_up_at: float = BELIEF.stop_below  # chance that views missed a target, to give up at
+    timeout: float = 30.0  # [s] that a robot may be silent
     stopping: Callable[[], bool] = field(default=lambda: False)
     on_event: EventSink = field(default=lambda event: None)
-    clock: Callable[[], float] = time.time  # for what is written
+    clock: Callable[[], float] = time.time  # of the facts written
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """One thing that happened, for people and for programs."""
+    """Event of a search, for people and for programs."""
 
     kind: str  # begin, plan, arrived, look, seen, found, surprise, note, end
     text: str  # for people, one line

@@ -1,7 +1,7 @@
 """Robot protocol: JSON objects, one a line (docs/reference/robot-protocol.md).
 
-Every number that a robot sends is checked here, once; what lies behind sees finite metres and
-radians in the map frame, and texts without control characters.
+This module checks every number that a robot sends. All other modules can rely on finite metres and
+radians in the map frame, and on texts without control characters.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ MAX_LINE: Final = 1 << 20  # [bytes]
 MAX_COORDINATE: Final = 1e7  # [m] no map is larger than the Earth
 MAX_OBJECTS: Final = 1000  # detections in one message
 _MAX_TEXT = 300
-_WIDEST: Final = 1e6  # [px] of an image
+_MAX_PIXEL: Final = 1e6  # [px] coordinate in an image
 
 
 class MalformedValueError(ValueError):
-    """A message that is not one of the protocol; never leaves this package."""
+    """A message does not follow the protocol. This error stays within the package."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """The first message, both ways. A robot may say what it can; None is not known."""
+    """The first message in both directions; a robot may describe itself, None means unknown."""
 
     protocol: int = VERSION
     name: str = "hereabouts"
@@ -37,13 +37,13 @@ class Hello:
     near: float | None = None  # [m] the camera detects from here ...
     far: float | None = None  # [m] ... to there
     field_of_view: float | None = None  # [rad] across
-    recall: float | None = None  # chance to detect what a picture shows, 0..1
-    detector: str | None = None  # name of what detects
+    recall: float | None = None  # chance to detect an object in view, 0..1
+    detector: str | None = None  # name of the detector
 
 
 @dataclass(frozen=True, slots=True)
 class GoTo:
-    """Drive there, turn to `heading`, answer `arrived`, `blocked` or `error` with the same id."""
+    """Drive to (x, y) and turn to `heading`; answer `arrived`, `blocked` or `error`, same id."""
 
     id: int
     x: float  # [m]
@@ -53,9 +53,9 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True)
 class LookAround:
-    """Turn by `turn` [rad, to the left] with pictures all the way; answer `detections`, same id.
+    """Turn by `turn` [rad, to the left] and take pictures; answer `detections`, same id.
 
-    `extent` [rad] is what is then seen in all: the turn and the camera's own field of view.
+    `extent` [rad] is the angle in view altogether: the turn and the camera's field of view.
     """
 
     id: int
@@ -65,7 +65,7 @@ class LookAround:
 
 @dataclass(frozen=True, slots=True)
 class StopCommand:
-    """Stand still; the command under way will not be waited for."""
+    """Stand still; the current command gets no answer."""
 
 
 Command = Hello | GoTo | LookAround | StopCommand
@@ -73,7 +73,7 @@ Command = Hello | GoTo | LookAround | StopCommand
 
 @dataclass(frozen=True, slots=True)
 class RobotPose:
-    """Pose of the robot; sent at any rate while it drives."""
+    """Pose of the robot; sent repeatedly while it drives."""
 
     x: float  # [m]
     y: float
@@ -90,7 +90,7 @@ class Arrived:
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
-    """The `goto` with that id cannot be done: something is in the way at (x, y)."""
+    """The `goto` with that id failed because of an obstacle at (x, y)."""
 
     id: int | None
     x: float  # [m]
@@ -100,7 +100,7 @@ class Blocked:
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """One thing that a detector saw."""
+    """One detection."""
 
     label: str
     score: float  # 0..1
@@ -114,7 +114,7 @@ class Detected:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A picture with depth and pose, and what was detected in it; never goes over the wire."""
+    """A picture with depth and pose, and its detections; it is never sent over a connection."""
 
     frame: Frame
     detections: Detections
@@ -124,8 +124,8 @@ class View:
 class DetectionsMessage:
     """Detections of one picture on the way (no id), or of all pictures of the `look` with that id.
 
-    As positions, or by a robot in this process as `views`, which count instead. `pose` is where
-    the picture was taken; None: at the last pose.
+    They are positions; a robot in this process may send `views` instead. `pose` is the robot's pose
+    at the picture; by default its last pose.
     """
 
     id: int | None
@@ -136,7 +136,7 @@ class DetectionsMessage:
 
 @dataclass(frozen=True, slots=True)
 class Failed:
-    """The command with that id failed, for a reason that is not a thing in the way."""
+    """The command with that id failed, for a reason other than an obstacle."""
 
     id: int | None
     reason: str
@@ -144,14 +144,14 @@ class Failed:
 
 @dataclass(frozen=True, slots=True)
 class Aborted:
-    """The robot ends the search: battery low, somebody took over."""
+    """The robot ends the search, because its battery is low for example."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class MalformedMessage:
-    """Something a robot sent that is no message of the protocol."""
+    """Data from a robot that is no message of the protocol."""
 
     why: str
 
@@ -180,9 +180,9 @@ def line_of(command: Command) -> bytes:
 
 
 def decoded(line: bytes | str) -> Message | None:
-    """The message in a line; None for a kind that this version does not know.
+    """The message in a line; None for a type that this version does not know.
 
-    Raises MalformedError for anything that is no message.
+    Raises MalformedValueError for a line that is no message.
     """
     try:
         value = json.loads(line if isinstance(line, str) else line.decode())
@@ -192,7 +192,7 @@ def decoded(line: bytes | str) -> Message | None:
 
 
 def message_of(value: object) -> Message | None:
-    """As `decoded`, of JSON that is parsed already."""
+    """As `decoded`, from parsed JSON."""
     if not isinstance(value, dict) or not isinstance(value.get("type"), str):
         raise MalformedValueError("needs a JSON object with a type")
     reader = _READERS.get(value["type"])
@@ -200,7 +200,7 @@ def message_of(value: object) -> Message | None:
 
 
 def cleaned(text: object) -> str:
-    """Somebody else's text as one line without control characters, at most 300 long."""
+    """A text from outside as one line without control characters, at most 300 long."""
     kept = "".join(c if c.isprintable() else " " for c in str(text)[: 4 * _MAX_TEXT])
     return " ".join(kept.split())[:_MAX_TEXT]
 
@@ -284,18 +284,14 @@ def _box(corners: object) -> tuple[float, float, float, float]:
     if not isinstance(corners, list) or len(corners) != 4:
         raise MalformedValueError("a box must be [x1, y1, x2, y2]")
     named = dict(zip(("x1", "y1", "x2", "y2"), corners, strict=True))
-    x1, y1, x2, y2 = (_number(named, key, -_WIDEST, _WIDEST) for key in named)
+    x1, y1, x2, y2 = (_number(named, key, -_MAX_PIXEL, _MAX_PIXEL) for key in named)
     if not (x1 < x2 and y1 < y2):
         raise MalformedValueError("a box must have x1 < x2 and y1 < y2")
     return x1, y1, x2, y2
 
 
-def _failed(fields: Mapping[str, Any]) -> Failed:
-    return Failed(_id(fields), cleaned(fields.get("reason", "")) or "no reason given")
-
-
-def _aborted(fields: Mapping[str, Any]) -> Aborted:
-    return Aborted(cleaned(fields.get("reason", "")) or "no reason given")
+def _reason(fields: Mapping[str, Any]) -> str:
+    return cleaned(fields.get("reason", "")) or "no reason given"
 
 
 _READERS: Final[dict[str, Callable[[Mapping[str, Any]], Message]]] = {
@@ -304,8 +300,8 @@ _READERS: Final[dict[str, Callable[[Mapping[str, Any]], Message]]] = {
     "arrived": _arrived,
     "blocked": _blocked,
     "detections": _detections,
-    "error": _failed,
-    "abort": _aborted,
+    "error": lambda fields: Failed(_id(fields), _reason(fields)),
+    "abort": lambda fields: Aborted(_reason(fields)),
 }
 
 
@@ -322,11 +318,11 @@ def _metres(fields: Mapping[str, Any], key: str) -> float:
     return _number(fields, key, -MAX_COORDINATE, MAX_COORDINATE)
 
 
-def _optional(fields: Mapping[str, Any], key: str, least: float, most: float) -> float | None:
-    return None if fields.get(key) is None else _number(fields, key, least, most)
+def _optional(fields: Mapping[str, Any], key: str, low: float, high: float) -> float | None:
+    return None if fields.get(key) is None else _number(fields, key, low, high)
 
 
-def _number(fields: Mapping[str, Any], key: str, least: float, most: float) -> float:
+def _number(fields: Mapping[str, Any], key: str, low: float, high: float) -> float:
     value = fields.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise MalformedValueError(f"{key} must be a number")
@@ -334,6 +330,6 @@ def _number(fields: Mapping[str, Any], key: str, least: float, most: float) -> f
         number = float(value)
     except OverflowError:
         number = math.inf
-    if not least <= number <= most:  # not a number is refused here too
-        raise MalformedValueError(f"{key} must lie in {least:g}..{most:g}")
+    if not low <= number <= high:  # also raises for nan
+        raise MalformedValueError(f"{key} must lie in {low:g}..{high:g}")
     return number

@@ -17,7 +17,7 @@ class Reporter:
 
     def __init__(self, on_event: EventSink, seconds: Callable[[], float]) -> None:
         self._to, self._seconds = on_event, seconds
-        self._reason = ""  # of the last plan, which the next one need not repeat
+        self._reason = ""  # of the last plan; the next plan does not repeat it
 
     def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
         """A search begins or is resumed."""

@@ -16,8 +16,7 @@ from planner.execution.protocol import (
     message_of,
 )
 
-#: Malformed messages in a row after which a robot is given up.
-MAX_MALFORMED: Final = 20
+MAX_MALFORMED: Final = 20  # malformed messages in a row after which a search ends
 
 
 class Robot(Protocol):
@@ -43,14 +42,14 @@ class MessageQueue:
         self._malformed = 0
 
     def read(self, line: bytes | str) -> Message | None:
-        """The message in a line, `MalformedMessage` where there is none; None for a type not known.
+        """The message in a line, or `MalformedMessage`; None for an unknown type.
 
-        Raises RobotError after `MAX_MALFORMED` lines in a row that were no messages.
+        Raises RobotError after `MAX_MALFORMED` malformed lines in a row.
         """
         return self._read(decoded, line)
 
     def take(self, value: object) -> Message | None:
-        """As `read`, of JSON that is parsed already."""
+        """As `read`, from parsed JSON."""
         return self._read(message_of, value)
 
     def _read(self, reader: Callable[[Any], Message | None], received: Any) -> Message | None:

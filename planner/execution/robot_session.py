@@ -27,10 +27,10 @@ from planner.execution.protocol import (
 )
 from planner.execution.robot import Robot
 
-_POLL: Final = 0.2  # [s] how soon a request to stop is noticed
-_LATE: Final = 5.0  # times the expected seconds after which a robot is late
-_TURN_SPEED: Final = 0.1  # [rad/s] slowest robot that is waited for
-_JUMP: Final = 600.0  # [s] a robot's clock that moves further between two poses was set
+_POLL: Final = 0.2  # [s] between two checks for a request to stop
+LATE: Final = 5.0  # times the expected seconds after which a robot is late
+_TURN_SPEED: Final = 0.1  # [rad/s] of the slowest robot
+_MAX_STEP: Final = 600.0  # [s] between two poses by the robot's clock; a larger step is an error
 
 
 class SearchStopped(Exception):  # noqa: N818 it is no error
@@ -50,23 +50,23 @@ class RobotSession:
         self._robot_time: float | None = None
         self._robot_seconds = 0.0
         self._last_pose: RobotPose | None = None
-        self._malformed = ""  # why the last line since the last message was malformed
+        self._malformed = ""  # reason why the last line was malformed
 
     @property
     def pose(self) -> RobotPose:
-        """Last pose the robot sent; RobotError where it has sent none."""
+        """Last pose that the robot sent; raises RobotError without one."""
         if self._last_pose is None:
             raise RobotError(f"{self._robot.name} has never sent its pose")
         return self._last_pose
 
     @property
     def pose_if_known(self) -> RobotPose | None:
-        """Last pose the robot sent, if any."""
+        """Last pose that the robot sent, if any."""
         return self._last_pose
 
     @property
     def seconds(self) -> float:
-        """[s] since the beginning: by the robot's clock where its poses have one, else by ours."""
+        """[s] since the beginning: by the robot's clock if its poses have times, else by ours."""
         if self._robot_time is not None:
             return self._robot_seconds
         return time.monotonic() - self._began
@@ -74,7 +74,7 @@ class RobotSession:
     def greet(self) -> Hello:
         """Exchange hellos and wait for the first pose.
 
-        Raises RobotError where its version is another, or either is missing at the timeout.
+        Raises RobotError for another version of the protocol, and at the timeout.
         """
         self.send(Hello())
         hello: Hello | None = None
@@ -103,7 +103,7 @@ class RobotSession:
         """Detections of a look `extent` [rad] wide that begins after a turn by `turn` [rad]."""
         number = self.next_id()
         self.send(LookAround(number, turn, extent))
-        limit = 2 * self._timeout + _LATE * 2 * math.pi / _TURN_SPEED
+        limit = 2 * self._timeout + LATE * 2 * math.pi / _TURN_SPEED
         for message in self.messages(limit=limit):
             if isinstance(message, DetectionsMessage) and message.id == number:
                 return message
@@ -112,7 +112,7 @@ class RobotSession:
         return Failed(number, f"no detections after {limit:.0f} s")
 
     def go_to(self, x: float, y: float, heading: float) -> Iterator[Message]:
-        """Go to (x, y) [m] nearby with `heading` [rad]; messages until it is there or cannot."""
+        """Go to (x, y) [m] nearby with `heading` [rad]; messages until it arrives or fails."""
         number = self.next_id()
         self.send(GoTo(number, x, y, heading))
         for message in self.messages(limit=2 * self._timeout):
@@ -121,15 +121,15 @@ class RobotSession:
                 return
 
     def messages(self, *, poses: bool = False, limit: float | None = None) -> Iterator[Message]:
-        """Messages of the robot, without poses unless `poses`; ends after `limit` [s], if given.
+        """Messages of the robot until `limit` [s], without poses unless `poses`.
 
-        Raises SearchStopped where somebody, or the robot, ends the search, and RobotError where the
+        Raises SearchStopped once a request or the robot ends the search, and RobotError once the
         robot is silent for longer than the timeout.
         """
         deadline = None if limit is None else time.monotonic() + limit
         while deadline is None or time.monotonic() < deadline:
             message = self._robot.receive(_POLL)
-            if self._stopping():  # what came after is not acted on any more
+            if self._stopping():
                 raise SearchStopped("asked to stop")
             if message is None or isinstance(message, MalformedMessage):
                 self._malformed = message.why if message else self._malformed
@@ -148,7 +148,7 @@ class RobotSession:
         self._last_pose = pose
         if pose.seconds is None:
             return
-        if self._robot_time is not None and 0 < pose.seconds - self._robot_time <= _JUMP:
+        if self._robot_time is not None and 0 < pose.seconds - self._robot_time <= _MAX_STEP:
             self._robot_seconds += pose.seconds - self._robot_time
         self._robot_time = pose.seconds
 

@@ -1,4 +1,4 @@
-"""A search as the map remembers it: each look, obstacle and finding is one transaction."""
+"""Search log: records of a search in the map; each look, obstacle and find is one transaction."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from mapping.occupancy.mapped_floor import FloorView
 from mapping.places.viewed_floor import ViewedFloor
 from planner.execution.protocol import RobotPose
 
-TRIES: Final = 10  # to write what others get in the way of
-#: [s] for which what stood in the way of one search counts in others; doors are opened again
+TRIES: Final = 10  # of a write, as long as other writers conflict with it
+#: [s] for which an obstacle of one search counts in others; later, a door may be open again
 SHUT: Final = 1800.0
 
 
 class SearchLog:
-    """Writes one search; begun by `begin`, or taken up by `resume`."""
+    """Writes one search, from `begin` or `resume` on."""
 
     def __init__(
         self, semantic_map: SemanticMap, record: SearchRecord, clock: Callable[[], float]
@@ -41,7 +41,7 @@ class SearchLog:
         self._map = semantic_map
         self._clock = clock
         robot = semantic_map.robot()
-        self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol tells none
+        self._height = 0.0 if robot is None else float(robot.p_map[2])  # the protocol has no z
         self._floor = ViewedFloor(semantic_map)
         self.record = record
         self.looks = list(semantic_map.searches.looks(record.iri))
@@ -55,15 +55,15 @@ class SearchLog:
         categories: Sequence[str],
         clock: Callable[[], float] = time.time,
     ) -> SearchLog:
-        """A new search, in the map from now on."""
+        """Log of a new search, which is written to the map."""
         for _ in range(TRIES):
             with semantic_map.hold(), suppress(ConflictError):  # another robot took the number
                 numbers = [_number(s.iri, semantic_map.base) for s in semantic_map.searches.all()]
                 iri = f"{semantic_map.base}search/{max(numbers, default=0) + 1}"
                 record = SearchRecord(iri, tuple(words), tuple(categories), "running", clock())
-                diary = cls(semantic_map, record, clock)
-                semantic_map.apply(MapUpdate(search=record), diary._cause("begun"))
-                return diary
+                log = cls(semantic_map, record, clock)
+                semantic_map.apply(MapUpdate(search=record), log._cause("begun"))
+                return log
         raise GraphError(f"others begin searches too fast: {TRIES} numbers were taken; try again")
 
     @classmethod
@@ -74,13 +74,13 @@ class SearchLog:
         clock: Callable[[], float] = time.time,
     ) -> SearchLog:
         """Log of an unfinished search, continued."""
-        diary = cls(semantic_map, replace(record, state="running", ended=None), clock)
-        diary._write("resumed", MapUpdate(search=diary.record))
-        return diary
+        log = cls(semantic_map, replace(record, state="running", ended=None), clock)
+        log._write("resumed", MapUpdate(search=log.record))
+        return log
 
     @property
     def name(self) -> str:
-        """``search/3``."""
+        """Name of the search in the map: ``search/3``."""
         return self.record.iri.removeprefix(self._map.base)
 
     def note_progress(self, *, left: float, seconds: float) -> None:
@@ -101,10 +101,21 @@ class SearchLog:
         glimpses: Sequence[tuple[float, float, float]] = (),
         viewed: Sequence[FloorView] = (),
     ) -> LookRecord:
-        """Write a view with its targets, the IRIs found, and all changes.
+        """Write a view with all changes.
 
-        `shown` are the IRIs of objects in the view. Viewed floor and the view counts of places are
-        written once enough has changed, or at the end.
+        Viewed floor and the view counts of places are written once enough has changed, or at the
+        end.
+
+        Args:
+            pose: Pose of the robot.
+            heading: Middle of the view [rad].
+            extent: Angle in view [rad].
+            categories: IRIs of the categories searched for.
+            found: IRIs of the objects found.
+            changes: Changes of objects.
+            shown: IRIs of the objects in the view.
+            glimpses: Camera poses (x [m], y [m], heading [rad]) of pictures on the way.
+            viewed: Floor in view.
         """
         number = max((look.number for look in self.looks), default=0) + 1
         record = LookRecord(
@@ -172,12 +183,11 @@ class SearchLog:
     ) -> None:
         """Write the end of this run with its final `changes`."""
         self.record = replace(self.record, state=state, ended=self._clock())
-        robot = None if pose is None else self._robot(pose)
         floor, places = self._floor.take_rest()
         update = replace(
             _update(changes or ObjectChanges()),
             places=places,
-            robot=robot,
+            robot=None if pose is None else self._robot(pose),
             search=self.record,
             floor=floor,
         )
@@ -191,10 +201,10 @@ class SearchLog:
         return RobotRecord(p_map, math.remainder(pose.heading, 2 * math.pi), self._clock())
 
     def _write(self, note: str, update: MapUpdate, shown: Collection[str] = ()) -> None:
-        """Apply `update`; resolve conflicts with objects that others changed meanwhile.
+        """Apply `update`; resolve conflicts with objects that other writers changed meanwhile.
 
-        For objects that were `shown` the robot's state is written, else that of the others is
-        kept. Floor and places are computed again for the next view.
+        Our state of the objects `shown` is written; other objects keep the state of the other
+        writers. Floor and places are computed again for the next view.
         """
         for _ in range(TRIES):
             try:
@@ -216,7 +226,7 @@ def _update(changes: ObjectChanges) -> MapUpdate:
 
 
 def _without(update: MapUpdate, things: Collection[str]) -> MapUpdate:
-    """`update` but for the objects among `things`."""
+    """`update` without the objects `things`."""
     kept = tuple(record for record in update.objects if record.iri not in things)
     removed = tuple(iri for iri in update.removed if iri not in things)
     departed = tuple(record for record in update.departed if record.iri not in things)
@@ -226,10 +236,10 @@ def _without(update: MapUpdate, things: Collection[str]) -> MapUpdate:
 def recent_obstacles(
     semantic_map: SemanticMap, search: str, now: float
 ) -> tuple[ObstacleRecord, ...]:
-    """Obstacles of other searches than `search` within `SHUT` of `now` [s].
+    """Obstacles of other searches than `search` within `SHUT` of `now` [s], before or after.
 
-    Later ones count too, since clocks of robots differ and stamps are rounded. Searches that ended
-    before that time are skipped, since each takes a query.
+    Later stamps count since the clocks of robots differ. Earlier searches are skipped, since each
+    costs a query.
     """
     return tuple(
         obstacle
@@ -241,7 +251,7 @@ def recent_obstacles(
 
 
 def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
-    """The latest unfinished search for `words`, or for anything if there are none.
+    """The latest unfinished search for `words`, or without words the latest unfinished search.
 
     Raises GraphError where there is none.
     """
@@ -249,9 +259,9 @@ def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
     for record in reversed(semantic_map.searches.all()):
         if record.state != "found" and (not wanted or set(record.words) == wanted):
             return record
-    what = f" for {' and '.join(words)}" if words else ""
+    targets = f" for {' and '.join(words)}" if words else ""
     raise GraphError(
-        f"no unfinished search{what} is in this map; without --resume a new one begins"
+        f"no unfinished search{targets} is in this map; without --resume a new one begins"
     )
 
 

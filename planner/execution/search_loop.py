@@ -1,8 +1,8 @@
 """Search loop: plan a view, drive there, take it, update the belief, record it, plan again.
 
-A new plan follows every view and every surprise: an obstacle, a robot that ends up elsewhere, an
-object on the way that the target is usually near. All state between views is in the graph, so that
-a killed search resumes after its last view.
+A new plan follows every view and every surprise: an obstacle, an arrival elsewhere, or a new object
+that the target is usually near. All state between views is in the graph, so that a killed search
+can resume after its last view.
 """
 
 from __future__ import annotations
@@ -33,12 +33,11 @@ from planner.execution.protocol import (
     DetectionsMessage,
     Failed,
     GoTo,
-    Hello,
     RobotPose,
 )
 from planner.execution.reporter import Reporter
 from planner.execution.robot import Robot
-from planner.execution.robot_session import RobotSession, SearchStopped
+from planner.execution.robot_session import LATE, RobotSession, SearchStopped
 from planner.execution.search_log import SearchLog, recent_obstacles, to_resume
 from planner.execution.viewpoint_adapter import (
     FailedGoals,
@@ -48,13 +47,12 @@ from planner.execution.viewpoint_adapter import (
 )
 from planner.search.goals.targets import Target, resolve
 
-LOST: Final = 3.0  # [m] a robot that arrives this far off is not where it was sent
-OFF: Final = 0.5  # [m] one that arrives this far off could not stand where it was sent
+LOST: Final = 3.0  # [m] from the goal at arrival; beyond, the robot is elsewhere
+OFF: Final = 0.5  # [m] from the goal at arrival; beyond, the viewpoint is not free
 MAX_LOOKS: Final = 1000
-_LATE: Final = 5.0  # times the expected seconds after which a robot is late
 
 
-class _OverError(Exception):
+class _BudgetError(Exception):
     """The time budget is used up."""
 
 
@@ -68,10 +66,19 @@ def search(
 ) -> SearchOutcome:
     """Search for all of `words` (as `find` takes them) with `robot`, which is closed at the end.
 
-    With `resume` the latest unfinished search for them continues (for anything, without words).
-    Raises UnknownCategoryError for what is no target, GraphError where there is nothing to resume,
-    LayoutError where there is nowhere to search, RobotError where the robot fails; the search is
-    then stopped and can be resumed.
+    Args:
+        semantic_map: The map.
+        words: Texts that name targets.
+        robot: Connection to the robot.
+        options: Options of the search.
+        resume: Whether to continue the latest unfinished search for the words; without words, the
+            latest unfinished search.
+
+    Raises:
+        UnknownCategoryError: A text names no target.
+        GraphError: There is no search to resume.
+        LayoutError: The map has no floor to search.
+        RobotError: The robot fails. The search is then stopped and can be resumed.
     """
     options = options or SearchOptions()
     try:
@@ -80,7 +87,10 @@ def search(
         targets = resolve(semantic_map, words)
         semantic_map.store.check_writable()
         session = RobotSession(robot, options.timeout, options.stopping)
-        hello = _hello_of(session)
+        try:
+            hello = session.greet()
+        except SearchStopped as stopped:
+            raise RobotError(f"{stopped}, before the search began") from stopped
         at = before.started if before else options.clock()
         adapter = ViewpointAdapter(semantic_map, words, hello, at, options.give_up_at)
         if before:
@@ -88,8 +98,8 @@ def search(
         else:
             categories = sorted({kind for target in targets for kind in target.queried})
             log = SearchLog.begin(semantic_map, words, categories, options.clock)
-        detector = hello.detector or ""
-        return _Run(semantic_map, targets, adapter, session, log, options, detector).run()
+        objects = ObjectUpdates(semantic_map, log.name, hello.detector or "")
+        return _Run(semantic_map, targets, adapter, session, log, options, objects).run()
     finally:
         robot.close()
 
@@ -105,11 +115,10 @@ class _Run:
         session: RobotSession,
         log: SearchLog,
         options: SearchOptions,
-        detector: str,
+        objects: ObjectUpdates,
     ) -> None:
         self._map, self._targets, self._adapter = semantic_map, tuple(targets), adapter
-        self._robot, self._log, self._options = session, log, options
-        self._objects = ObjectUpdates(semantic_map, log.name, detector)
+        self._robot, self._log, self._options, self._objects = session, log, options, objects
         self._verifier = DetectionVerifier()
         self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
         self._passing_views = PassingViews()
@@ -121,14 +130,14 @@ class _Run:
         self._reporter = Reporter(options.on_event, lambda: self._before + session.seconds)
 
     def run(self) -> SearchOutcome:
-        """Search until all targets are found, no view is worth its way, or it is stopped."""
+        """Search until all targets are found, no view gains enough, or the search is stopped."""
         self._restore()
         state: SearchState = "stopped"
         try:
             state, reason = self._loop()
         except SearchStopped as stopped:
             reason = str(stopped)
-        except _OverError:
+        except _BudgetError:
             state, reason = "given up", "the time budget is used up"
         except HereaboutsError:
             self._end("stopped")
@@ -169,7 +178,7 @@ class _Run:
         return "found", "all that was wanted is found"
 
     def _retry_obstacles(self) -> bool:
-        """Whether ways that were blocked in earlier searches are tried before giving up."""
+        """Forget obstacles of earlier searches before giving up; returns whether there are any."""
         if not self._old_obstacles or not self._adapter.uncertain:
             return False
         self._old_obstacles = ()
@@ -185,7 +194,7 @@ class _Run:
         number = self._robot.next_id()
         self._robot.send(GoTo(number, goal.x, goal.y, goal.heading))
         self._passing_views = PassingViews()
-        limit = self._options.timeout + _LATE * goal.seconds
+        limit = self._options.timeout + LATE * goal.seconds
         for message in self._robot.messages(limit=limit):
             self._check_budget()
             if isinstance(message, Arrived) and message.id == number:
@@ -217,10 +226,9 @@ class _Run:
         if answer is None:
             self._goal_failed(goal, "the look failed")
             return
-        self._failed_goals.looked()
+        self._failed_goals.reset()
         pose = self._robot.pose
-        middle = goal.middle
-        sightings = self._after_look(pose, middle, goal.extent, answer)
+        sightings = self._after_look(pose, goal.middle, goal.extent, answer)
         if math.hypot(pose.x - goal.x, pose.y - goal.y) > OFF:
             self._unreachable(goal, "one cannot stand there")
         for sighting in self._doubtful(sightings)[:3]:
@@ -236,7 +244,7 @@ class _Run:
     def _after_look(
         self, pose: RobotPose, heading: float, extent: float, answer: DetectionsMessage
     ) -> list[TargetDetection]:
-        """Write a view and its changes; returns detections that may be a target."""
+        """Write a view and its changes; returns detections that may be of a target."""
         wanted = self._wanted()
         sightings, update = self._add_detections(answer, pose)
         found = self._confirm(sightings)
@@ -264,7 +272,7 @@ class _Run:
         return sightings
 
     def _doubtful(self, sightings: Sequence[TargetDetection]) -> list[TargetDetection]:
-        """Detections that may be a target and are worth another view, one for each spot."""
+        """Uncertain detections that another view may verify, one for each spot."""
         return list(
             {
                 s.spot: s
@@ -329,17 +337,17 @@ class _Run:
         return sighting.target.text in self._found
 
     def _verify(self, sighting: TargetDetection) -> None:
-        """View a possible target until it is found, or is neither shown again nor possible."""
+        """View a possible target until it is found, or missed and improbable."""
         while not self._is_found(sighting) and self._verifier.open(sighting):
-            again = self._shown_again(sighting)
-            self._verifier.note_look(sighting)
-            if not again and self._objects.existence(sighting.thing) < POSSIBLE:
+            shown = self._shown_again(sighting)
+            self._verifier.count_view(sighting)
+            if not shown and self._objects.existence(sighting.thing) < POSSIBLE:
                 return
 
     def _shown_again(self, sighting: TargetDetection) -> bool:
-        """Whether a view from another viewpoint shows a possible target; else it is doubted.
+        """Whether a view from another viewpoint shows a possible target; a miss lowers existence.
 
-        A second view from the same viewpoint would prove little, since its errors are the same.
+        A second view from the same viewpoint would prove little, since it has the same errors.
         """
         thing, aside = sighting.thing, self._verifier.aside(sighting)
         x, y = self._adapter.another_view(self._robot.pose, sighting.p_map, aside)
@@ -360,17 +368,11 @@ class _Run:
         at = self._robot.pose
         sightings = self._after_look(at, heading, self._adapter.field_of_view, answer)
         shown = self._is_found(sighting) or any(map(sighting.shows, sightings))
-        if not shown:
-            self._decay(sighting)
+        if not shown and sighting.object is not None:
+            changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
+            if changes.missed:
+                self._log.change("looked again, nothing found", changes)
         return shown
-
-    def _decay(self, sighting: TargetDetection) -> None:
-        """Lower the existence of an object that a second view missed, as one missed frame does."""
-        if sighting.object is None:
-            return
-        changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
-        if changes.missed:
-            self._log.change("looked again, nothing found", changes)
 
     def _blocked(self, goal: NextView, message: Blocked) -> None:
         pose = self._robot.pose
@@ -410,7 +412,7 @@ class _Run:
     def _check_budget(self) -> None:
         budget = self._options.budget
         if budget is not None and self._robot.seconds > budget:
-            raise _OverError
+            raise _BudgetError
 
     def _halt(self) -> None:
         try:
@@ -420,7 +422,7 @@ class _Run:
 
     def _end(self, state: SearchState) -> None:
         changes = ObjectChanges()
-        if state != "stopped":  # until then the planning state holds it
+        if state != "stopped":  # a resumed search needs the objects unchanged
             kinds = {kind for target in self._targets for kind in target.kinds}
             changes = decay_missed(self._objects.of(kinds), self._objects, self._adapter, self._log)
         self._note_progress()
@@ -441,10 +443,3 @@ class _Run:
             seconds=record.seconds,
             looks=len(self._log.looks),
         )
-
-
-def _hello_of(session: RobotSession) -> Hello:
-    try:
-        return session.greet()
-    except SearchStopped as stopped:
-        raise RobotError(f"{stopped}, before the search began") from stopped

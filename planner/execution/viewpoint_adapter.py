@@ -1,6 +1,6 @@
 """Viewpoint adapter: the planning state in terms of a robot's poses, messages and obstacles.
 
-It also counts failed goals, and keeps the pictures taken on the way to a viewpoint.
+The module also has the counter of failed goals, and the pictures taken on the way to a viewpoint.
 """
 
 from __future__ import annotations
@@ -18,16 +18,15 @@ from kg.model.errors import LayoutError, RobotError
 from kg.model.records import LookRecord, ObstacleRecord
 from mapping.occupancy.mapped_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
-from planner.search.goals.candidate_queries import Candidate
 from planner.search.plans.search_state import PlanningState, build_search
 from planner.search.viewpoints.candidate_views import floor_in_view
 from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
 from planner.settings import BELIEF
 
-NEAR: float = 0.5  # [m] a view taken this near to a planned viewpoint, and ...
-ALIKE: float = 0.35  # [rad] ... with about its heading, counts as the planned view
+NEAR: float = 0.5  # [m] from a planned viewpoint within which a view counts as the planned one
+ALIKE: float = 0.35  # [rad] from its heading within which it does
 STEP: float = 0.5  # [m] by which a second view is nearer
-BLOCKS: float = 0.6  # [m] around an obstacle that is blocked: enough to close a door
+BLOCKS: float = 0.6  # [m] radius of blocked floor around an obstacle: enough to close a door
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +38,8 @@ class NextView:
     heading: float  # [rad] to arrive with: the beginning of the sweep
     turn: float  # [rad] to sweep from there, to the left
     middle: float  # [rad] heading in the middle of the view
-    extent: float  # [rad] seen in all
-    place: str  # label of the place, "" where it is none
+    extent: float  # [rad] angle in view altogether
+    place: str  # label of the place, "" for none
     probability: float  # to find any target
     seconds: float  # [s] until the view is over
     left: float  # probability that a target is on the floor if this view fails
@@ -48,7 +47,7 @@ class NextView:
 
 
 class ViewpointAdapter:
-    """Keeps a planning state consistent with the robot and with changes by others."""
+    """Keeps a planning state consistent with the robot and with changes by other writers."""
 
     def __init__(
         self,
@@ -59,7 +58,7 @@ class ViewpointAdapter:
         give_up_at: float = BELIEF.stop_below,
     ) -> None:
         self._map = semantic_map
-        self._at = at  # [s] the time that persistence is computed for, the same in each run
+        self._at = at  # [s] time for which persistence is computed, the same in each run
         self._words = tuple(words)
         self._settings = replace(BELIEF, stop_below=give_up_at)
         self._sensor, self._motion = sensor_of(robot), motion_of(robot)
@@ -73,7 +72,7 @@ class ViewpointAdapter:
 
     @property
     def uncertain(self) -> bool:
-        """Whether all views so far may have missed a target with more than the limit."""
+        """Whether the views so far may have missed a target, with more than `give_up_at`."""
         return self._state.overlooked > self._settings.stop_below
 
     @property
@@ -87,7 +86,7 @@ class ViewpointAdapter:
         return self._sensor.recall
 
     def next(self, pose: RobotPose) -> NextView | None:
-        """The view to take next; None where none is worth the way."""
+        """The view to take next; None where no view gains enough."""
         state = self._state
         if self._no_viewpoint:
             return None
@@ -113,7 +112,10 @@ class ViewpointAdapter:
             probability=gain,
             seconds=float(state.next_best_view.costs(at, np.array([view]))[0]),
             left=left,
-            why=tuple(_sentence(reason.candidate) for reason in state.why(view)[:3]),
+            why=tuple(
+                f"{reason.candidate.label}: {'; '.join(reason.candidate.facts)}"
+                for reason in state.why(view)[:3]
+            ),
         )
 
     def missed(self, pose: RobotPose, heading: float, extent: float) -> None:
@@ -139,8 +141,8 @@ class ViewpointAdapter:
     ) -> tuple[float, float]:
         """Viewpoint (x, y) [m] for a second view of an object at `p_map` (3,) [m].
 
-        It lies nearer to the object than `pose`, unless that is too near to see, and `aside` [rad]
-        around the object, to the side where there is floor.
+        The viewpoint is nearer to the object than `pose`, as far as the sensor's range allows, and
+        `aside` [rad] around the object, on the side with floor.
         """
         near, far = self._sensor.near, self._sensor.far
         dx, dy = pose.x - p_map[0], pose.y - p_map[1]
@@ -160,10 +162,7 @@ class ViewpointAdapter:
         self._state.found(target, p_map)
 
     def blocked(self, x: float, y: float, pose: RobotPose | None) -> bool:
-        """Block the floor around (x, y); returns whether that changes anything.
-
-        The cell of the robot stays free.
-        """
+        """Block the floor around (x, y) without the robot's cell; returns whether it changed."""
         space = self._state.space
         cells = set(space.within((x, y), BLOCKS).tolist())
         if pose is not None:
@@ -235,7 +234,7 @@ class ViewpointAdapter:
         return math.remainder(first, 2 * math.pi), last - first
 
     def _view_like(self, pose: RobotPose, heading: float, extent: float) -> int | None:
-        """The planned look that a look from `pose` amounts to, if there is one."""
+        """Number of the planned view that a view from `pose` counts as, if there is one."""
         views = self._state.views
         off = np.linalg.norm(views.space.centres(views.viewpoints) - (pose.x, pose.y), axis=1)
         viewpoint = int(np.argmin(off))
@@ -249,7 +248,7 @@ class ViewpointAdapter:
         return int(among[np.argmin(turned[among])])
 
     def _pictures(self, heading: float, extent: float) -> list[float]:
-        """Headings of pictures that together show `extent` [rad] about `heading`."""
+        """Headings of pictures that together cover `extent` [rad] about `heading`."""
         angle = self._state.views.sensor.field_of_view
         count = max(1, math.ceil(extent / angle - 1e-6))
         return [heading + (k - (count - 1) / 2) * extent / count for k in range(count)]
@@ -275,23 +274,22 @@ def motion_of(robot: Hello) -> Motion:
     return Motion(robot.speed or plain.speed, robot.turn_rate or plain.turn_rate)
 
 
-def _sentence(candidate: Candidate) -> str:
-    return f"{candidate.label}: {'; '.join(candidate.facts)}"
-
-
-MAX_FAILURES: Final = 25  # commands that fail with no look between them
+MAX_FAILURES: Final = 25  # failed commands without a view between them
 MAX_TRIES: Final = 2  # of one goal
 
 
 class FailedGoals:
-    """Failures since the last look, and of each goal (to 0.1 m)."""
+    """Failures since the last view, and of each goal (to 0.1 m)."""
 
     def __init__(self) -> None:
         self._of_goal: Counter[tuple[float, float]] = Counter()
         self._in_a_row = 0
 
     def add(self, goal: NextView, reason: str) -> bool:
-        """Whether `goal` counts as unreachable now; RobotError where nothing works any more."""
+        """Count a failure; returns whether `goal` is unreachable.
+
+        Raises RobotError after MAX_FAILURES failures in a row.
+        """
         self._in_a_row += 1
         if self._in_a_row >= MAX_FAILURES:
             raise RobotError(f"{MAX_FAILURES} commands in a row failed, the last one: {reason}")
@@ -299,13 +297,13 @@ class FailedGoals:
         self._of_goal[key] += 1
         return self._of_goal[key] >= MAX_TRIES
 
-    def looked(self) -> None:
-        """Reset the count of failures: a view succeeded."""
+    def reset(self) -> None:
+        """Reset the count of failures after a view."""
         self._in_a_row = 0
 
 
-_APART: Final = 1.0  # [m] pictures that are nearer to each other show the same
-_TURNED: Final = 0.8  # [rad] unless the camera turned by more
+_APART: Final = 1.0  # [m] between pictures; nearer ones show the same floor ...
+_TURNED: Final = 0.8  # [rad] ... unless the camera has turned by more
 
 
 class PassingViews:

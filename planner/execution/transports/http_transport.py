@@ -1,4 +1,4 @@
-"""A robot behind an address: commands are posted, messages are polled."""
+"""HTTP transport: commands are posted to the robot's address, messages are polled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from kg.model.errors import RobotError
 from planner.execution.protocol import Command, Message, StopCommand, encoded
 from planner.execution.robot import MessageQueue
 
-ANSWER_WITHIN: Final = 10.0  # [s] beyond what a request asks the robot to wait
+ANSWER_WITHIN: Final = 10.0  # [s] for an answer, beyond the wait that a request asks for
 MAX_ANSWER: Final = 4 << 20  # [bytes]
 _POLL: Final = 5.0  # [s] longest poll for a message
 _TRIES: Final = 3
@@ -24,9 +24,9 @@ _PAUSE: Final = 0.2  # [s] before an answer without messages is polled again
 class HttpRobot:
     """``POST URL/command`` with a command; ``GET URL/messages?after=N&wait=S`` for its messages.
 
-    The answer to the second is ``{"next": M, "messages": [...]}``: all messages numbered N and
-    above, M the number to ask with next; an answer that was lost is requested again. Redirects are
-    refused, proxies not used. Raises RobotError for an address that is none.
+    The answer to the second is ``{"next": M, "messages": [...]}``: all messages from number N on,
+    and M for the next request. A lost answer is requested again. Redirects are errors, and proxies
+    are not used. Raises RobotError for a malformed address.
     """
 
     def __init__(self, url: str) -> None:
@@ -48,7 +48,7 @@ class HttpRobot:
         self._inbox = MessageQueue(self.name)
 
     def send(self, command: Command) -> None:
-        """Post the command; raises RobotError where it is not taken."""
+        """Post the command; raises RobotError where the robot does not accept it."""
         self._ask("POST", "/command", json.dumps(encoded(command)).encode(), ANSWER_WITHIN)
 
     def receive(self, seconds: float) -> Message | None:
@@ -63,7 +63,7 @@ class HttpRobot:
             left = deadline - time.monotonic()
             if left <= 0:
                 return None
-            if time.monotonic() - before < min(_PAUSE, wait):  # it does not wait: do not flood it
+            if time.monotonic() - before < min(_PAUSE, wait):  # a robot that answers at once
                 time.sleep(min(_PAUSE, left))
         return self._waiting.popleft()
 
@@ -80,8 +80,11 @@ class HttpRobot:
         except (ValueError, RecursionError):
             self._waiting.append(self._inbox.malformed("not JSON"))
             return
-        messages, number = _content(answer)
-        if messages is None or number is None or number < self._next:
+        fields: dict[str, Any] = answer if isinstance(answer, dict) else {}
+        messages: Any = fields.get("messages")
+        number: Any = fields.get("next")
+        is_number = isinstance(number, int) and not isinstance(number, bool)
+        if not is_number or number < self._next or not isinstance(messages, list):
             malformed = self._inbox.malformed('needs {"next": NUMBER, "messages": [...]}')
             self._waiting.append(malformed)
             return
@@ -120,18 +123,10 @@ class HttpRobot:
 
 
 def _whole(response: http.client.HTTPResponse, deadline: float) -> bytes:
-    """The body up to one byte more than is allowed; TimeoutError where it only drips in."""
+    """The body, up to a chunk beyond MAX_ANSWER; raises TimeoutError at the deadline."""
     body = bytearray()
     while len(body) <= MAX_ANSWER and (piece := response.read1(1 << 16)):
         body += piece
         if time.monotonic() > deadline:
             raise TimeoutError("its answer took too long")
     return bytes(body)
-
-
-def _content(answer: Any) -> tuple[list[Any] | None, int | None]:
-    if not isinstance(answer, dict):
-        return None, None
-    messages, number = answer.get("messages"), answer.get("next")
-    whole = isinstance(number, int) and not isinstance(number, bool)
-    return (messages if isinstance(messages, list) else None), (number if whole else None)

@@ -1,4 +1,4 @@
-"""Robots that speak the line protocol: a program that we start, or whoever started us."""
+"""Line transport: a robot program that we start, or the program that started us."""
 
 from __future__ import annotations
 
@@ -22,10 +22,7 @@ _LEAVE_WITHIN: Final = 3.0  # [s] a program has to end after its stdin was close
 
 
 class Lines:
-    """Lines from a file descriptor, with a time limit; a line of a megabyte is malformed.
-
-    `None` in a line's place marks one that was too long.
-    """
+    """Lines from a file descriptor, with a time limit. None stands for a line over MAX_LINE."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -35,7 +32,7 @@ class Lines:
         self.ended = False
 
     def next(self, seconds: float) -> bytes | EOFError | None:
-        """The next line; None where it was too long; EOFError (not raised) after the last.
+        """The next line; None for a line that is too long; EOFError (not raised) after the last.
 
         Raises TimeoutError where no whole line came within `seconds`.
         """
@@ -47,7 +44,7 @@ class Lines:
                 raise TimeoutError
             self._take(os.read(self._descriptor, _CHUNK))
             if not self._lines and not self.ended and time.monotonic() > deadline:
-                raise TimeoutError  # it keeps talking, and no line ever ends
+                raise TimeoutError  # data without an end of line
         return self._lines.popleft()
 
     def _take(self, data: bytes) -> None:
@@ -75,7 +72,7 @@ class LineRobot:
         self._inbox = MessageQueue(name)
 
     def send(self, command: Command) -> None:
-        """Write the command as a line; raises RobotError where nobody reads it."""
+        """Write the command as a line; raises RobotError where the robot does not read it."""
         left = line_of(command)
         deadline = time.monotonic() + _WRITE_WITHIN
         while left:
@@ -113,18 +110,18 @@ class LineRobot:
 
 
 class ChildRobot(LineRobot):
-    """A program started by us; what it writes to stderr goes to ours."""
+    """A program started by us; its stderr is ours."""
 
     def __init__(self, command: str) -> None:
-        """Start `command`, words split as a shell does; no shell is involved.
+        """Start `command`, with words split as by a shell, but without a shell.
 
-        Raises RobotError where there is no such program.
+        Raises RobotError where the program cannot be started.
         """
         if not command.strip():
             raise RobotError("stdio: needs a command to start, e.g. 'stdio:python3 bridge.py'")
         try:
             words = shlex.split(command)
-            # a session of its own: Ctrl+C reaches us alone, and the robot is then stopped
+            # a separate session: Ctrl+C reaches us alone, and we stop the robot
             self._process = subprocess.Popen(
                 words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
             )
@@ -139,7 +136,7 @@ class ChildRobot(LineRobot):
         self._open = True
 
     def close(self) -> None:
-        """Send a stop command, close stdin, and end the process where it does not end by itself."""
+        """Send a stop command, close stdin, and kill the process if it does not end."""
         if not self._open:
             return
         self._open = False

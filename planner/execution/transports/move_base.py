@@ -1,7 +1,7 @@
-"""Goals of move_base: actionlib's topics goal, cancel, status and result (wiki.ros.org: actionlib).
+"""Client of move_base by actionlib's topics: goal, cancel, status, result (wiki.ros.org/actionlib).
 
-One goal at a time. A goal is over when a status or result says so, or when move_base has not named
-it for ANSWER, as where it was restarted.
+There is one goal at a time. It ends by a status or result, or once no status has named it for
+ANSWER seconds, after a restart of move_base for example.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.ros.message_maker import MessageMaker
 from planner.execution.protocol import cleaned
 
-ANSWER: Final = 5.0  # [s] within which move_base names a goal that it has
+ANSWER: Final = 5.0  # [s] without a status of the goal after which it has failed
 MAX_SIZE: Final = 1 << 20  # [bytes]
 _STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
 _RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
 _GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
 _CANCEL: Final = "actionlib_msgs/msg/GoalID"
 SUCCEEDED: Final = 3
-#: of actionlib_msgs/GoalStatus, those after which nothing more is done for a goal
+#: final states of actionlib_msgs/GoalStatus, and the reason of the failure
 _OVER: Final = {
     2: "navigation was preempted: somebody gave another goal or cancelled this one",
     SUCCEEDED: "",
@@ -45,12 +45,12 @@ _log = logging.getLogger(__name__)
 @dataclass(slots=True)
 class _Goal:
     id: str
-    heard: float  # [s] of time.monotonic(), when it was sent or named last
-    outcome: str | None = None  # why it failed, "" where it succeeded; None: under way
+    heard: float  # [s] of time.monotonic(), when it was sent or last named
+    outcome: str | None = None  # reason of its failure, "" after success; None: under way
 
 
 class MoveBase:
-    """Client of move_base's action server; an `Inbox` of what comes from the master."""
+    """Client of move_base's action server; an `Inbox` of its messages."""
 
     def __init__(self, master: Ros1Master, name: str = "/move_base") -> None:
         self.name = name.rstrip("/") or "/"
@@ -62,7 +62,7 @@ class MoveBase:
         self._maker = MessageMaker(message_types(True), is_ros1=True)
         self._goal: _Goal | None = None
         self._lock = threading.Lock()
-        self._said = set[str]()
+        self._warned = set[str]()  # topics
 
     @property
     def ready(self) -> bool:
@@ -75,7 +75,7 @@ class MoveBase:
         return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a status or result; what cannot be read is said once."""
+        """Take a status or result; warns once for each topic with unreadable messages."""
         if raw.type not in (_STATUS, _RESULT) or len(raw.data) > MAX_SIZE:
             return
         try:
@@ -84,8 +84,8 @@ class MoveBase:
             for state in states:
                 self._update(str(state.goal_id.id), int(state.status), str(state.text))
         except (RecordingError, AttributeError, TypeError, ValueError) as error:
-            if raw.topic not in self._said:
-                self._said.add(raw.topic)
+            if raw.topic not in self._warned:
+                self._warned.add(raw.topic)
                 _log.warning("%s: messages of %s are skipped: %s", self.name, raw.topic, error)
 
     def send(self, x: float, y: float, heading: float, frame: str, stamp: int) -> None:
@@ -111,7 +111,7 @@ class MoveBase:
         self._publisher.publish(self._goal_topic, message)
 
     def outcome(self) -> str | None:
-        """Why the goal failed, "" once it succeeded; None while it is under way, or without one."""
+        """Reason why the goal failed, "" after success; None without a goal or under way."""
         with self._lock:
             goal = self._goal
             if goal is None or goal.outcome is not None:
@@ -121,7 +121,7 @@ class MoveBase:
             return goal.outcome
 
     def cancel(self) -> None:
-        """Cancel the goal under way, if any; those of others go on."""
+        """Cancel our goal under way, if any; goals of other clients go on."""
         with self._lock:
             goal, self._goal = self._goal, None
         if goal is not None and goal.outcome is None:
@@ -142,5 +142,5 @@ class MoveBase:
                 return
             goal.heard = time.monotonic()
             if status in _OVER:
-                why, said = _OVER[status], cleaned(text)
-                goal.outcome = f"{why}: {said}" if why and said else why
+                why, details = _OVER[status], cleaned(text)
+                goal.outcome = f"{why}: {details}" if why and details else why

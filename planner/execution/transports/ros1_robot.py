@@ -1,7 +1,7 @@
-"""A robot behind a ROS 1 master: move_base drives it, its camera is read from topics and tf.
+"""ROS 1 robot: move_base drives it; its camera is read from topics, its pose from tf.
 
-It turns for a look by goals on the spot, a picture at each, overlapping. Pictures on the way are
-looked at as they come.
+For a view, it turns by goals on the spot, with an overlapping picture at each. Detections in
+pictures on the way are reported as they come.
 """
 
 from __future__ import annotations
@@ -37,23 +37,23 @@ from planner.execution.protocol import (
 from planner.execution.transports.move_base import MoveBase
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
-OVERLAP: Final = 0.7  # of the field of view that a look turns between two pictures
+OVERLAP: Final = 0.7  # turn between two pictures, as a share of the field of view
 PICTURE_WITHIN: Final = 10.0  # [s] after the robot stands still
 LEAVE_WITHIN: Final = 5.0  # [s] for the threads of the connection
 _TICK: Final = 0.1  # [s]
 
-_FORWARD, _OPTICAL = 0, 2  # axes that robots and cameras look along
+_FORWARD, _OPTICAL = 0, 2  # axes along the view of robots and of cameras
 _Step = Message | None  # None: nothing yet
 
 
 @dataclass(frozen=True, slots=True)
-class _Where:
+class _Location:
     """Pose of the robot in the map frame."""
 
     x: float  # [m] of its base
     y: float
-    heading: float  # [rad] of its camera, ...
-    turned: float  # [rad] ... which is so much to the left of its base's
+    heading: float  # [rad] of its camera
+    offset: float  # [rad] from the heading of its base to the left to that of its camera
     stamp: float  # [s] by the robot's clock
 
 
@@ -69,7 +69,7 @@ class _Inboxes:
         return self.stream.wanted(topics) | self.navigation.wanted(topics)
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Give a message to both; each takes what is its own."""
+        """Give a message to both; each ignores the messages of the other."""
         self.stream.offer(raw, is_ros1=is_ros1)
         self.navigation.offer(raw, is_ros1=is_ros1)
 
@@ -77,8 +77,8 @@ class _Inboxes:
 class Ros1Robot:
     """A `Robot` that move_base drives.
 
-    `base` is its frame in tf (default: one of BASES, else the colour camera's). `patience` [s]
-    bounds how long navigation, images and poses are waited for; RobotError says which is missing.
+    `base` is its frame in tf; by default one of BASES, else the colour camera's. `patience` [s]
+    bounds the wait for navigation, images and poses; RobotError then names the missing one.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class Ros1Robot:
         self._latest = math.nan, time.monotonic()  # stamp of the latest pose, and when it came
 
     def send(self, command: Command) -> None:
-        """Begin with `command`; what was under way is dropped."""
+        """Begin with `command`; the command under way is dropped."""
         if isinstance(command, Hello):
             self._under_way = self._greet()
         elif isinstance(command, GoTo):
@@ -153,16 +153,16 @@ class Ros1Robot:
             raise RobotError(f"{self.name}: {missing}, for {self._patience:.0f} s (--patience)")
 
     def _drive(self, goal: GoTo) -> Iterator[_Step]:
-        """Drive to a goal; pictures on the way are looked at."""
+        """Drive to a goal; detections in pictures on the way are reported."""
         self._go(goal.x, goal.y, goal.heading)
         outcome = yield from self._until_over(pictures=True)
         yield Failed(goal.id, outcome) if outcome else Arrived(goal.id)
 
     def _look(self, look: LookAround) -> Iterator[_Step]:
-        """Turn on the spot by goals, and look at a picture taken after each."""
+        """Turn on the spot by goals, and take a picture after each."""
         start = self._pose()
         turns = math.ceil(abs(look.turn) / (OVERLAP * self._field_of_view) - 1e-6)
-        seen = list[View]()
+        views = list[View]()
         for number in range(turns + 1):
             if number:
                 self._go(start.x, start.y, start.heading + look.turn * number / turns)
@@ -174,11 +174,11 @@ class Ros1Robot:
             if frame is None:
                 yield Failed(look.id, f"no picture for {PICTURE_WITHIN:g} s")
                 return
-            seen.append(self._view(frame))
-        yield DetectionsMessage(look.id, views=tuple(seen))
+            views.append(self._view(frame))
+        yield DetectionsMessage(look.id, views=tuple(views))
 
     def _until_over(self, *, pictures: bool) -> Generator[_Step, None, str]:
-        """Poses until the goal is over, and pictures if asked for; returns why it failed, or ""."""
+        """Poses until the goal is over, with `pictures` too; returns its `MoveBase.outcome`."""
         while (outcome := self._navigation.outcome()) is None:
             yield self._pose()
             frame = self._stream.next_frame(_TICK) if pictures else None
@@ -194,7 +194,7 @@ class Ros1Robot:
         return View(frame, self._detector.detect(frame))
 
     def _picture_after(self, since: float) -> Generator[_Step, None, Frame | None]:
-        """A frame taken at `since` [s by the robot's clock] or later; None where none comes."""
+        """A frame taken at `since` [s by the robot's clock] or later; None if none comes."""
         until = time.monotonic() + PICTURE_WITHIN
         while time.monotonic() < until:
             frame = self._stream.next_frame(_TICK)
@@ -204,28 +204,28 @@ class Ros1Robot:
         return None
 
     def _go(self, x: float, y: float, heading: float) -> None:
-        """Send a goal at (x, y) [m] that has the camera look to `heading` [rad]."""
-        choice, where = self._stream.choice, self._where()
+        """Send a goal at (x, y) [m] at which the camera has the heading `heading` [rad]."""
+        choice, here = self._stream.choice, self._location()
         assert choice is not None  # there were frames
-        stamp = round(max(where.stamp, 0.0) * NANOSECONDS)
-        self._navigation.send(x, y, heading - where.turned, choice.map_frame, stamp)
+        stamp = round(max(here.stamp, 0.0) * NANOSECONDS)
+        self._navigation.send(x, y, heading - here.offset, choice.map_frame, stamp)
 
     def _pose(self) -> RobotPose:
-        where = self._where()
-        return RobotPose(where.x, where.y, where.heading, where.stamp)
+        here = self._location()
+        return RobotPose(here.x, here.y, here.heading, here.stamp)
 
     def _pose_of(self, frame: Frame) -> RobotPose:
         """Position and heading of the camera of a picture."""
         x, y, _ = (float(c) for c in frame.T_map_cam[:3, 3])
         return RobotPose(x, y, _heading(frame.T_map_cam, _OPTICAL))
 
-    def _where(self) -> _Where:
-        """Latest pose of the robot; raises RobotError where none came for `patience`."""
+    def _location(self) -> _Location:
+        """Latest pose of the robot; raises RobotError where there was none for `patience`."""
         choice, now = self._stream.choice, time.monotonic()
         assert choice is not None  # there were frames
         camera = self._stream.latest_pose(choice.colour.frame)
-        known = (self._stream.latest_pose(name) for name in ([self._base] if self._base else BASES))
-        base = next((pose for pose in known if pose is not None), None)
+        names = [self._base] if self._base else BASES
+        base = next(filter(None, map(self._stream.latest_pose, names)), None)
         if self._base and base is None:
             raise RobotError(f"{self.name}: tf has no frame {self._base} (--base-frame)")
         if camera is None:
@@ -239,8 +239,8 @@ class Ros1Robot:
         x, y, heading = float(T[0, 3]), float(T[1, 3]), _heading(camera[0], _OPTICAL)
         if not max(abs(x), abs(y)) <= MAX_COORDINATE:
             raise RobotError(f"{self.name}: tf has it at ({x:g}, {y:g}) m, which is nowhere")
-        turned = 0.0 if base is None else heading - _heading(T, _FORWARD)
-        return _Where(x, y, heading, turned, stamp)
+        offset = 0.0 if base is None else heading - _heading(T, _FORWARD)
+        return _Location(x, y, heading, offset, stamp)
 
 
 def _heading(T: Pose, axis: int) -> float:

@@ -1,4 +1,4 @@
-"""The demo's search: planned for the simulated robot, carried out by it; its events in short."""
+"""The demo's search: planned for the simulated robot and carried out by it; its events in short."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedSearch:
-    """The plan before the robot leaves."""
+    """The plan before the robot drives."""
 
     plan: ViewPlan
     thesis: Baseline  # the thesis' rule, rated on the same belief
-    options: str  # of `hereabouts find` that make it plan for this robot
+    options: str  # of `hereabouts find` for this robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,12 +39,12 @@ class DrivenSearch:
 
     outcome: SearchOutcome
     events: tuple[Event, ...]
-    driven: NDArray[np.float64]  # (n, 2) [m] where the robot was
-    p_found: NDArray[np.float64] | None  # (3,) [m] where the map has the target, if it was found
+    driven: NDArray[np.float64]  # (n, 2) [m] positions of the robot
+    p_found: NDArray[np.float64] | None  # (3,) [m] position of the found target in the map
 
     @property
     def found(self) -> bool:
-        """Whether it was found."""
+        """Whether the target was found."""
         return self.outcome.state == "found"
 
     @property
@@ -54,7 +54,7 @@ class DrivenSearch:
 
     @property
     def in_vain(self) -> int:
-        """Looks that did not show the target."""
+        """Number of views that did not show the target."""
         return sum(event.kind == "look" and not event.data["found"] for event in self.events)
 
     def to_json(self) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def carry_out(
     robot: SimulatedHouseRobot,
     on_event: Callable[[Event], None],
 ) -> DrivenSearch:
-    """Search for `target` with `robot`; looks and findings go into the map, at the house's time."""
+    """Search for `target` with `robot`; views and finds are written with the house's time."""
     events = list[Event]()
     here = semantic_map.robot()
     began = 0.0 if here is None else here.stamp
@@ -117,13 +117,13 @@ def carry_out(
 
     options = SearchOptions(on_event=receive, clock=lambda: began + robot.seconds)
     outcome = search(semantic_map, [target], robot, options)
-    spots = {o.iri: o.p_map for o in semantic_map.objects()}
-    p_found = next((spots[iri] for iri in outcome.found if iri in spots), None)
+    positions = {o.iri: o.p_map for o in semantic_map.objects()}
+    p_found = next((positions[iri] for iri in outcome.found if iri in positions), None)
     return DrivenSearch(outcome, tuple(events), robot.driven, p_found)
 
 
 def in_short(events: Iterable[Event]) -> Iterator[str]:
-    """Lines of events; of a plan the weightiest reason, once and without its sources."""
+    """Lines of events; a plan has its weightiest reason, without sources and not repeated."""
     before = ""
     for event in events:
         if event.kind != "plan" or not event.data["why"]:

@@ -1,7 +1,7 @@
 """The demo: a simulated robot maps a house it has never seen, answers questions, finds an apple.
 
 Only the robot's body and senses are simulated (`planner.simulation`). The mapper, the graph on
-disk, the questions, the search goals, the plan, the export and the picture are the real ones.
+disk, the queries, the search goals, the plan, the export and the picture are the real ones.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedScene
 
 TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"
-#: A thing that somebody brings home after the tour, unseen by the robot.
+#: An object that is brought into the house after the tour.
 HIDDEN: Final = Item(TARGET, 7.05, 8.30, 0.85)
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
@@ -54,12 +54,12 @@ class DemoProgress:
     stage: str  # one of STAGES
     done: int  # steps of this stage
     total: int
-    note: str = ""  # what the step was about
+    note: str = ""  # detail of the step
 
 
 @dataclass(frozen=True, slots=True)
 class DemoAnswer:
-    """One question of the demo, as `hereabouts ask` would put it, and what came back."""
+    """One question of the demo, its query as for `hereabouts ask`, and the answer."""
 
     question: str
     query: str  # name of the shipped query
@@ -69,15 +69,15 @@ class DemoAnswer:
 
 @dataclass(frozen=True, slots=True)
 class DemoReport:
-    """Everything the demo did."""
+    """Report of the demo."""
 
     map_path: Path
     export_path: Path
     picture_path: Path
     mapping: MappingReport
     score: MapScore  # of the map against the house
-    searched: MapScore  # the same after the search, when what was hidden is there, too
-    rooms_right: int  # places whose likeliest category is their room's
+    searched: MapScore  # the same after the search, against the house with the hidden object
+    rooms_right: int  # places whose most probable category is that of their room
     rooms: int
     answers: tuple[DemoAnswer, ...]
     planned: PlannedSearch
@@ -130,11 +130,11 @@ def run_demo(
     *,
     seed: int = 0,
 ) -> DemoReport:
-    """Map the house into `folder`/demo.map, question it, search it, write map.ttl and map.png.
+    """Map the house into `folder`/demo.map, query the map, search the house, and write the results.
 
-    What an earlier demo left is replaced, other people's files are not (`make_room`). `seed`
-    decides what the senses get wrong. Raises GraphError or PictureError where `folder` cannot be
-    written.
+    The results are map.ttl and map.png. Files of an earlier demo are replaced, other files are not
+    (`make_room`). `seed` is that of the errors of the senses. Raises GraphError or PictureError
+    where `folder` cannot be written.
     """
     began = time.perf_counter()
     report = on_progress or (lambda progress: None)
@@ -166,6 +166,8 @@ def run_demo(
             truth=ground_truth(house),
         )
     report(DemoProgress("picture", 1, 1, str(picture)))
+    room, p_found = house.room_at(HIDDEN.x, HIDDEN.y), run.p_found
+    error = None if p_found is None else float(np.linalg.norm(p_found - HIDDEN.centre()))
     return DemoReport(
         map_path=map_path,
         export_path=folder / "map.ttl",
@@ -178,8 +180,8 @@ def run_demo(
         answers=answers,
         planned=planned,
         search=run,
-        hidden_in=_room_of(house, HIDDEN),
-        position_error=_error(run),
+        hidden_in=room.category if room else "outside",
+        position_error=error,
         triples=triples,
         seconds=time.perf_counter() - began,
         peak_memory=_peak_memory(),
@@ -187,26 +189,22 @@ def run_demo(
 
 
 def make_room(folder: Path) -> None:
-    """Remove the map that an earlier demo left in `folder`.
+    """Remove the map of an earlier demo from `folder`.
 
-    Raises GraphError, and removes nothing, where demo.map is not the demo's own, or where map.ttl
-    or map.png lie there without one; MapBusyError where another process has the map open.
+    Raises GraphError, and removes nothing, where demo.map was not made by the demo, or where
+    map.ttl or map.png exist without it. Raises MapBusyError where another process has the map open.
     """
-    map_path = folder / "demo.map"
-    if not (map_path.exists() or map_path.is_symlink()):
-        for output in (folder / "map.ttl", folder / "map.png"):
-            if output.exists():
-                raise GraphError(
-                    f"{output} lies there without the demo's demo.map, so it stays; "
-                    "another folder, or moving it away, would work"
-                )
+    map_path, remedy = folder / "demo.map", "another folder, or moving it away, would work"
+    if map_path.exists() or map_path.is_symlink():
+        if not _made_by_demo(map_path):
+            raise GraphError(f"{map_path} was not made by the demo, so it stays; {remedy}")
+        shutil.rmtree(map_path)
         return
-    if not _made_by_demo(map_path):
-        raise GraphError(
-            f"{map_path} was not made by the demo, so it stays; "
-            "another folder, or moving it away, would work"
-        )
-    shutil.rmtree(map_path)
+    for output in (folder / "map.ttl", folder / "map.png"):
+        if output.exists():
+            raise GraphError(
+                f"{output} lies there without the demo's demo.map, so it stays; {remedy}"
+            )
 
 
 def _made_by_demo(map_path: Path) -> bool:
@@ -224,7 +222,7 @@ def _made_by_demo(map_path: Path) -> bool:
 
 
 def layout_of(house: House) -> Layout:
-    """The rooms as places without categories, which the demo has to recognise."""
+    """The rooms as places without categories; the demo has to recognise these."""
     return Layout(
         tuple(
             LayoutPlace(
@@ -313,17 +311,6 @@ def _rooms_right(semantic_map: SemanticMap, house: House) -> int:
         top.get(f"place {number}") == room.category
         for number, room in enumerate(house.rooms, start=1)
     )
-
-
-def _room_of(house: House, item: Item) -> str:
-    room = house.room_at(item.x, item.y)
-    return room.category if room else "outside"
-
-
-def _error(run: DrivenSearch) -> float | None:
-    if run.p_found is None:
-        return None
-    return float(np.linalg.norm(run.p_found - HIDDEN.centre()))
 
 
 def _plain(value: object) -> object:

@@ -1,4 +1,4 @@
-"""Floor grid of the simulated house: where the robot can stand, and shortest paths over it.
+"""Floor grid of a simulated house: free floor for the robot, and shortest paths over it.
 
 Paths are those of `planner.freespace.geodesic`, straightened where the line is free.
 """
@@ -14,8 +14,8 @@ from planner.simulation.houses.house import House
 
 CELL = 0.10  # [m]
 ROBOT_RADIUS = 0.24  # [m]
-ROBOT_HEIGHT = 1.30  # [m] what lies above does not stop it
-STEP_HEIGHT = 0.02  # [m] what is lower it drives over
+ROBOT_HEIGHT = 1.30  # [m] solids above do not stop the robot
+STEP_HEIGHT = 0.02  # [m] the robot drives over lower solids
 
 
 class FloorGrid:
@@ -51,7 +51,7 @@ class FloorGrid:
         return np.array([np.asarray(start, np.float64), *corners[1:]])
 
     def reachable(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(x, y) which cells the robot can drive to from the free floor nearest to `start` [m]."""
+        """(x, y) whether the robot can drive to each cell from the floor nearest to `start` [m]."""
         space = self._space()
         return space.reachable(space.nearest(start)).reshape(self.free.shape)
 

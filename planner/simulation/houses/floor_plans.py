@@ -1,4 +1,4 @@
-"""Random floor plans: rectangular rooms that touch, what each is for, and the doorways between.
+"""Random floor plans: rectangular rooms that touch, their categories, and doorways between them.
 
 Lengths are whole decimetres while a plan is drawn, so that rooms share walls exactly. A plan is one
 of several layouts (`LAYOUTS`), turned and mirrored at random. Some rooms are L-shaped: two
@@ -17,7 +17,7 @@ import numpy as np
 DOOR: Final = 9  # [dm] width of a doorway
 JAMB: Final = 2  # [dm] wall kept beside a doorway, at least
 MIN_SIDE: Final = 24  # [dm] of a room
-MAX_ROOM: Final = 2400  # [dm^2] what is larger is split
+MAX_ROOM: Final = 2400  # [dm^2] larger rectangles are split
 MIN_CATEGORIES: Final = 4  # of rooms in a house
 OPEN_PLAN: Final = frozenset({"living room", "dining room", "kitchen"})
 #: Categories of the rooms of a house, the most needed first.
@@ -35,8 +35,8 @@ class PlanRectangle:
     xmax: int
     ymin: int
     ymax: int
-    category: str = ""  # "" until it has a purpose
-    part_of: int | None = None  # number of the rectangle that it forms one room with
+    category: str = ""  # "" until one is chosen
+    part_of: int | None = None  # number of the rectangle with which it forms one room
 
     @property
     def area(self) -> int:
@@ -49,7 +49,7 @@ class Doorway:
     """An opening between two rectangles, in the wall at `at` across x or y [dm]."""
 
     rooms: tuple[int, int]
-    across_x: bool  # whether one walks through it along x
+    across_x: bool  # whether the way through it is along x
     at: int
     low: int  # along the wall
     high: int
@@ -80,7 +80,7 @@ def draw_floor_plan(rng: np.random.Generator) -> FloorPlan:
 
 
 def _central_corridor(rng: np.random.Generator) -> list[PlanRectangle]:
-    """Rooms on both sides of a corridor; at its end there may be a room across."""
+    """Rooms on both sides of a corridor; one more may lie across its end."""
     length, width = _between(rng, 80, 125), _between(rng, 13, 17)
     lower, upper = _between(rng, 31, 43), _between(rng, 31, 43)
     height = lower + width + upper
@@ -215,7 +215,7 @@ def _turned(rooms: Sequence[PlanRectangle], rng: np.random.Generator) -> list[Pl
 
 
 def _with_l_shape(rooms: list[PlanRectangle], rng: np.random.Generator) -> list[PlanRectangle]:
-    """Half of the houses have two rooms joined to one of L shape."""
+    """`rooms` with two of them joined to an L-shaped room, in half of the houses."""
     if rng.random() < 0.5 or len(rooms) < 6:
         return rooms
     pairs = [

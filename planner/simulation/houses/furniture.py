@@ -1,7 +1,7 @@
 """Shapes of things: each class as a few boxes, cylinders and ellipsoids.
 
-Local coordinates in metres: x to the right, y to the front, z up, origin in the middle of the
-footprint on whatever the thing stands on. Sizes are those of ordinary household things.
+Local coordinates are in metres: x to the right, y to the front, z up; the origin is in the middle
+of the underside. Sizes are those of ordinary household things.
 """
 
 from __future__ import annotations
@@ -18,7 +18,13 @@ Surface = Literal["opaque", "screen", "glass"]
 Facing = Literal["north", "west", "south", "east"]
 RGB = tuple[float, float, float]
 
-QUARTER_TURNS: Final[Mapping[Facing, int]] = {"north": 0, "west": 1, "south": 2, "east": 3}
+FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
+QUARTER_TURNS: Final[Mapping[Facing, int]] = {facing: k for k, facing in enumerate(FACINGS)}
+
+
+def turned(x: float, y: float, facing: Facing) -> tuple[float, float]:
+    """(x, y) of a thing that faces north, turned with it to `facing`."""
+    return ((x, y), (-y, x), (-x, -y), (y, -x))[QUARTER_TURNS[facing]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,16 +71,9 @@ class SolidPart:
 
     def placed(self, at: tuple[float, float, float], facing: Facing) -> Solid:
         """The part as a solid of the house, its front turned to `facing`."""
-        turns = QUARTER_TURNS[facing]
-        x, y = (
-            (self.x, self.y),
-            (-self.y, self.x),
-            (-self.x, -self.y),
-            (self.y, -self.x),
-        )[turns]
         half = np.array([self.width, self.depth]) / 2
-        half = half[::-1] if turns % 2 else half
-        centre = np.array([at[0] + x, at[1] + y])
+        half = half[::-1] if QUARTER_TURNS[facing] % 2 else half
+        centre = np.array(at[:2]) + turned(self.x, self.y, facing)
         lo = np.append(centre - half, at[2] + self.z)
         hi = np.append(centre + half, at[2] + self.z + self.height)
         return Solid(self.shape, lo, hi, self.colour)

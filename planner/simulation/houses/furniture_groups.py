@@ -11,10 +11,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from planner.simulation.houses.furniture import QUARTER_TURNS, Facing
+from planner.simulation.houses.furniture import FACINGS, QUARTER_TURNS, Facing, turned
 from planner.simulation.houses.house import Item
-
-_FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +28,9 @@ class GroupItem:
 
     def placed(self, at: tuple[float, float], facing: Facing) -> Item:
         """The item where the group's origin is `at` [m] and its front looks to `facing`."""
-        quarter = QUARTER_TURNS[facing]
-        x, y = ((self.x, self.y), (-self.y, self.x), (-self.x, -self.y), (self.y, -self.x))[quarter]
-        turned = _FACINGS[(quarter + self.turns) % 4]
-        return Item(self.label, at[0] + x, at[1] + y, self.z, turned, scale=self.scale)
+        x, y = turned(self.x, self.y, facing)
+        item_facing = FACINGS[(QUARTER_TURNS[facing] + self.turns) % 4]
+        return Item(self.label, at[0] + x, at[1] + y, self.z, item_facing, scale=self.scale)
 
 
 Group = tuple[GroupItem, ...]
@@ -47,7 +44,7 @@ class GroupChoice:
     make: Callable[[np.random.Generator], Group]
     where: Where = "wall"
     probability: float = 1.0
-    otherwise: Callable[[np.random.Generator], Group] | None = None  # where that does not fit
+    otherwise: Callable[[np.random.Generator], Group] | None = None  # where the group does not fit
 
 
 def single(

@@ -1,4 +1,4 @@
-"""Houses as data: rooms, walls with doorways, and what stands where; and the demo's house.
+"""Houses as data: rooms, walls with doorways, and items; and the demo's house.
 
 Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
 `planner.simulation.houses.random_house` draws houses.
@@ -33,8 +33,8 @@ class HouseRoom:
     ymax: float
     floor: str  # "planks" or "tiles"
     floor_colour: RGB
-    viewpoints: tuple[tuple[float, float], ...]  # where a tour stops to look around [m]
-    part_of: str = ""  # name of the room it is a part of: an L-shaped room has two rectangles
+    viewpoints: tuple[tuple[float, float], ...]  # positions at which a tour looks around [m]
+    part_of: str = ""  # name of the other rectangle of an L-shaped room
 
     @property
     def centre(self) -> NDArray[np.float64]:
@@ -67,39 +67,33 @@ class Wall:
 
     def solids(self) -> list[Solid]:
         """The wall and the lintels over its doorways."""
-        stretches = [(a, b, 0.0) for a, b in self.pieces()]
+        half = WALL_THICKNESS / 2
+        stretches = [(a - half, b + half, 0.0) for a, b in self.pieces()]
         stretches += [(a, b, DOOR_HEIGHT) for a, b in self.doors]
-        half = WALL_THICKNESS / 2
-        out = []
+        axis = 0 if self.along_x else 1
+        solids = []
         for a, b, bottom in stretches:
-            lo, hi = np.array([a - half, self.start[1] - half]), np.array([b + half, 0.0])
-            if bottom:
-                lo[0], hi[0] = a, b
-            hi[1] = self.start[1] + half
-            if not self.along_x:
-                lo, hi = self._turned(lo[0], hi[0])
-            out.append(Solid("box", np.append(lo, bottom), np.append(hi, WALL_HEIGHT), WALL_COLOUR))
-        return out
-
-    def _turned(self, a: float, b: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        half = WALL_THICKNESS / 2
-        return np.array([self.start[0] - half, a]), np.array([self.start[0] + half, b])
+            lo = np.array([*np.subtract(self.start, half), bottom])
+            hi = np.array([*np.add(self.start, half), WALL_HEIGHT])
+            lo[axis], hi[axis] = a, b
+            solids.append(Solid("box", lo, hi, WALL_COLOUR))
+        return solids
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A thing of the house: one of the classes of `furniture`, somewhere, turned somehow."""
+    """An item of the house, of a class of `furniture`, with position and orientation."""
 
     label: str
     x: float  # middle of its footprint [m]
     y: float
-    z: float = 0.0  # what it stands on [m]
+    z: float = 0.0  # height of its underside [m]
     facing: Facing = "north"
-    name: str = ""  # identity, unique in the house; "" where nobody asks for it
+    name: str = ""  # identity, unique in the house; "" without one
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)  # of width, depth and height
     hue: float = 0.0  # turn of its colours on the colour circle, 0..1
     tone: float = 1.0  # brightness of its colours, as a share
-    lit: bool = False  # its screen is on: no depth comes back from it
+    lit: bool = False  # whether its screen is on and returns no depth
 
     @property
     def parts(self) -> tuple[SolidPart, ...]:
@@ -123,7 +117,7 @@ class Item:
         return np.asarray((lo + hi) / 2, dtype=np.float64)
 
     def _finished(self, solid: Solid, part: SolidPart) -> Solid:
-        """`solid` in the colours of this item, and without depth where its surface gives none."""
+        """`solid` in the colours of this item, with its surface's return of depth."""
         no_return = part.surface == "glass" or (part.surface == "screen" and self.lit)
         if not no_return and self.hue == 0 and self.tone == 1:
             return solid
@@ -134,7 +128,7 @@ class Item:
 
 @dataclass(frozen=True, slots=True)
 class House:
-    """Rooms, walls and things; `objects` are what a detector could name, in a fixed order."""
+    """Rooms, walls and items; a detector can name the `objects`, which are in a fixed order."""
 
     rooms: tuple[HouseRoom, ...]
     walls: tuple[Wall, ...]
@@ -160,7 +154,7 @@ class House:
         return next((room for room in self.rooms if room.contains(x, y)), None)
 
     def with_objects(self, items: Iterable[Item]) -> House:
-        """The same house after somebody brought `items`; instance numbers of the others stay."""
+        """The same house with `items` added; the numbers of the other objects stay."""
         return replace(self, objects=(*self.objects, *items))
 
 

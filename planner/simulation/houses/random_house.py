@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from planner.search.plans.orders import nearest_neighbour
 from planner.simulation.houses.floor_grid import FloorGrid, length_of
 from planner.simulation.houses.floor_plans import Doorway, FloorPlan, PlanRectangle, draw_floor_plan
 from planner.simulation.houses.furniture import OBJECTS, RGB
@@ -30,7 +31,7 @@ _FLOORS: Final[tuple[RGB, ...]] = (OAK, WALNUT, (0.82, 0.68, 0.50), (0.70, 0.56,
 
 
 def random_house(seed: int) -> House:
-    """A furnished house drawn with `seed`; every item has a name of its own."""
+    """A random furnished house by `seed`; every item has a unique name."""
     rng = np.random.default_rng([seed, 11])
     plan = draw_floor_plan(rng)
     rooms, walls = _rooms(plan, rng), walls_of(plan)
@@ -52,7 +53,7 @@ def random_house(seed: int) -> House:
 
 
 def varied(item: Item, rng: np.random.Generator) -> Item:
-    """`item` in colours of its own; its screen may be on."""
+    """`item` in random colours; its screen may be on."""
     hue, tone = float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0.75, 1.15))
     if item.label in IN_PAIRS | {"backpack", "handbag", "suitcase", "couch", "vase"}:
         spread = 0.08 if item.label in ("apple", "orange") else 1.0
@@ -71,7 +72,7 @@ def _in_matching_colours(items: Iterable[Item], rng: np.random.Generator) -> lis
 
 
 def new_thing(label: str, rng: np.random.Generator) -> Item:
-    """A small thing with a size and colours of its own, nowhere yet."""
+    """A small thing of random size and colours, without a position yet."""
     size = rng.uniform(0.85, 1.15) * rng.uniform(0.95, 1.05, 3)
     return varied(Item(label, 0, 0, scale=tuple(float(s) for s in size)), rng)  # type: ignore[arg-type]
 
@@ -101,15 +102,15 @@ def _how_many(mean: float, rng: np.random.Generator) -> int:
 
 
 def _in_tour_order(house: House) -> House:
-    """The rooms such that each is followed by the nearest one left, by way of the doors."""
+    """The rooms in nearest-neighbour order along paths, beginning at a corridor if there is one."""
     floor = FloorGrid(house)
-    left = sorted(house.rooms, key=lambda room: room.category != "corridor")
-    ordered = [left.pop(0)]
-    while left:
-        at = np.array(ordered[-1].viewpoints[-1])
-        away = [length_of(floor.path(at, np.array(room.viewpoints[0]))) for room in left]
-        ordered.append(left.pop(int(np.argmin(away))))
-    return replace(house, rooms=tuple(ordered))
+
+    def metres(here: HouseRoom | None, room: HouseRoom) -> float:
+        if here is None:
+            return float(room.category != "corridor")
+        return length_of(floor.path(np.array(here.viewpoints[-1]), np.array(room.viewpoints[0])))
+
+    return replace(house, rooms=tuple(nearest_neighbour(house.rooms, metres)))
 
 
 def _assembled(rooms: Sequence[HouseRoom], walls: Sequence[Wall], items: Iterable[Item]) -> House:

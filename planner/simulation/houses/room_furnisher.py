@@ -1,4 +1,4 @@
-"""Placement of furniture in a room such that the robot still gets from door to door."""
+"""Placement of furniture in a room that keeps the way between its doors free."""
 
 from __future__ import annotations
 
@@ -9,20 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.simulation.houses.floor_grid import CELL, ROBOT_HEIGHT, FloorGrid
-from planner.simulation.houses.furniture import OBJECTS, Facing
+from planner.simulation.houses.furniture import FACINGS, OBJECTS, Facing
 from planner.simulation.houses.furniture_groups import Group, GroupChoice, Where
 from planner.simulation.houses.house import WALL_THICKNESS, House, HouseRoom, Item, Wall
 
 TRIES: Final = 24  # random spots tried before a group stays out
 DOOR_ZONE: Final = 0.75  # [m] floor kept free before a doorway
 MARGIN: Final = 0.03  # [m] between neighbours
-ROOM_TO_LOOK: Final = 0.5  # [m] clearance of a viewpoint, where there is so much
-WELL_SEEN: Final = (0.9, 2.6)  # [m] from a viewpoint to a small thing that it is for
+CLEARANCE: Final = 0.5  # [m] around a viewpoint, if the room has as much
+WELL_SEEN: Final = (0.9, 2.6)  # [m] from a viewpoint to the small things that it is for
 FAR_APART: Final = 1.0  # [m] between viewpoints of one room, at least
-VIEWS: Final = 2  # viewpoints that a small thing is seen from, where there is room
+VIEWS: Final = 2  # viewpoints wanted for each small thing
 MAX_VIEWPOINTS: Final = 4
 
-_FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
 _Box = tuple[NDArray[np.float64], NDArray[np.float64]]  # lower and upper corner (3,) [m]
 
 
@@ -45,14 +44,14 @@ class RoomFurnisher:
         self._boxes = [item.bounds() for item in self.items if item.label != "rug"]
 
     def place_choice(self, choice: GroupChoice, rng: np.random.Generator) -> None:
-        """The group of `choice`, or where it does not fit the one it has instead, if that does."""
+        """Place the group of `choice`; if it does not fit, its alternative."""
         if not self.place(choice.make(rng), choice.where, rng) and choice.otherwise is not None:
             self.place(choice.otherwise(rng), "wall", rng)
 
     def place(self, group: Group, where: Where, rng: np.random.Generator) -> tuple[Item, ...]:
-        """`group` at a random fitting spot; nothing is placed, and () returned, without one."""
+        """Place `group` at a random free spot; returns its items, () without a free spot."""
         for _ in range(TRIES):
-            facing = _FACINGS[rng.integers(4)]
+            facing = FACINGS[rng.integers(4)]
             if where == "outer wall" and not self._is_outer(facing):
                 continue
             items = self._spot(group, facing, where, rng)
@@ -68,14 +67,14 @@ class RoomFurnisher:
         return ()
 
     def viewpoints(self, targets: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
-        """One to four places [m] to look around from, such that most `targets` (n, 2) [m] are near.
+        """One to four viewpoints [m] in the room that are near most of `targets` (n, 2) [m].
 
-        Each is the one that has most targets of the room at a distance from which a camera sees
-        them; a target seen from VIEWS places counts no more.
+        Each next viewpoint has the most targets of the room within `WELL_SEEN`. A target that has
+        VIEWS viewpoints no longer counts.
         """
         grid = self._grid()
         clearance = np.where(grid.reachable(self._door_points()[0]), grid.clearance, 0)
-        standing = grid.centres(clearance > min(ROOM_TO_LOOK, 0.8 * clearance.max()))
+        standing = grid.centres(clearance > min(CLEARANCE, 0.8 * clearance.max()))
         inside = np.array([self.room.contains(x, y) for x, y in targets], np.bool_)
         away = np.linalg.norm(standing[:, None] - targets[inside][None], axis=2)
         near = (away > WELL_SEEN[0]) & (away < WELL_SEEN[1])  # (places, targets)
@@ -127,7 +126,7 @@ class RoomFurnisher:
         return True
 
     def _is_outer(self, facing: Facing) -> bool:
-        """Whether the wall behind something that faces so is an outer wall."""
+        """Whether the wall behind an item with that facing is an outer wall."""
         r = self.room
         middle = self.room.centre
         outside = {
@@ -172,7 +171,7 @@ def _doors_of(room: HouseRoom, walls: Sequence[Wall]) -> list[_Door]:
 
 
 def _open_sides(room: HouseRoom, rooms: Sequence[HouseRoom]) -> list[_Door]:
-    """Start of the other part of an L-shaped room."""
+    """Open sides between the two parts of an L-shaped room."""
     doors = list[_Door]()
     for other in rooms:
         if other.name != room.part_of and other.part_of != room.name:

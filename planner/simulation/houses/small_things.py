@@ -1,4 +1,4 @@
-"""Small things: in which rooms they are found, what they stand on, and free spots on furniture."""
+"""Small things: their rooms, the furniture they stand on, and free spots on it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.houses.furniture import OBJECTS, Facing
+from planner.simulation.houses.furniture import FACINGS, OBJECTS, Facing
 from planner.simulation.houses.house import Item
 
 TRIES: Final = 30  # random spots tried before a thing stays out
@@ -65,7 +65,7 @@ STANDS_ON: Final[Mapping[str, tuple[str, ...]]] = {
     "vase": ("sideboard", "low board", "dining table", "cabinet", "coffee table"),
     "wine glass": ("dining table", "counter", "sideboard"),
 }
-#: Small things a detector of COCO classes can name: what people move.
+#: Small things that people move and that a detector of COCO classes can name.
 MOVABLE: Final = frozenset(STANDS_ON) & frozenset(OBJECTS)
 #: Things that often stand in pairs.
 IN_PAIRS: Final = frozenset({"apple", "book", "bottle", "bowl", "cup", "orange", "wine glass"})
@@ -172,7 +172,7 @@ class SurfaceSampler:
         return None
 
     def beside(self, thing: Item, other: Item, rng: np.random.Generator) -> Item | None:
-        """`thing` as far as a PAIR from `other` on its surface; None where no spot is free."""
+        """`thing` beside `other` on its surface, at a distance in PAIR; None without free spot."""
         around = [s for s in self.surfaces if abs(s.z - other.z) < 1e-6 and _over(s, other)]
         for _ in range(TRIES if around else 0):
             angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(*PAIR)
@@ -195,8 +195,7 @@ class SurfaceSampler:
         """As the furniture in a bookcase, else at random."""
         if surface.label in ("bookcase", "cabinet", "low board") or thing.label == "clock":
             return self.items[surface.support].facing
-        facings: tuple[Facing, ...] = ("north", "west", "south", "east")
-        return facings[rng.integers(4)]
+        return FACINGS[rng.integers(4)]
 
     def _is_free(self, placed: Item, surface: SupportSurface) -> bool:
         lo, hi = placed.bounds()
