@@ -1,4 +1,4 @@
-"""What the ConceptNet import comes to: Table 6.1 of the thesis, the fit of probability, the cost.
+"""ConceptNet import: Table 6.1 of the thesis, the fit of the probability, and the cost.
 
 python -m benchmarks.conceptnet table GRAPH        docs/research/table_6_1.md, on stdout
 python -m benchmarks.conceptnet ship GRAPH         kg/knowledge/placement/tables/conceptnet.csv, on

@@ -52,7 +52,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class TrackEvidence:
-    """What is known of one track in the end, and whether a thing of its category is there."""
+    """Final evidence for one track, and whether a thing of its category is there."""
 
     group: str  # room, or HOUSES
     run: str  # of the mapper; single frames of a room and network are one
@@ -60,18 +60,18 @@ class TrackEvidence:
     strength: float  # S, of the hits
     missed: float  # M, of the misses
     size: float  # log-likelihood
-    frames: int = 0  # that showed it
-    viewpoints: int = 0  # that it was looked at from
+    frames: int = 0  # that show it
+    viewpoints: int = 0  # with views of it
     others: float = 0.0  # S of its other categories
     best: float = 0.5  # best score
 
 
 Tracks = Sequence[TrackEvidence]
-Weighed = Callable[[TrackEvidence], tuple[float, ...]]  # what of a track is weighed
+Weighed = Callable[[TrackEvidence], tuple[float, ...]]  # the weighed evidence of a track
 
 
 def shipped(t: TrackEvidence) -> tuple[float, ...]:
-    """What the shipped numbers weigh."""
+    """Weighed evidence of the shipped parameters."""
     return math.log1p(t.strength), *_rest(t)
 
 

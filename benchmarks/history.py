@@ -1,7 +1,7 @@
-"""What the history costs and how quickly the past answers: `python benchmarks/history.py`.
+"""Cost of the history, and time of queries of past states: `python benchmarks/history.py`.
 
-Writes frames of 20 objects drawn from 1,000 straight into the log, so that a million observations
-take minutes, then asks about the past. Prints Markdown rows.
+Writes frames of 20 objects of 1,000 directly into the log, so that a million observations take
+minutes, and then queries past states. Prints Markdown rows.
 """
 
 from __future__ import annotations

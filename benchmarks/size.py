@@ -19,7 +19,7 @@ LONG = 300  # lines
 
 
 def sizes(wheel: Path) -> dict[str, str]:
-    """What is counted -> its number, of the Python modules in a wheel."""
+    """Counts of the Python modules in a wheel, by name."""
     with zipfile.ZipFile(wheel) as archive:
         sources = {
             name: archive.read(name).decode() for name in archive.namelist() if name.endswith(".py")

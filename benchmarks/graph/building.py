@@ -63,7 +63,7 @@ class Building:
             )
 
     def frame(self, number: int, seen: int = 20) -> MapUpdate:
-        """What a frame changes: `seen` neighbours, somewhere in the building, and the robot."""
+        """Changes by a frame: `seen` neighbouring objects, at a random position, and the robot."""
         first = int(self._random.integers(0, max(1, self.size - seen)))
         return self._seen_from(first, number, seen)
 

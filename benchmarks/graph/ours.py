@@ -188,13 +188,13 @@ def flatness(
 
 
 def resident() -> float:
-    """Resident memory of this process [bytes]; 1 where the system does not tell."""
+    """Resident memory of this process [bytes]; 1 where the system does not report it."""
     status = Path("/proc/self/statm")
     return 4096.0 * float(status.read_text().split()[1]) if status.exists() else 1.0
 
 
 def on_disk(folder: Path) -> float:
-    """What the files of a folder take [bytes]."""
+    """Size of the files in a folder [bytes]."""
     total = 1
     for path in folder.rglob("*"):
         try:

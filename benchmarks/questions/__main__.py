@@ -11,7 +11,7 @@ from typing import Any
 
 from benchmarks.command_line import run
 from benchmarks.questions import __doc__ as about
-from benchmarks.questions.asking import DOORS, Answered, answered_by, ask, differing, table
+from benchmarks.questions.asking import INTERFACES, Answered, answered_by, ask, differing, table
 from benchmarks.questions.blind import BlindAnswers
 from benchmarks.questions.generator import questions_of
 from benchmarks.questions.graph_maps import mapped, true, truths
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     make.add_argument("--each", type=int, default=6, help="questions of a family in each house")
     make.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder")
     make.set_defaults(run=_make)
-    asking = commands.add_parser("ask", help="ask maps of hereabouts through all doors")
+    asking = commands.add_parser("ask", help="ask maps of hereabouts through all interfaces")
     asking.add_argument("folder", type=Path)
     asking.add_argument("--houses", type=_seeds, metavar="N-M", help="only these")
     asking.add_argument("--wrong", action="store_true", help="also list what is not right")
@@ -100,17 +100,19 @@ def _report(found: Sequence[Answered], *, wrong: bool) -> None:
     for name in dict.fromkeys(one.map for one in found if one.map != "blind"):
         of_map = [one for one in found if one.map == name]
         apart = differing(of_map)
-        asked = {one.question.id for one in of_map}
-        _say(f"\n{name}, by door; the doors differ on {len(apart)} of {len(asked)} questions\n")
-        _say(table(of_map, "door"))
+        count = len({one.question.id for one in of_map})
+        _say(f"\n{name}, by interface; they differ on {len(apart)} of {count} questions\n")
+        _say(table(of_map, "interface"))
         for group in apart:
-            _say(f"differ: {group[0].question.id} " + str({one.door: one.given for one in group}))
-    _say("\nmean of the doors, and without a map\n")
-    _say(table([one for one in found if one.door in (*DOORS, "none")], "map"))
+            answers = {one.interface: one.given for one in group}
+            _say(f"differ: {group[0].question.id} {answers}")
+    _say("\nmean of the interfaces, and without a map\n")
+    _say(table([one for one in found if one.interface in (*INTERFACES, "none")], "map"))
     for one in found if wrong else ():
         if one.score < 1.0 and one.map != "blind":
-            _say(f"{one.map}, {one.door}: {one.question.id} {one.question.text} {one.given}, truly "
-                 f"{one.question.answer}")  # fmt: skip
+            question = one.question
+            _say(f"{one.map}, {one.interface}: {question.id} {question.text} {one.given}, "
+                 f"truly {question.answer}")  # fmt: skip
 
 
 def _answer(arguments: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Asks a map all questions through every door, and tabulates the scores."""
+"""Asks a map all questions through every interface, and tabulates the scores."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.mcp_door import McpDoor
+from benchmarks.questions.mcp_interface import McpInterface
 from benchmarks.questions.plain_map import PlainMap
-from benchmarks.questions.python_door import PythonDoor
+from benchmarks.questions.python_interface import PythonInterface
 from benchmarks.questions.question_file import FAMILIES, Question
-from benchmarks.questions.row_doors import HttpDoor, SparqlDoor
 from benchmarks.questions.scoring import score
+from benchmarks.questions.sparql_interfaces import HttpInterface, SparqlInterface
 from kg.export.plain_documents import rooms_document
 from kg.serving.server import MapServer, Settings
 from planner.search.plans.report import find_answer
 
-DOORS: Final = ("SPARQL", "Python", "HTTP", "MCP")  # of which the answers have to agree
+INTERFACES: Final = ("SPARQL", "Python", "HTTP", "MCP")  # of which the answers have to agree
 EXPORT: Final = "JSON"  # the plain export, answered by `benchmarks.questions.plain_map`
 
 
@@ -31,7 +31,7 @@ class Answered:
     """An answer, and its score."""
 
     map: str  # which kind of map, or "blind"
-    door: str
+    interface: str
     question: Question
     given: Any
 
@@ -42,11 +42,11 @@ class Answered:
 
 
 def ask(name: str, asked: AskedMap, questions: Sequence[Question]) -> list[Answered]:
-    """The answers of one map through all doors."""
-    with _doors(asked) as doors:
+    """The answers of one map through all interfaces."""
+    with _interfaces(asked) as interfaces:
         return [
-            Answered(name, door, question, answered_by(adapter, question))
-            for door, adapter in doors.items()
+            Answered(name, interface, question, answered_by(adapter, question))
+            for interface, adapter in interfaces.items()
             for question in questions
             if hasattr(adapter, _method(question))
         ]
@@ -62,19 +62,19 @@ def _method(question: Question) -> str:
 
 
 @contextmanager
-def _doors(asked: AskedMap) -> Iterator[Mapping[str, Any]]:
+def _interfaces(asked: AskedMap) -> Iterator[Mapping[str, Any]]:
     semantic_map = asked.semantic_map
     planner = partial(find_answer, semantic_map)
     with (
         MapServer(semantic_map, Settings(port=0), planner=planner) as server,
-        closing(McpDoor(asked, server.url)) as mcp,
+        closing(McpInterface(asked, server.url)) as mcp,
         semantic_map.at(asked.since) as then,
     ):
         plain = PlainMap(rooms_document(semantic_map), rooms_document(then))
-        http = HttpDoor(asked, server.url)
+        http = HttpInterface(asked, server.url)
         yield {
-            "SPARQL": SparqlDoor(asked),
-            "Python": PythonDoor(asked),
+            "SPARQL": SparqlInterface(asked),
+            "Python": PythonInterface(asked),
             "HTTP": http,
             "MCP": mcp,
             EXPORT: plain,
@@ -82,10 +82,10 @@ def _doors(asked: AskedMap) -> Iterator[Mapping[str, Any]]:
 
 
 def differing(answers: Sequence[Answered]) -> list[list[Answered]]:
-    """Answers to each question of a map of which the doors do not agree."""
+    """Answers to each question of a map of which the interfaces disagree."""
     groups: dict[tuple[str, str], list[Answered]] = {}
     for one in answers:
-        if one.door in DOORS:
+        if one.interface in INTERFACES:
             groups.setdefault((one.map, one.question.id), []).append(one)
     return [group for group in groups.values() if len({_comparable(one) for one in group}) > 1]
 
@@ -100,7 +100,7 @@ def _comparable(one: Answered) -> str:
 
 
 def table(answers: Sequence[Answered], column: str) -> str:
-    """Mean scores as Markdown: a row for each family, a column for each `map` or `door`."""
+    """Mean scores as Markdown: a row for each family, a column for each `map` or `interface`."""
     columns = list(dict.fromkeys(getattr(one, column) for one in answers))
     lines = [
         "| family | questions | " + " | ".join(columns) + " |",

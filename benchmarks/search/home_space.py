@@ -1,4 +1,4 @@
-"""A home made ready for searches: free space, covers of rooms, looks, shortest ways."""
+"""A home prepared for searches: free space, covers of rooms, views, shortest paths."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from planner.search.viewpoints.sensor import Motion, Sensor
 
 
 class HomeSpace:
-    """What all searches of one home have in common."""
+    """Data that all searches of one home share."""
 
     def __init__(self, home: Home, sensor: Sensor, motion: Motion) -> None:
         self.home, self.sensor, self.motion = home, sensor, motion
@@ -41,7 +41,7 @@ class HomeSpace:
 
     @cached_property
     def covers(self) -> dict[int, Cells]:
-        """For each room with floor, the positions that cover it with whole turns."""
+        """For each room with floor, the viewpoints that cover it with whole turns."""
         found = room_viewpoints(self.space, self.sensor.far, near=self.sensor.near)
         viewpoints = sorted({int(cell) for cells in found.values() for cell in cells})
         fields = distance_fields(self.space, viewpoints)
@@ -50,7 +50,7 @@ class HomeSpace:
 
     @cached_property
     def views(self) -> CandidateViews:
-        """The looks to choose from."""
+        """All candidate views."""
         return candidate_views(self.space, self.sensor, self.motion)
 
     @cached_property
@@ -70,13 +70,13 @@ class HomeSpace:
     def fresh(
         self, ground: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
     ) -> CandidateViews:
-        """`with_fresh_viewpoints`, worked out once for all searches: homes have few rooms."""
+        """`with_fresh_viewpoints`, computed once for all searches."""
         if id(views) not in self._fresh:
             self._fresh[id(views)] = (views, with_fresh_viewpoints(ground, views, weight))
         return self._fresh[id(views)][1]
 
     def field(self, viewpoint: int) -> NDArray[np.float32]:
-        """(nx, ny) [m] shortest ways to a position of `covers`."""
+        """(nx, ny) [m] shortest paths to a viewpoint of `covers`."""
         return self._fields[viewpoint]
 
     def robot(self, start: int) -> TrialRobot:

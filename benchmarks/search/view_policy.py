@@ -1,4 +1,4 @@
-"""Our way of searching: the hunt of `find` and `search`, on what is believed of rooms."""
+"""View policy: the search of `find` and `search`, with a belief over rooms."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from planner.search.viewpoints.candidate_views import CandidateViews
 from planner.search.viewpoints.next_best_view import RobotState
 from planner.settings import BELIEF
 
-#: Probability that it is there at all, before the search.
+#: Probability that the object is in the home, before the search.
 PRESENT: Final = 0.9
-_MOST: Final = 5000  # looks and pictures
+_MAX_VIEWS: Final = 5000  # views and pictures
 
 
 @dataclass(frozen=True, slots=True)
 class Ablation:
-    """Which parts of our way are in use."""
+    """Parts of the view policy that are in use."""
 
     on_the_way: bool = True  # pictures while driving
-    whole_turns: bool = False  # looks are whole turns only
+    whole_turns: bool = False  # views are whole turns only
     everywhere: float = 0.1  # share of belief spread over all cells
-    give_up_at: float = BELIEF.stop_below  # chance that looks missed a thing, at which to give up
+    give_up_at: float = BELIEF.stop_below  # chance that views missed it, at which to give up
 
 
 class ViewPolicy:
@@ -47,10 +47,10 @@ class ViewPolicy:
         self._viewpoint: int | None = None
 
     def search(self, hidden: HiddenObject) -> TrialOutcome:
-        """Look until it is found or no look is worth the way."""
+        """Take views until the object is found or no view gains enough."""
         hidden.begin()
         robot = self._robot
-        while robot.looks < _MOST:
+        while robot.looks < _MAX_VIEWS:
             look = self._state.next_view(RobotState(robot.cell, robot.heading, self._viewpoint))
             if look is None:
                 break
@@ -87,7 +87,7 @@ def ours(
     chances: Mapping[int, float] | ArrayLike,
     manner: Ablation | None = None,
 ) -> TrialOutcome:
-    """Search with `chances` (rooms,) that a room holds it."""
+    """Search with `chances` (rooms,) that the object is in a room."""
     manner = manner or Ablation()
     views = building.whole_turns if manner.whole_turns else building.views
     weights = room_weights(views.space, views.cells, chances)
@@ -99,7 +99,7 @@ def ours(
 def initial_state(
     building: HomeSpace, views: CandidateViews, weight: NDArray[np.float64], manner: Ablation
 ) -> PlanningState:
-    """A search for a kind of thing, of which instances lie in cells by `weight` (k, c)."""
+    """Planning state for k instances of a target with belief `weight` (k, c)."""
     thing = Target("it", "it", None, {}, {})
     nameless = ("",) * (int(views.space.room.max()) + 1)
     known = TargetBelief(views.cells, weight, np.zeros(len(weight), np.intp), ())

@@ -1,11 +1,11 @@
-"""What positions to look from see of real homes, and how fast shortest ways between them are.
+"""Coverage of real homes by viewpoints, and computing time of the shortest paths between them.
 
     python -m benchmarks.search.viewpoints [--homes DIR]
 
-For the thesis' building (its Fig. 4.7), and each home of DIR: its floor, how many positions cover
-its rooms with whole turns of the 0.8 to 4.6 m camera, how much of a room they see, and how much a
-turn in its middle does (means over rooms). Then seconds of one core: to choose the positions, and
-for the shortest paths from each of them to all of the floor.
+For the thesis' building (its Fig. 4.7), and each home of DIR: the area of its floor, the number of
+viewpoints that cover its rooms with whole turns of the 0.8 to 4.6 m camera, the share of a room
+that they see, and the share that a turn in its middle sees (means over rooms). Then seconds of one
+core to choose the viewpoints, and for the shortest paths from each of them to the whole floor.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def layouts(homes: Path | None) -> Iterator[tuple[str, list[Room], _Pairs | None
 
 
 def share_seen(space: FreeSpace, room: int, cells: NDArray[np.intp]) -> float:
-    """How much of a room whole turns from `cells` see."""
+    """Share of a room that whole turns from `cells` see."""
     seen: set[int] = set()
     for cell in cells:
         there, offset = visible_cells(space, int(cell), SENSOR.far)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError
 
-#: Where the tables lie.
+#: Folder of the tables.
 DATA = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What Table 4.5 prints for one search."""
+    """Row of the thesis' Table 4.5 for one search."""
 
     n_r: int  # rooms explored by the ontology's rule
     n_b: int  # rooms explored by brute force

@@ -53,7 +53,7 @@ class TableRow:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What the rows come to."""
+    """Summary of the rows."""
 
     rows: int
     equal_n_r: int  # rows with as many rooms explored as published
@@ -83,7 +83,7 @@ class ThesisTable:
 
     @property
     def summary(self) -> Summary:
-        """What the rows come to."""
+        """Summary of the rows."""
         return summarise(self.rows)
 
     def to_json(self) -> dict[str, object]:

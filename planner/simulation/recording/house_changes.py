@@ -1,4 +1,4 @@
-"""Changes of a house between two sessions: small things move, vanish, come, or are carried."""
+"""Changes of a house between two sessions: small things move, vanish, appear, or are carried."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from planner.simulation.robot.motion import Pose, with_pauses
 from planner.simulation.sensing.camera import CameraModel
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
-VANISHED: Final = 0.05  # share of them that are gone
-NEW: Final = 0.05  # things that came, as a share of them
-CARRIED: Final = 0.06  # share of them that are carried during the session
-TRIES: Final = 20  # to find room for new things
+VANISHED: Final = 0.05  # share of the small things that are gone
+NEW: Final = 0.05  # number of new things, as a share of the small things
+CARRIED: Final = 0.06  # share of the small things that are carried during the session
+TRIES: Final = 20  # to find space for new things
 CARRY_HEIGHT: Final = 1.1  # [m]
-IN_VIEW: Final = (0.8, 3.5)  # [m] from the camera when it is picked up
-PAUSE: Final = 10  # pictures the robot takes where it stands, while it watches
-INTERVAL: Final = 0.5  # [s] between them
+IN_VIEW: Final = (0.8, 3.5)  # [m] from the camera to a thing that is picked up
+PAUSE: Final = 10  # pictures that the standing robot takes while it watches
+INTERVAL: Final = 0.5  # [s] between these pictures
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ class HouseChange:
 
 
 def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
-    """The same house later: of its small things some moved, mostly to other rooms."""
+    """The same house later: some small things moved, mostly to other rooms."""
     small = [item for item in house.objects if item.label in MOVABLE]
     drawn = [small[int(i)] for i in rng.permutation(len(small))]
     share = [max(1, round(part * len(small))) for part in (MOVED, VANISHED, CARRIED)]
@@ -74,7 +74,7 @@ def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
         if added is not None and len(new) < max(1, round(NEW * len(small))):
             objects.append(added)
             new.append(added.name)
-    rooms = tuple(reversed(house.rooms))  # the robot comes the other way round
+    rooms = tuple(reversed(house.rooms))  # the robot drives the tour in reverse
     changed = replace(house, rooms=rooms, objects=tuple(objects))
     return HouseChange(
         changed, frozenset(moved), frozenset(carried & moved), frozenset(new), vanished
@@ -84,10 +84,10 @@ def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
 def carries(
     before: House, change: HouseChange, poses: Sequence[Pose], model: CameraModel, start: float
 ) -> tuple[tuple[Carry, ...], tuple[Pose, ...]]:
-    """When and how the carried things go from where they were to where they end, and the drive.
+    """Paths and times of the carried things, and the drive with pauses to watch them.
 
-    Each is picked up when the robot, at `poses` from `start` [s] on, looks at it, if it ever does;
-    the robot then stands and watches for a while, which makes the drive longer.
+    Each thing is picked up when it is in view of the robot, which drives along `poses` from `start`
+    [s] on; without such a pose, in the middle of the drive.
     """
     old = {item.name: item for item in before.objects}
     numbers = [k for k, item in enumerate(change.house.objects) if item.name in change.carried]
@@ -100,22 +100,20 @@ def carries(
         item = change.house.objects[index]
         pose = drive[number + PAUSE * sum(other < number for other in set(when))]
         first, last = np.array([origin.x, origin.y]), np.array([item.x, item.y])
-        way = floor.path(first, last)
-        high = np.column_stack([way, np.full(len(way), CARRY_HEIGHT)])
-        path = [(origin.x, origin.y, origin.z), *high, (item.x, item.y, CARRY_HEIGHT)]
-        path.append((item.x, item.y, item.z))
+        way = [(x, y, CARRY_HEIGHT) for x, y in [*floor.path(first, last), last]]
+        path = [(origin.x, origin.y, origin.z), *way, (item.x, item.y, item.z)]
         found.append(Carry(index, np.array(path), start + pose.seconds))
     return tuple(found), drive
 
 
 def _when_seen(item: Item, poses: Sequence[Pose], house: House, model: CameraModel) -> int:
-    """Number of a pose from which `item` is in view, the middle one; of all poses without one."""
-    seen = [k for k, pose in enumerate(poses) if _looks_at(pose, item, house, model)]
+    """Number of the middle one of the poses with `item` in view; without any, of all poses."""
+    seen = [k for k, pose in enumerate(poses) if _is_in_view(item, pose, house, model)]
     return seen[len(seen) // 2] if seen else len(poses) // 2
 
 
-def _looks_at(pose: Pose, item: Item, house: House, model: CameraModel) -> bool:
-    """Whether a pose in the item's room has it in the middle of the image."""
+def _is_in_view(item: Item, pose: Pose, house: House, model: CameraModel) -> bool:
+    """Whether `item` is in the middle of the image at a pose in the same room."""
     x, y = item.x - pose.x, item.y - pose.y
     away = float(np.hypot(x, y))
     turned = abs((np.arctan2(y, x) - pose.heading + np.pi) % (2 * np.pi) - np.pi)
@@ -129,7 +127,7 @@ def _looks_at(pose: Pose, item: Item, house: House, model: CameraModel) -> bool:
 
 
 def _elsewhere(item: Item, house: House, rng: np.random.Generator) -> Item | None:
-    """`item` in another room where it may stand, else on other furniture of its room."""
+    """`item` on suitable furniture of another room, else on other furniture of its room."""
     if STANDS_ON[item.label] == (FLOOR,):
         return _on_another_floor(item, house, rng)
     others = [o for o in house.objects if o.name != item.name]
@@ -164,7 +162,7 @@ def _on_another_floor(item: Item, house: House, rng: np.random.Generator) -> Ite
 
 
 def _added(house: House, count: Counter[str], rng: np.random.Generator) -> Item | None:
-    """A small thing that was not there before, with a new name; counted in `count`."""
+    """A new small thing with a new name; it is counted in `count`."""
     room = house.rooms[rng.integers(len(house.rooms))]
     usual = [
         label

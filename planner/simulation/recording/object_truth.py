@@ -12,11 +12,11 @@ from planner.simulation.houses.small_things import SurfaceSampler
 from planner.simulation.recording.house_changes import HouseChange
 from planner.simulation.sensing.camera import CameraModel, View
 
-MIN_FRAMES: Final = 3  # things seen well in fewer count neither way
-MIN_PIXELS: Final = 120.0  # of a thing seen well, in an image 320 wide
-MIN_SHARE: Final = 0.5  # of it in view, nothing in front and not cut by the border
+MIN_FRAMES: Final = 3  # frames that show a thing well; a thing with fewer is ignored
+MIN_PIXELS: Final = 120.0  # of a thing that is shown well, in an image 320 wide
+MIN_SHARE: Final = 0.5  # of a thing that is shown well, not occluded and inside the image
 
-#: Labels of COCO that are right for furnishings, too.
+#: Labels of COCO that are right for furnishings as well.
 ALSO: Final[Mapping[str, tuple[str, ...]]] = {
     "coffee table": ("dining table", "bench"),
     "desk": ("dining table",),
@@ -28,18 +28,18 @@ ALSO: Final[Mapping[str, tuple[str, ...]]] = {
 
 
 class VisibilityRecord:
-    """In which frames each object was seen well."""
+    """Frames that show each object well."""
 
     def __init__(self, house: House, model: CameraModel) -> None:
         self.frames: dict[str, list[str]] = {item.name: [] for item in house.objects}
         self._house = house
-        self._least = MIN_PIXELS * (model.width / 320) ** 2
+        self._min_pixels = MIN_PIXELS * (model.width / 320) ** 2
 
     def add(self, frame_id: str, view: View) -> None:
         """Count one frame."""
         numbers, counts = np.unique(view.instance, return_counts=True)
         for i, visible in zip(numbers.tolist(), counts.tolist(), strict=True):
-            if i < 0 or visible < self._least:
+            if i < 0 or visible < self._min_pixels:
                 continue
             share = min(visible / max(view.silhouette[i], 1.0), 1.0) * view.inside[i]
             if share >= MIN_SHARE:
@@ -55,8 +55,8 @@ def object_truth(
 ) -> dict[str, Any]:
     """The truth as JSON: each thing by its name, at the end of the recording, in the house's frame.
 
-    `seen` has the frames that show each object well. With the house of the session `before` and
-    the `change` since, each entry says whether it moved, and "vanished" lists what is gone.
+    `seen` has the frames that show each object well. Given the house `before` the session and its
+    `change`, each entry has whether the thing moved, and "vanished" lists the things that are gone.
     """
     objects = {item.name: _object(item, house, seen[item.name]) for item in house.objects}
     objects |= {item.name: _furnishing(item, house) for item in house.furnishings}
@@ -111,7 +111,7 @@ def _where(item: Item, house: House) -> dict[str, Any]:
 
 
 def supporting(item: Item, house: House) -> str:
-    """Name of the furniture that `item` stands on; "floor", or "wall" for what hangs."""
+    """Name of the furniture that `item` stands on; else "floor" or "wall"."""
     if item.z == 0:
         return "floor"
     sampler = SurfaceSampler([*house.objects, *house.furnishings])

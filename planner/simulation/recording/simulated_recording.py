@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,7 +41,7 @@ class SimulationOptions:
     size: tuple[int, int] = (640, 480)  # [px] width and height of the images
     senses: DetectorFaults = SENSES["demo"]
     odometry: float = 0.0  # error of the poses, as a share of each step
-    stride: int = 1  # every how many frames of the tour are written
+    stride: int = 1  # every `stride`-th frame of the tour is written
     masks: bool = False  # whether the detector gives instance masks
 
 
@@ -60,11 +60,7 @@ class SimulatedSession:
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
-        return {
-            "folder": str(self.folder),
-            **{key: getattr(self, key) for key in ("frames", "objects", "detections")},
-            **{key: getattr(self, key) for key in ("moved", "vanished", "new", "carried")},
-        }
+        return {**asdict(self), "folder": str(self.folder)}
 
 
 OnFrame = Callable[[str, int, int], None]  # folder's name, frames done, frames in all
@@ -77,7 +73,7 @@ def simulate_house(
     options: SimulationOptions | None = None,
     on_frame: OnFrame | None = None,
 ) -> list[SimulatedSession]:
-    """Write `sessions` recordings of the house of `seed`: one into `folder`, more beneath it.
+    """Write `sessions` recordings of the house of `seed`: one into `folder`, several below it.
 
     Raises RecordingError where a folder is not empty or cannot be written.
     """
@@ -148,16 +144,13 @@ class _Session:
         if self._options.odometry:
             write_text(self._folder / TRUE_POSES, "\n".join(lines) + "\n")
         save_recorded_detections(self._folder / DETECTIONS, detector.name, found)
-        truth = self._truth(seen)
+        labels = read_labels(NETWORKS / "labels_coco80.txt")
+        truth = object_truth(self.house, seen.frames, labels, self._before, self._change)
         _write_json(self._folder / TRUTH, truth)
         _write_json(self._folder / PLACES, _places(rooms))
         identity = {"T_map_world": np.eye(4).tolist()}
         _write_json(self._folder / TRANSFORM, {"sequences": {self._folder.name: identity}})
         return self._report(truth, found)
-
-    def _truth(self, seen: VisibilityRecord) -> dict[str, Any]:
-        labels = read_labels(NETWORKS / "labels_coco80.txt")
-        return object_truth(self.house, seen.frames, labels, self._before, self._change)
 
     def _report(self, truth: dict[str, Any], found: dict[str, Detections]) -> SimulatedSession:
         change = self._change
@@ -174,7 +167,7 @@ class _Session:
 
 
 def _places(rooms: Sequence[HouseRoom]) -> list[dict[str, Any]]:
-    """The rooms for `--places`; their categories are under a key that mapping does not read."""
+    """The rooms for `--places`; mapping does not read the key of their true categories."""
     return [
         {
             "id": number,

@@ -1,4 +1,4 @@
-"""The robot of the demo house, speaking the protocol: rendered pictures, a faulty detector."""
+"""The demo's robot, by the robot protocol: rendered pictures, a detector with errors."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector
 
-RANGE = (0.8, 4.0)  # [m] where the simulated detector finds small things with fair certainty
-RECALL = 0.6  # over all that is within
+RANGE = (0.8, 4.0)  # [m] at which the simulated detector detects most small things
+RECALL = 0.6  # of objects within that range
 
 
 class SimulatedHouseRobot:
-    """A `Robot` in the house; its clock is that of its motion, so it is as fast as it can think."""
+    """A `Robot` in the house; its clock is that of its motion, so it never waits."""
 
     name = "the simulated robot"
 
@@ -46,18 +46,18 @@ class SimulatedHouseRobot:
         self._floor = FloorGrid(house)
         self._gait = MotionLimits()
         self._pose = replace(start, seconds=0.0)
-        self._been = [self._pose.xy]
+        self._positions = [self._pose.xy]
         self._under_way: Iterator[Message] = iter(())
         self._pictures = 0
 
     @property
     def driven(self) -> NDArray[np.float64]:
         """(n, 2) [m] positions so far, the start first."""
-        return np.array(self._been)
+        return np.array(self._positions)
 
     @property
     def seconds(self) -> float:
-        """[s] since it began to move."""
+        """[s] of its motion so far."""
         return self._pose.seconds
 
     @property
@@ -76,7 +76,7 @@ class SimulatedHouseRobot:
         )
 
     def send(self, command: Command) -> None:
-        """Begin with `command`; the one before is dropped."""
+        """Begin with `command`; the command under way is dropped."""
         if isinstance(command, Hello):
             self._under_way = self._greet()
         elif isinstance(command, GoTo):
@@ -96,7 +96,7 @@ class SimulatedHouseRobot:
 
     def _greet(self) -> Iterator[Message]:
         yield self.hello
-        yield self._told()
+        yield self._robot_pose()
 
     def _drive(self, goal: GoTo) -> Iterator[Message]:
         try:
@@ -112,22 +112,22 @@ class SimulatedHouseRobot:
         yield Arrived(goal.id)
 
     def _look(self, look: LookAround) -> Iterator[Message]:
-        seen = [self._view()]
+        views = [self._view()]
         for pose in turn(self._pose, look.turn, self._gait):
             yield self._move(pose)
-            seen.append(self._view())
-        yield DetectionsMessage(look.id, views=tuple(seen))
+            views.append(self._view())
+        yield DetectionsMessage(look.id, views=tuple(views))
 
     def _pass(self, pose: Pose) -> Iterator[Message]:
         yield self._move(pose)
-        yield DetectionsMessage(None, pose=self._told(), views=(self._view(),))
+        yield DetectionsMessage(None, pose=self._robot_pose(), views=(self._view(),))
 
     def _move(self, pose: Pose) -> RobotPose:
         self._pose = pose
-        self._been.append(pose.xy)
-        return self._told()
+        self._positions.append(pose.xy)
+        return self._robot_pose()
 
-    def _told(self) -> RobotPose:
+    def _robot_pose(self) -> RobotPose:
         pose = self._pose
         return RobotPose(pose.x, pose.y, pose.heading, pose.seconds)
 
@@ -142,9 +142,9 @@ class SimulatedHouseRobot:
 def simulated_robot(
     semantic_map: SemanticMap, house: House | None = None, *, seed: int = 0
 ) -> SimulatedHouseRobot:
-    """The robot in `house` (default: the demo's), where the map says that it is.
+    """The robot in `house` (default: the demo's), at its pose in the map.
 
-    Raises LayoutError where anything but the demo's own recording was mapped.
+    Raises LayoutError where another recording than the demo's was mapped.
     """
     house = house or furnished_house()
     if {recording.name for recording in semantic_map.recordings()} != {DEMO_RECORDING}:

@@ -1,4 +1,4 @@
-"""A drive through all rooms of the house, as a recording the mapping pipeline can read."""
+"""Mapping tour: a drive through all rooms of a house, as a recording for the mapping pipeline."""
 
 from __future__ import annotations
 
@@ -14,17 +14,16 @@ from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around
 from planner.simulation.sensing.camera import SimulatedCamera
 
-#: Name of the demo's recording: only maps of nothing else are the simulated robot's to search.
+#: Name of the demo's recording. The simulated robot searches maps of this recording only.
 DEMO_RECORDING: Final = "demo-tour"
-#: When the tour starts: 2026-03-02 09:00:00 UTC.
-START = 1772442000.0
+START = 1772442000.0  # [s] of the first frame: 2026-03-02 09:00:00 UTC
 
 
 class SimulatedTour:
-    """A `Recording`: from viewpoint to viewpoint by way of the doors, a full turn at each.
+    """A `Recording`: a drive from viewpoint to viewpoint with a full turn at each.
 
-    Rooms are visited in the order the house lists them, or `poses` are driven instead. Frames are
-    rendered as they are read.
+    The rooms are visited in the order of the house; `poses` replace this drive. Frames are rendered
+    when they are read.
     """
 
     def __init__(
@@ -32,14 +31,13 @@ class SimulatedTour:
         camera: SimulatedCamera,
         *,
         name: str = "tour",
-        gait: MotionLimits | None = None,
         start: float = START,
         poses: Sequence[Pose] | None = None,
     ) -> None:
         self._camera = camera
         self._name = name
         self._start = start
-        self.poses = tuple(poses or _poses(camera, gait or MotionLimits()))
+        self.poses = tuple(poses or _poses(camera, MotionLimits()))
 
     @property
     def name(self) -> str:
@@ -51,16 +49,6 @@ class SimulatedTour:
         """(4, 4) identity: the house is described in the map frame."""
         return np.eye(4)
 
-    @property
-    def end(self) -> float:
-        """[s] stamp of the last frame."""
-        return self._start + self.poses[-1].seconds
-
-    @property
-    def route(self) -> NDArray[np.float64]:
-        """(n, 2) [m] where the frames are taken."""
-        return np.array([pose.xy for pose in self.poses])
-
     def __len__(self) -> int:
         return len(self.poses)
 
@@ -69,16 +57,13 @@ class SimulatedTour:
         if not 0 <= start <= len(self):
             raise RecordingError(f"{self._name} has frames 0 to {len(self) - 1}, not {start}")
         for index in range(start, len(self)):
-            yield self._frame(index)
+            stamp = self._start + self.poses[index].seconds
+            yield self._camera.frame(f"frame-{index:06d}", self.T_map_cam(index), stamp)
 
     def T_map_cam(self, index: int) -> NDArray[np.float64]:  # noqa: N802 named for its frames
         """(4, 4) true pose of the camera in frame `index`."""
         pose = self.poses[index]
         return self._camera.model.pose(pose.x, pose.y, pose.heading)
-
-    def _frame(self, index: int) -> Frame:
-        stamp = self._start + self.poses[index].seconds
-        return self._camera.frame(f"frame-{index:06d}", self.T_map_cam(index), stamp)
 
 
 def _poses(camera: SimulatedCamera, gait: MotionLimits) -> Iterator[Pose]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """Speeds, and how far apart the pictures are that it takes on the way."""
+    """Speeds of the robot, and distances between its pictures."""
 
     speed: float = 0.5  # [m/s]
     turn_rate: float = 0.8  # [rad/s]
@@ -74,14 +74,12 @@ def with_pauses(
     poses: Sequence[Pose], pauses: Collection[int], frames: int, interval: float
 ) -> tuple[Pose, ...]:
     """`poses` with `frames` more pictures, `interval` [s] apart, at the poses numbered `pauses`."""
-    out, late = list[Pose](), 0.0
+    out, delay = list[Pose](), 0.0
     for number, pose in enumerate(poses):
-        here = replace(pose, seconds=pose.seconds + late)
-        out.append(here)
-        if number in pauses:
-            later = [here.seconds + k * interval for k in range(1, frames + 1)]
-            out += [replace(pose, seconds=seconds) for seconds in later]
-            late += frames * interval
+        out.append(replace(pose, seconds=pose.seconds + delay))
+        for _ in range(frames if number in pauses else 0):
+            delay += interval
+            out.append(replace(pose, seconds=pose.seconds + delay))
     return tuple(out)
 
 

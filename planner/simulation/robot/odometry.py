@@ -13,11 +13,11 @@ from perception.camera.poses import rotation_angle
 def with_drift(
     poses: Iterable[NDArray[np.float64]], share: float, rng: np.random.Generator
 ) -> Iterator[NDArray[np.float64]]:
-    """Poses T_world_cam (4, 4) as odometry would estimate them; the first one is true.
+    """Poses T_world_cam (4, 4) estimated by odometry; the first one is true.
 
-    Each step is wrong by `share` of its length (standard deviation, level directions), and in
-    heading by `share` of its turn and `share` times 15 degrees a metre (Thrun, Burgard and Fox,
-    Probabilistic Robotics, section 5.4). A share of 0 gives the true poses.
+    Each step has an error in position of `share` of its length (standard deviation, horizontal),
+    and in heading of `share` of its turn and `share` times 15 degrees a metre (Thrun, Burgard and
+    Fox, Probabilistic Robotics, section 5.4). A share of 0 gives the true poses.
     """
     previous: NDArray[np.float64] | None = None
     estimate = np.eye(4)
@@ -26,8 +26,7 @@ def with_drift(
             estimate = T.copy()
         else:
             step = np.linalg.inv(previous) @ T
-            estimate = estimate @ step
-            estimate = _disturbed(estimate, step, share, rng)
+            estimate = _disturbed(estimate @ step, step, share, rng)
         previous = T
         yield estimate.copy()
 

@@ -1,6 +1,6 @@
-"""The robot of a simulated house behind a ROS 1 master: camera, tf, and goals as move_base has.
+"""ROS 1 node of a simulated house's robot: camera, tf, and goals like those of move_base.
 
-Its clock runs `rate` times as fast as ours; pictures are rendered where it is then.
+Its clock runs `rate` times as fast as ours.
 """
 
 from __future__ import annotations
@@ -39,20 +39,20 @@ BASE: Final = "base_link"
 STEP: Final = 0.05  # [s] between two poses
 PICTURE: Final = 0.25  # [s] between two pictures
 STATUS: Final = 0.2  # [s] between two messages of status
-REMEMBERED: Final = 5.0  # [s] that the outcome of a goal is published
-NEAR: Final = 1.0  # [m] of a goal, within which there must be free floor
+REMEMBERED: Final = 5.0  # [s] for which the outcome of a goal is published
+NEAR: Final = 1.0  # [m] around a goal within which there must be free floor
 _GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
 _CANCEL: Final = "actionlib_msgs/msg/GoalID"
 _STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
 _RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
 _TRANSFORMS: Final = "tf2_msgs/msg/TFMessage"
-#: of actionlib_msgs/GoalStatus
+#: states of actionlib_msgs/GoalStatus
 ACTIVE, PREEMPTED, SUCCEEDED, ABORTED, REJECTED, RECALLED = 1, 2, 3, 4, 5, 8
 
 
 @dataclass(slots=True)
 class _Goal:
-    """A goal, and what became of it."""
+    """A goal and its state."""
 
     id: Any  # actionlib_msgs/GoalID
     way: Sequence[Pose]  # the last one is the end
@@ -61,16 +61,10 @@ class _Goal:
     ended: float = math.inf  # [s] of time.monotonic()
 
     def pose(self, seconds: float) -> Pose:
-        """The pose of the robot on the way."""
-        times = [pose.seconds for pose in self.way]
-        x, y, heading = (
-            float(np.interp(seconds, times, values))
-            for values in (
-                [pose.x for pose in self.way],
-                [pose.y for pose in self.way],
-                np.unwrap([pose.heading for pose in self.way]),
-            )
-        )
+        """The pose of the robot on the way at a time [s]."""
+        x, y, headings, times = np.array([(p.x, p.y, p.heading, p.seconds) for p in self.way]).T
+        values = (x, y, np.unwrap(headings))
+        x, y, heading = (float(np.interp(seconds, times, value)) for value in values)
         return Pose(x, y, heading, seconds)
 
 
@@ -95,7 +89,7 @@ class Ros1HouseNode:
         self.pose = Pose(*start, 0.0, self.seconds)
         self._goals = deque[_Goal](maxlen=100)
         self._orders = deque[tuple[str, Any]](maxlen=100)
-        self._cancelled = deque[str](maxlen=100)  # goals that have not come yet
+        self._cancelled = deque[str](maxlen=100)  # ids of goals that have not arrived yet
         self._maker = MessageMaker(message_types(True), is_ros1=True)
         topics = {
             **IMAGE_TOPICS,
@@ -120,7 +114,7 @@ class Ros1HouseNode:
         return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a goal, or what cancels one; what is neither is left out."""
+        """Take a goal or its cancellation; other messages are ignored."""
         try:
             self._orders.append((raw.type, decoded(raw, is_ros1, raw.topic)))
         except RecordingError:
@@ -163,7 +157,7 @@ class Ros1HouseNode:
                 self._cancel(str(message.id))
 
     def _cancel(self, number: str) -> None:
-        """Cancel the goal of that id, or what there is; one may overtake its goal."""
+        """Cancel the goal of that id, "" for the active one; a goal may arrive after this."""
         active = self._active
         if active is not None and number in ("", active.id.id):
             self._end(active, PREEMPTED, "cancelled")
@@ -241,7 +235,7 @@ class Ros1HouseNode:
         self._publisher.publish(f"{self._navigation}/status", message)
 
     def _publish_picture(self) -> None:
-        """Publish what the camera shows."""
+        """Publish a picture of the camera."""
         pose, make = self.pose, self._maker
         self._pictures += 1
         T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)

@@ -1,4 +1,4 @@
-"""A registered RGB-D camera in the house: colour, noisy depth, and what each pixel shows."""
+"""A registered RGB-D camera in the house: colour, noisy depth, and the identity of each pixel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from planner.simulation.sensing.ray_casting import FAR, Window, hit, rays_of
 from planner.simulation.sensing.shading import Shader
 
 NOTHING = -1  # instance of walls, floor and furnishings
-KEPT_VIEWS: Final = 8  # as many as frames may be between reading and mapping
+KEPT_VIEWS: Final = 8  # frames that may be between reading and mapping
 NEAR_PLANE = 0.05  # [m] depth of the near clipping plane
 _CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).reshape(3, 8).T
 #: pairs of corners that an edge of a box joins
@@ -68,7 +68,7 @@ class View:
     incidence: NDArray[np.float32]  # (H, W) cosine between the ray and the surface's normal
     returns: NDArray[np.bool_]  # (H, W) whether the surface gives depth at all
     rgb: NDArray[np.uint8]  # (H, W, 3)
-    silhouette: dict[int, float]  # instance -> pixels it would fill with nothing in front of it
+    silhouette: dict[int, float]  # instance -> pixels that it fills without occlusion
     inside: dict[int, float]  # instance -> share of its projected bounding box inside the image
 
 
@@ -95,11 +95,11 @@ class SimulatedCamera:
         self._returns = np.array([s.depth_return for s in self._solids] + [True])
         self._painter = Shader(house, self._solids)
         self._direction_cam = self._directions()
-        # frames are read while detectors still look at earlier ones
+        # frames are read while detectors still process earlier ones
         self._views = lru_cache(KEPT_VIEWS)(self._render)
 
     def frame(self, frame_id: str, T_map_cam: NDArray[np.float64], stamp: float) -> Frame:
-        """One frame as a real sensor would give it."""
+        """One frame with the noise and gaps of the sensor."""
         view = self.view(T_map_cam, stamp)
         depth = self.model.depth.measure(
             view.depth, view.incidence, view.returns, self.random(frame_id, "depth")
@@ -162,7 +162,7 @@ class SimulatedCamera:
         )
 
     def _projected(self, solids: list[Solid], T_map_cam: NDArray[np.float64]) -> _Boxes:
-        """Boxes in the image around what of each solid lies before the camera."""
+        """Boxes in the image around the part of each solid that lies before the camera."""
         m = self.model
         lo_map, hi_map = np.array([s.lo for s in solids]), np.array([s.hi for s in solids])
         corners = np.where(_CORNERS, hi_map[:, None], lo_map[:, None])  # (n, 8, 3)
@@ -192,14 +192,14 @@ class SimulatedCamera:
     def _inside(self, boxes: _Boxes, instance: int) -> float:
         own = np.flatnonzero(self._instance[:-1] == instance)
         if boxes.behind[own].any():
-            return 0.5  # it stands beside the camera: some unknown part of it is cut off
+            return 0.5  # it stands beside the camera: an unknown part of it is cut off
         lo, hi = boxes.lo[own].min(axis=0), boxes.hi[own].max(axis=0)
         size = self.model.width, self.model.height
         seen = np.maximum(np.minimum(hi, size) - np.maximum(lo, 0), 0)
         return float(np.prod(seen / np.maximum(hi - lo, 1)))
 
     def _in_sight(self, boxes: _Boxes) -> list[tuple[int, Window, float]]:
-        """(solid, pixels it may fill, least depth) of solids in the frustum, nearest first."""
+        """(solid, window of the image, depth) of solids in the frustum, the nearest first."""
         size = self.model.width, self.model.height
         lo, hi = np.maximum(boxes.lo, 0), np.minimum(boxes.hi, size)
         seen = (boxes.furthest > NEAR_PLANE) & (lo < hi).all(axis=1)

@@ -22,7 +22,7 @@ class DepthSensor:
 
     near: float = 0.5  # [m] no depth nearer
     far: float = 6.0  # [m] no depth beyond
-    fading: float = 0.0  # [m] before `far` in which ever fewer pixels have depth
+    fading: float = 0.0  # [m] before `far` over which the share of pixels with depth falls
     step: float = 0.0  # [m] resolution at a depth of 1 m; it grows with z^2
     grazing: float = 0.0  # least cosine between ray and normal that gives depth
     edge_loss: float = 0.0  # share of the pixels along edges of depth without depth

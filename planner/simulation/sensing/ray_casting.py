@@ -32,7 +32,7 @@ class Hits:
     """Intersections of a window of rays with one solid."""
 
     t: Floats  # (h, w) [m] depth, FAR where the ray misses
-    normal: Floats | None  # (3, h, w) outward; None for a box, whose `axis` tells
+    normal: Floats | None  # (3, h, w) outward; None for a box, which has `axis`
     axis: NDArray[np.int8] | None  # (h, w) 0, 1, 2: the face's axis
 
 

@@ -1,9 +1,9 @@
 """Simulated senses: a detector and a scene classifier with the faults of real ones.
 
-The networks hereabouts ships are trained on photographs and see little in drawn pictures, so in the
-simulated house these two stand in for them. They know the truth of each pixel and spoil it: missed
-and doubtful objects, shifted boxes, wrong names, things that are not there. Everything behind them
-is the real system. Each draw depends on the seed and the frame alone, not on what was asked before.
+The networks that ship with hereabouts are trained on photographs and detect little in rendered
+images, so these senses replace them in the simulated house. They know the truth of each pixel and
+add errors: missed objects, low scores, shifted boxes, wrong labels, false detections. The rest of
+the system is the real one. Each random draw depends on the seed and the frame alone.
 """
 
 from __future__ import annotations
@@ -104,9 +104,9 @@ LOOKS_LIKE: Final[Mapping[str, tuple[str, ...]]] = {
 class DetectorFaults:
     """Error rates of the simulated detector.
 
-    Pixels are those of an image 320 wide; larger images are scaled down for networks too. Scores
-    are 0.25 + 0.7 times a draw from a Beta distribution, times, for things that are there, how
-    easily they are seen.
+    Pixels are those of an image 320 wide, since networks scale larger images down. Scores are
+    0.25 + 0.7 b, with b from a Beta distribution; for true detections, b is multiplied by their
+    chance relative to `recall`.
     """
 
     recall: float = 0.90  # of a large thing in full view
@@ -116,12 +116,12 @@ class DetectorFaults:
     jitter: float = 0.03  # standard deviation of each side of a box, as a share of its size
     confusion: float = 0.01  # share of detections under a wrong name
     false_alarms: float = 0.01  # per frame, each somewhere else
-    clutter: float = 0.0  # share of furnishings that are taken for an object, from one side
-    clutter_recall: float = 0.4  # how often they are, in views from that side
-    uneven: bool = False  # whether some things are missed and misnamed more than others
-    true_score: tuple[float, float] = (6.0, 1.5)  # of the Beta distribution
+    clutter: float = 0.0  # share of furnishings that are detected as an object, from one side
+    clutter_recall: float = 0.4  # chance of such a detection in a view from that side
+    uneven: bool = False  # whether errors are more frequent for some things than for others
+    true_score: tuple[float, float] = (6.0, 1.5)  # parameters of the Beta distribution
     false_score: tuple[float, float] = (1.5, 6.0)
-    threshold: float = 0.30  # no score below this is reported
+    threshold: float = 0.30  # least score that is reported
 
 
 #: Presets of `hereabouts simulate --senses`.
@@ -141,20 +141,16 @@ SENSES: Final[Mapping[str, DetectorFaults]] = {
         threshold=0.25,
     ),
 }
-#: [rad] half the range of directions from which clutter looks like something
-CLUTTER_SIDE: Final = np.deg2rad(50.0)
-#: share of a thing's wrong labels that are the same one, beside its part of the others
-FAVOURED: Final = 0.6
+CLUTTER_SIDE: Final = np.deg2rad(50.0)  # [rad] half the directions from which clutter is detected
+FAVOURED: Final = 0.6  # probability that a wrong label is the thing's favoured one
+MASK_CELLS: Final = 28  # along a side of a mask, as in Mask R-CNN
 
-#: cells of a mask's side; networks answer masks of 28 x 28 cells (Mask R-CNN) and the like
-MASK_CELLS: Final = 28
-
-# box, score, label, and which pixels of the image show it
+# box, score, label, and the pixels of the image that show it
 _Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
 
 
 class SimulatedDetector:
-    """A `Detector` that looks at the truth of each pixel and spoils it."""
+    """A `Detector` that knows the truth of each pixel and adds errors."""
 
     name = "simulated-detector"
 
@@ -173,12 +169,15 @@ class SimulatedDetector:
         """Detections in `frame`, best score first."""
         view = self._camera.view(frame.T_map_cam, frame.stamp)
         rng = self._camera.random(frame.id, "detector")
-        found = [d for i in np.unique(view.instance) if (d := self._look(int(i), view, rng))]
+        found = [
+            d for i in np.unique(view.instance) if (d := self._true_detection(int(i), view, rng))
+        ]
         if self._faults.clutter:
             found += [
-                d for i in np.unique(view.furnishing) if (d := self._mistake(int(i), view, rng))
+                d for i in np.unique(view.furnishing) if (d := self._clutter(int(i), view, rng))
             ]
-        found += [self._imagine(view, rng) for _ in range(rng.poisson(self._faults.false_alarms))]
+        alarms = rng.poisson(self._faults.false_alarms)
+        found += [self._false_alarm(view, rng) for _ in range(alarms)]
         found.sort(key=lambda d: -d[1])
         return Detections(
             xyxy=np.array([d[0] for d in found], np.float32).reshape(-1, 4),
@@ -190,17 +189,15 @@ class SimulatedDetector:
     def chance(self, visible: float, silhouette: float, inside: float = 1.0) -> float:
         """Recall for a thing with `visible` pixels of its `silhouette` in view.
 
-        `inside` is the share of it that the border of the image leaves.
+        `inside` is the share of it within the image.
         """
         f = self._faults
         size = np.log2(max(np.sqrt(visible) / self._pixel, 1e-3) / f.half_size)
         share = visible / max(silhouette, visible, 1.0)
         chance = f.recall * _sigmoid(size / 0.35) * _sigmoid((share - f.half_visible) / 0.08)
-        return float(
-            chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
-        )
+        return chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
 
-    def _look(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
+    def _true_detection(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
         if instance == NOTHING:
             return None
         pixels = view.instance == instance
@@ -237,8 +234,8 @@ class SimulatedDetector:
         confusion = min(self._faults.confusion * fixed.gamma(0.5) / 0.5, 0.6)
         return float(odds / (1 + odds)), float(confusion), int(fixed.integers(12))
 
-    def _mistake(self, furnishing: int, view: View, rng: np.random.Generator) -> _Found | None:
-        """A furnishing taken for an object: always for the same, from one side."""
+    def _clutter(self, furnishing: int, view: View, rng: np.random.Generator) -> _Found | None:
+        """A furnishing detected as an object, always with the same label and from one side."""
         if furnishing == NOTHING:
             return None
         item = self._camera.house.furnishings[furnishing]
@@ -268,7 +265,7 @@ class SimulatedDetector:
         size = np.array([box[2] - box[0], box[3] - box[1]] * 2)
         return (self._faults.jitter * size + 0.4 * self._pixel) * rng.standard_normal(4)
 
-    def _imagine(self, view: View, rng: np.random.Generator) -> _Found:
+    def _false_alarm(self, view: View, rng: np.random.Generator) -> _Found:
         height, width = view.depth.shape
         labels = sorted(MISTAKEN_FOR)
         centre = rng.random(2) * (width, height)
@@ -289,7 +286,7 @@ class SimulatedDetector:
 def _coarse_mask(
     box: NDArray[np.float64], pixels: NDArray[np.bool_] | None
 ) -> NDArray[np.bool_] | None:
-    """The true pixels (H, W) of a thing within a box, as coarse as networks answer masks."""
+    """The true pixels (H, W) of a thing within a box, as coarse as masks of networks."""
     if pixels is None:
         return None
     box = box.astype(np.float32)
@@ -306,12 +303,12 @@ def _coarse_mask(
 class SceneFaults:
     """Error rates of the simulated scene classifier."""
 
-    sure: float = 0.62  # mean probability given to the category it settles for
-    confusion: float = 0.15  # share of frames in which it settles for one that looks alike
+    sure: float = 0.62  # mean probability of the category chosen
+    confusion: float = 0.15  # share of frames in which a similar category is chosen
 
 
 class SimulatedSceneClassifier:
-    """A `SceneClassifier` for the room most of the picture shows; `labels` are all it knows.
+    """A `SceneClassifier` with `labels` for the room that most of the picture shows.
 
     Raises ValueError where `labels` lacks the category of a room.
     """
@@ -336,15 +333,15 @@ class SimulatedSceneClassifier:
         if room is None:
             return SceneScores(dict(zip(self._labels, map(float, probability), strict=True)))
         alike = [label for label in LOOKS_LIKE[room.category] if label in self._labels]
-        settled = room.category
+        chosen = room.category
         if alike and rng.random() < self._faults.confusion:
-            settled = alike[rng.integers(len(alike))]
+            chosen = alike[rng.integers(len(alike))]
         sure = rng.beta(8 * self._faults.sure, 8 * (1 - self._faults.sure))
         rest = rng.dirichlet(np.full(len(alike) + 1, 0.8))
         probability *= 0.35 * (1 - sure)
         for label, share in zip([*alike, room.category], rest, strict=True):
             probability[self._labels.index(label)] += 0.65 * (1 - sure) * share
-        probability[self._labels.index(settled)] += sure
+        probability[self._labels.index(chosen)] += sure
         return SceneScores(dict(zip(self._labels, map(float, probability), strict=True)))
 
     def room_seen(self, frame: Frame) -> HouseRoom | None:

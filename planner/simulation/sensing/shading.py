@@ -1,4 +1,4 @@
-"""Colours of the house: floors and ceiling, light on surfaces, soft shadow under things."""
+"""Colours of the house: floors and ceiling, light on surfaces, soft shadows below things."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from planner.simulation.houses.furniture import Solid
 from planner.simulation.houses.house import WALL_HEIGHT, House
 from planner.simulation.sensing.ray_casting import Floats, Hits, Rays, Window
 
-FLOOR = -1  # `Canvas.solid` where neither thing nor wall is: floor or ceiling
+FLOOR = -1  # `Canvas.solid` of floor and ceiling
 CELL = 0.04  # [m] of the lookup tables of the floor
 CEILING = np.array([0.96, 0.96, 0.95], np.float32)
 SUN = np.array([0.30, -0.45, 0.84], np.float32)  # towards the lights
@@ -51,7 +51,7 @@ class Shader:
         self._floor = self._floor_table(house)
 
     def canvas(self, rays: Rays) -> Canvas:
-        """Nothing but floor and ceiling."""
+        """Canvas of floor and ceiling."""
         up = rays.direction[2] > 0
         level = np.where(up, np.float32(WALL_HEIGHT), np.float32(0)) - rays.origin[2]
         depth = np.minimum(level * rays.inverse[2], np.float32(99))
@@ -75,7 +75,7 @@ class Shader:
 
     def _light(self, canvas: Canvas, rays: Rays) -> Floats:
         n = canvas.normal
-        # a box's normal has no sign yet: the visible face looks against the ray
+        # a box's normal has no sign yet: that of the visible face is against the ray
         box = self._is_box[canvas.solid]
         sign = np.where(box, -np.sign(np.sum(n * rays.direction, axis=0)), np.float32(1))
         diffuse = np.float32(0.34) * np.maximum(np.einsum("i,ihw->hw", SUN, n) * sign, 0)
@@ -96,7 +96,7 @@ class Shader:
 
     @staticmethod
     def _shade(z: Floats, ground: NDArray[np.bool_]) -> Floats:
-        """Surfaces darken a little towards the floor and the ceiling."""
+        """Factor that darkens surfaces a little towards the floor and the ceiling."""
         low = np.float32(1) - np.float32(0.16) * np.exp(-z / np.float32(0.12))
         high = np.float32(1) - np.float32(0.08) * np.exp((z - WALL_HEIGHT) / np.float32(0.15))
         return np.where(ground, np.float32(1), low * high).astype(np.float32)

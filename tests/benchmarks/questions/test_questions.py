@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.questions.asking import DOORS, ask, differing
+from benchmarks.questions.asking import INTERFACES, ask, differing
 from benchmarks.questions.blind import BlindAnswers
 from benchmarks.questions.generator import questions_of
 from benchmarks.questions.graph_maps import true
@@ -147,11 +147,11 @@ def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFa
             assert score(one, given) == 1.0, one
 
 
-def test_every_door_answers_a_true_map_rightly(facts: HouseFacts) -> None:
+def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
     asked, of_truth = questions_of(facts, 3), true(facts.before, facts.now)
     with of_truth.semantic_map:
         found = ask("true", of_truth, asked)
-    assert {one.door for one in found} == {*DOORS, "JSON"}
+    assert {one.interface for one in found} == {*INTERFACES, "JSON"}
     assert differing(found) == []
     assert [one for one in found if one.score < 1.0 and one.question.family != "plan"] == []
 

@@ -16,7 +16,7 @@ from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid, length_of
 from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, Solid, SolidPart
 from planner.simulation.houses.house import House, HouseRoom, Item, Wall, furnished_house
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around, turn
 from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
@@ -442,10 +442,14 @@ def test_a_house_without_free_floor_is_refused() -> None:
 
 def test_a_tour_looks_into_every_room_and_touches_nothing(tour: SimulatedTour) -> None:
     house = furnished_house()
-    visited = {room.name for x, y in tour.route if (room := house.room_at(x, y)) is not None}
+    visited = {
+        room.name
+        for x, y in (pose.xy for pose in tour.poses)
+        if (room := house.room_at(x, y)) is not None
+    }
     assert visited == {room.name for room in house.rooms}
     solids = [s for i in (*house.objects, *house.furnishings) for s in i.solids()]
-    for x, y in tour.route:
+    for x, y in (pose.xy for pose in tour.poses):
         for solid in solids:
             inside = solid.lo[0] < x < solid.hi[0] and solid.lo[1] < y < solid.hi[1]
             assert not (inside and solid.lo[2] < 1.2 and solid.hi[2] > 0.05)
@@ -456,7 +460,7 @@ def test_a_tour_can_be_read_again_from_any_frame(tour: SimulatedTour) -> None:
     assert [frame.id for frame in late] == [f"frame-{len(tour) - k:06d}" for k in (2, 1)]
     again = next(tour.frames(len(tour) - 1))
     assert np.array_equal(late[-1].depth, again.depth, equal_nan=True)
-    assert late[0].stamp < late[1].stamp == tour.end
+    assert late[0].stamp < late[1].stamp == START + tour.poses[-1].seconds
     assert 250 <= len(tour) <= 350
 
 

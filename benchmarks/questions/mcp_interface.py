@@ -14,12 +14,12 @@ from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 
 from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.row_doors import SEEN_IN, in_order
+from benchmarks.questions.sparql_interfaces import SEEN_IN, in_order
 
 Answer = dict[str, Any]
 
 
-class McpDoor:
+class McpInterface:
     """Each family by the tools of `hereabouts mcp URL`, over stdin and stdout."""
 
     def __init__(self, asked: AskedMap, url: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.row_doors import in_order
+from benchmarks.questions.sparql_interfaces import in_order
 from kg.model.records import ObjectRecord
 from planner.search.goals.moves import moved_things
 from planner.search.goals.status import status
@@ -17,7 +17,7 @@ _PRESENT = 0.5  # existence
 _EVERYWHERE = 100.0  # [m]
 
 
-class PythonDoor:
+class PythonInterface:
     """Each family by `SemanticMap` and what builds on it."""
 
     def __init__(self, asked: AskedMap) -> None:

@@ -17,7 +17,7 @@ SEEN_IN: Final = re.compile(r"seen in (\S+) of recording/(\S+)")
 _MOVED: Final = 0.3  # [m]
 
 
-class SparqlDoor:
+class SparqlInterface:
     """Each family by a query file of `queries/`; there is none for plans."""
 
     def __init__(self, asked: AskedMap) -> None:
@@ -101,7 +101,7 @@ class SparqlDoor:
         return [row for row in near if row["object"] != one["object"]]
 
 
-class HttpDoor(SparqlDoor):
+class HttpInterface(SparqlInterface):
     """The same from `/queries`, over the SPARQL protocol; reasons by `/why`, plans by `/find`."""
 
     def __init__(self, asked: AskedMap, url: str) -> None:
