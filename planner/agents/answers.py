@@ -24,7 +24,7 @@ Cell = Annotated[
     Field(description=_DATA),
 ]
 Probability = Annotated[float, Field(description="0..1")]
-LeftOut = Annotated[int, Field(description="how many more there are beyond those listed")]
+LeftOut = Annotated[int, Field(description="number of further ones that are not listed")]
 StatusValue = Literal["present", "gone", "hidden", "never looked"]
 
 
@@ -53,7 +53,7 @@ class Thing(_Record):
     iri: Iri
     untrusted_label: Label
     untrusted_category: Label
-    probability: Annotated[float, Field(description="that it exists, 0..1")]
+    probability: Annotated[float, Field(description="existence, 0..1")]
     x: float | None = None
     y: float | None = None
     z: float | None = None
@@ -67,14 +67,14 @@ class Thing(_Record):
 
 
 class Alternative(_Record):
-    """Another category that an object may be of."""
+    """Another category that an object may have."""
 
     untrusted_category: Label
     probability: Probability
 
 
 class KnownThing(Thing):
-    """An object with where it is in words."""
+    """An object with its whereabouts in words."""
 
     untrusted_where: Sentence = ""
     may_be: list[Alternative] = []
@@ -83,7 +83,7 @@ class KnownThing(Thing):
 
 
 class Departed(_Record):
-    """A thing that left where it stood and was not found elsewhere: no object of the map now."""
+    """A thing that left its spot and was not found elsewhere; it is no object of the map now."""
 
     iri: Iri
     untrusted_label: Label
@@ -95,13 +95,14 @@ class Departed(_Record):
 
 
 class WhereIs(Answer):
-    """Objects that match the query, the surest first; without any, the evidence of absence."""
+    """Objects that match the query, the surest first; without any, the proof of absence."""
 
     things: list[KnownThing]
     left_out: LeftOut = 0
     departed: list[Departed] = []
     status: Annotated[
-        StatusValue | None, Field(description="where nothing is known: gone is not never looked")
+        StatusValue | None,
+        Field(description="if no thing is known; gone differs from never looked"),
     ] = None
     untrusted_proof: Sentence | None = None
 
@@ -114,16 +115,16 @@ class Things(Answer):
 
 
 class AtPoint(Things):
-    """Objects at a point, and the place it is in."""
+    """Objects at a point, and the place that contains the point."""
 
     place: Iri | None
     untrusted_place: Label | None
 
 
 class MovedThing(Thing):
-    """An object that stands elsewhere than before; x, y, z are where it is now."""
+    """An object that moved; x, y, z are its present position."""
 
-    was: Annotated[list[float], Field(description="x, y, z where it stood then")]
+    was: Annotated[list[float], Field(description="x, y, z of its former position")]
     moved_metres: float
 
 
@@ -159,7 +160,7 @@ class StatusAnswer(Answer):
 
 
 class Step(_Record):
-    """A step of an explanation; those behind it follow, one deeper."""
+    """A step of an explanation; the steps that explain it follow, one deeper."""
 
     depth: int
     kind: str
@@ -190,11 +191,11 @@ class HistoryAnswer(Answer):
     """The latest transactions that changed a thing, oldest first."""
 
     events: list[Event]
-    left_out: Annotated[int, Field(description="how many older ones there are")] = 0
+    left_out: Annotated[int, Field(description="number of older ones")] = 0
 
 
 class Reason(_Record):
-    """Why a look is worth it: an object or place that it shows, and the facts behind it."""
+    """A reason for a look: an object or place that it shows, and the facts behind it."""
 
     iri: Iri
     kind: str
@@ -208,21 +209,21 @@ class Look(_Record):
     x: float
     y: float
     heading: float
-    extent: Annotated[float, Field(description="radians that are looked at, around heading")]
+    extent: Annotated[float, Field(description="angle that the look covers [rad], around heading")]
     place: Iri | None
-    probability: Annotated[float, Field(description="to find it here first")]
+    probability: Annotated[float, Field(description="that this look finds it first")]
     seconds: float
     metres: float
-    left: Annotated[float, Field(description="probability that it is there and not found by then")]
+    left: Annotated[float, Field(description="probability that it exists and is not found by then")]
     reasons: list[Reason]
 
 
 class PlanAnswer(Answer):
-    """A search: looks in order, with what each brings."""
+    """A search plan: looks in their order."""
 
-    known: Annotated[list[KnownThing], Field(description="what the map has of it already")]
+    known: Annotated[list[KnownThing], Field(description="matching objects of the map")]
     present: Annotated[float, Field(description="probability that it is on this floor")]
-    probability: Annotated[float, Field(description="to find it by the whole plan")]
+    probability: Annotated[float, Field(description="that the whole plan finds it")]
     expected_seconds: float | None
     looks: list[Look]
     left_out: LeftOut = 0
@@ -233,12 +234,12 @@ class ProposedLook(_Record):
 
     x: float
     y: float
-    heading: Annotated[float, Field(description="the middle of what is to be looked at")]
-    extent: Annotated[float, Field(description="radians that are looked at, around heading")]
+    heading: Annotated[float, Field(description="direction of the look [rad]")]
+    extent: Annotated[float, Field(description="angle that the look covers [rad], around heading")]
     untrusted_place: Label | None
-    probability: Annotated[float, Field(description="that it shows any of what is wanted")]
+    probability: Annotated[float, Field(description="that it shows a wanted object")]
     seconds: float
-    left_if_in_vain: Annotated[float, Field(description="0..1, that it is there to be found")]
+    left_if_in_vain: Annotated[float, Field(description="0..1, that it is still there")]
     untrusted_reasons: list[Sentence]
 
 
@@ -255,13 +256,13 @@ class SearchProgress(Answer):
 
     search: Annotated[str, Field(description="its name, for next_look and report_look")]
     state: Literal["searching", "found", "given up"]
-    untrusted_wanted: Annotated[list[Label], Field(description="what is not found yet")]
+    untrusted_wanted: Annotated[list[Label], Field(description="objects not found yet")]
     looks_reported: int
-    left: Annotated[float, Field(description="0..1, that any of it is there to be found")]
+    left: Annotated[float, Field(description="0..1, that any of them is still there")]
 
 
 class NextLook(SearchProgress):
-    """The look to take now; none where all is found, or no look is worth its way."""
+    """The look to take now; null if all is found, or if no look is worth the way."""
 
     look: ProposedLook | None
 
@@ -275,12 +276,12 @@ class CategoryCount(_Record):
 
 
 class PlaceSummary(_Record):
-    """A place, what it is believed to be, and how much of it was viewed."""
+    """A place with its most probable category and the share of it that was viewed."""
 
     iri: Iri
     untrusted_label: Label
     untrusted_category: Label | None
-    probability: Annotated[float | None, Field(description="that it is of that category")]
+    probability: Annotated[float | None, Field(description="of that category")]
     viewed_share: float | None
     last_viewed: str | None
     xmin: float

@@ -1,4 +1,4 @@
-"""Tools that tell what changed: the transactions of one thing, and what stands elsewhere."""
+"""Tools about changes: the transactions of one thing, and the objects that moved."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from planner.agents.map_context import MapContext
 from planner.agents.map_tools import Limit, ThingName, thing
 from planner.search.goals.moves import FAR, moved_things
 
-_CHANGES: Final = 12  # listed of a transaction
+_MAX_CHANGES: Final = 12  # listed for a transaction
 
 
 class ChangeTools:
@@ -35,8 +35,8 @@ class ChangeTools:
                     kind=entry.cause.kind,
                     untrusted_by=entry.cause.by,
                     untrusted_note=entry.cause.note,
-                    untrusted_changes=list(entry.changes[:_CHANGES]),
-                    changes_left_out=max(len(entry.changes) - _CHANGES, 0),
+                    untrusted_changes=list(entry.changes[:_MAX_CHANGES]),
+                    changes_left_out=max(len(entry.changes) - _MAX_CHANGES, 0),
                 )
             )
         return a.HistoryAnswer(map=identity, events=list(entries), left_out=count - len(entries))
@@ -46,13 +46,13 @@ class ChangeTools:
         since: Annotated[
             str, Field(max_length=40, description="ISO 8601 (UTC), or #42: after transaction 42")
         ],
-        metres: Annotated[float, Field(gt=0, le=1000, description="least distance")] = FAR,
+        metres: Annotated[float, Field(gt=0, le=1000, description="minimum distance")] = FAR,
         limit: Limit = 20,
     ) -> a.Moved:
-        """Objects that stand elsewhere than at a moment: from where to where, the farthest first.
+        """Objects that moved since a moment, with both positions, the farthest first.
 
-        The moment is when the map was written, not when a camera saw it. What left and was not
-        found elsewhere is no object now: where_is lists it as departed.
+        The moment counts by the time of writing, not of observation. An object that left and was
+        not found elsewhere is not listed here; where_is lists it as departed.
         """
         identity, semantic_map = self._context.identity(), self._context.semantic_map
         moved = moved_things(semantic_map, since, far=metres)

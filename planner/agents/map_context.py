@@ -20,7 +20,7 @@ class MapContext:
 
     semantic_map: SemanticMap
     author: Callable[[], str] | None = None
-    most: int = 50  # categories and places that a description lists
+    max_listed: int = 50  # categories and places of a description
 
     @property
     def writable(self) -> bool:
@@ -28,7 +28,7 @@ class MapContext:
         return self.author is not None
 
     def identity(self) -> MapIdentity:
-        """The map and its state; taken first, so that an answer is no older than it says."""
+        """The map and its state; taken first, so that an answer is never older than this state."""
         return MapIdentity(
             untrusted_title=self.semantic_map.description.title,
             base=self.semantic_map.base,
@@ -45,9 +45,9 @@ class MapContext:
         return what if "://" in what else self.semantic_map.base + what
 
     def place(self, text: str) -> str:
-        """IRI of a place by its label, number or IRI, or by what one place alone is believed to be.
+        """IRI of a place by its label, number or IRI, or by a category that one place alone has.
 
-        Raises QueryParameterError, which lists the places, where there is none or several.
+        Raises QueryParameterError, which lists the places, for none or several.
         """
         try:
             return self.semantic_map.resolve("place", text)
@@ -58,18 +58,20 @@ class MapContext:
                 raise error from None
             if len(believed) > 1:
                 iris = ", ".join(place.iri for place in believed)
-                raise QueryParameterError(f"several places are such; name one of {iris}") from None
+                raise QueryParameterError(
+                    f"several places have the category {text!r}; give one of {iris}"
+                ) from None
             if not believed:
                 raise
             return believed[0].iri
 
 
 def time_or_none(value: object) -> str | None:
-    """A time as ISO 8601 in UTC; None for what is no time."""
+    """A time as ISO 8601 in UTC; None for other values."""
     return iso(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
 
 
 def number_or_none(row: Row, column: str) -> float | None:
-    """A number of a row; None where it has none there."""
+    """The number in a column of a row, or None."""
     value = row.get(column)
     return round(float(value), 6) if isinstance(value, int | float) else None

@@ -1,4 +1,4 @@
-"""Tools that read a map: where things are, what is where, what is known of them, and why."""
+"""Tools that read a map: its objects, places, status and explanations."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from planner.search.goals.targets import resolve
 
 Word = Annotated[str, Field(min_length=1, max_length=100)]
 ThingName = Annotated[str, Field(min_length=1, max_length=300, description="object/17 or its IRI")]
-Limit = Annotated[int, Field(ge=1, le=100, description="most to list")]
+Limit = Annotated[int, Field(ge=1, le=100, description="maximum number to list")]
 Metres = Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False, description="map frame, m")]
-Least = Annotated[float, Field(ge=0, le=1, description="existence from which on objects count")]
-Radius = Annotated[float, Field(gt=0, le=1000, description="metres over the floor")]
+Least = Annotated[float, Field(ge=0, le=1, description="minimum existence of objects")]
+Radius = Annotated[float, Field(gt=0, le=1000, description="metres along the floor")]
 
-_SAME_SPOT: Final = 0.01  # [m] to find an object where it is
+_SAME_SPOT: Final = 0.01  # [m] radius around the position of an object
 
 
 class MapTools:
@@ -50,7 +50,7 @@ class MapTools:
         identity, description = self._context.identity(), self._map.description
         counted = self._map.query("summary").records()
         places, robot = self._map.places(), self._map.robot()
-        most = self._context.most
+        max_listed = self._context.max_listed
         return a.MapDescription(
             map=identity,
             created=time_or_none(_moment(description.created)),
@@ -62,11 +62,11 @@ class MapTools:
                     count=int(str(row["count"])),
                     last_seen=time_or_none(row["lastSeen"]),
                 )
-                for row in counted[:most]
+                for row in counted[:max_listed]
             ],
-            categories_left_out=max(len(counted) - most, 0),
-            places=[self._summary(place) for place in places[:most]],
-            places_left_out=max(len(places) - most, 0),
+            categories_left_out=max(len(counted) - max_listed, 0),
+            places=[self._summary(place) for place in places[:max_listed]],
+            places_left_out=max(len(places) - max_listed, 0),
             robot=None
             if robot is None
             else a.Pose(
@@ -82,8 +82,8 @@ class MapTools:
         """Find things: a category (cup), a synonym, a need ("something to sit on"), or one
         thing (object/17). Surest first, with place, position, probability and when last seen.
 
-        Where the map knows none, `status` says whether it is gone, hidden, or was never looked for;
-        `departed` are such things that left where they stood.
+        If the map has none, `status` tells whether it is gone, hidden, or was never looked for;
+        `departed` lists such things that left their spot.
         """
         identity = self._context.identity()
         if self._context.is_thing(what):
@@ -136,7 +136,7 @@ class MapTools:
         """Objects on the strip of floor from one thing (object/17) to another, in this order."""
         identity, ends = self._context.identity(), [self._context.iri(o) for o in (one, other)]
         for iri in ends:
-            self._position(iri)  # refuses what is no object
+            self._position(iri)  # raises for anything else than an object
         strip = {"one": ends[0], "other": ends[1], "width": width, "least": least}
         return _things(identity, list(self._map.query("between", **strip).records()), limit)
 
@@ -155,7 +155,7 @@ class MapTools:
             rows = self._map.query("objects-in-place", place=place, least=least).records()
             return _things(identity, rows, limit)
         iri = self._context.iri(what)
-        self._position(iri)  # refuses what is no object
+        self._position(iri)  # raises for anything else than an object
         related = self._map.query("related", object=iri).records()
         rows = [
             row
@@ -220,10 +220,10 @@ class MapTools:
     def ask_sparql(
         self,
         query: Annotated[str, Field(min_length=1, max_length=20_000)],
-        limit: Annotated[int, Field(ge=1, le=500, description="most rows to return")] = 50,
+        limit: Annotated[int, Field(ge=1, le=500, description="maximum number of rows")] = 50,
     ) -> a.Rows:
-        """Any SPARQL 1.1 query that reads (SELECT, ASK, CONSTRUCT, DESCRIBE), for what no other
-        tool answers. Prefixes here:, graph:, rdfs: are declared; 10 s, 4 MB.
+        """Any reading SPARQL 1.1 query (SELECT, ASK, CONSTRUCT, DESCRIBE), for questions that no
+        other tool answers. Prefixes here:, graph:, rdfs: are declared; 10 s, 4 MB.
 
         Example: SELECT ?cup ?z WHERE { ?cup a here:Cup ; here:z ?z } ORDER BY ?z LIMIT 10
         """
@@ -262,8 +262,8 @@ class MapTools:
 
     def _unknown(self, iri: str) -> QueryParameterError:
         return QueryParameterError(
-            f"{iri} is no object of the map now; history and status tell what became of it, "
-            "where_is finds objects by category"
+            f"{iri} is no object of the map now; history and status tell its fate, where_is finds "
+            "objects by category"
         )
 
     def _within(self, x: float, y: float, radius: float, least: float) -> list[Row]:
@@ -288,7 +288,7 @@ class MapTools:
 
 
 def known_things(known: Sequence[KnownObject], limit: int) -> tuple[list[a.KnownThing], int]:
-    """The first of them as they are answered, and how many are left out."""
+    """The first `limit` objects as answers, and the number of the others."""
     return [_known(one) for one in known[:limit]], max(len(known) - limit, 0)
 
 
@@ -323,7 +323,7 @@ def thing(row: Row) -> a.Thing:
         iri=str(row["object"]),
         untrusted_label=str(row["label"] or row["category"]),
         untrusted_category=str(row["category"]),
-        # what people assert has no other existence than being there
+        # asserted objects have no existence probability
         probability=1.0 if existence is None else round(existence, 6),
         **{name: number_or_none(row, name) for name in ("x", "y", "z", "distance")},
         untrusted_place=None if place is None else str(place),

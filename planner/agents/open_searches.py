@@ -1,7 +1,6 @@
-"""Searches of agents under way: what was proposed, what was reported, what is left.
+"""Searches of agents in progress: proposed looks, reports, and remaining probability.
 
-They are kept in memory, a bounded number of them, and die with the process: the map hears of a
-search only what its writers write.
+A bounded number of searches is kept in memory until the process ends; the map is not written.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.targets import resolve
 
-MAX_SEARCHES: Final = 8  # searches kept, the latest used ones
+MAX_SEARCHES: Final = 8  # the latest used ones are kept
 MAX_REPORTS: Final = 500  # of one search
 
 
 class OpenSearch:
-    """One search: looks in vain lower the belief, and what others write is taken up."""
+    """One search: looks that find nothing lower the belief; changes by others are read."""
 
     def __init__(self, semantic_map: SemanticMap, words: Sequence[str]) -> None:
         self._map, self._targets = semantic_map, resolve(semantic_map, words)
@@ -35,7 +34,7 @@ class OpenSearch:
         self._adapter = ViewpointAdapter(semantic_map, words, Hello(), map_time(semantic_map))
         self._looks, self._obstacles = list[LookRecord](), list[ObstacleRecord]()
         self._found: dict[str, np.ndarray] = {}
-        self.proposed: NextView | None = None  # the look that is to be reported
+        self.proposed: NextView | None = None  # the look to report
 
     @property
     def wanted(self) -> list[str]:
@@ -44,7 +43,7 @@ class OpenSearch:
 
     @property
     def left(self) -> float:
-        """Probability that anything still wanted is there to be found."""
+        """Probability that a wanted object is still there."""
         return self._adapter.left if self.wanted else 0.0
 
     @property
@@ -53,7 +52,7 @@ class OpenSearch:
         return len(self._looks)
 
     def next(self, pose: RobotPose) -> NextView | None:
-        """The look to take next from `pose`; None where all is found or none is worth its way."""
+        """The next look from `pose`; None if all is found or no look is worth the way."""
         sequence = self._map.sequence
         if sequence != self._sequence:
             self._adapter.rebuild(self._looks, self._obstacles, tuple(self._found.items()))
@@ -63,14 +62,14 @@ class OpenSearch:
         return self.proposed
 
     def report(self, found: Sequence[tuple[str, float, float]], *, reached: bool) -> None:
-        """Learn what the proposed look showed: words with x, y [m], or nothing of what is wanted.
+        """Report the proposed look: found words with x, y [m], or none.
 
-        Without `reached` the robot could not get there. Raises QueryParameterError, having learnt
-        nothing, where no look was proposed or this search does not want what was found.
+        Without `reached` the robot could not get there. Raises QueryParameterError, and changes
+        nothing, if no look was proposed or a found word is not wanted.
         """
         look = self.proposed
         if look is None:
-            raise QueryParameterError("no look is to be reported; ask next_look for one first")
+            raise QueryParameterError("there is no look to report; ask next_look for one first")
         spots = {self._text_of(what): np.array([x, y]) for what, x, y in found}
         self.proposed = None
         for text, p_map in spots.items():
@@ -79,7 +78,7 @@ class OpenSearch:
         (self._looked if reached else self._blocked)(look)
 
     def _text_of(self, what: str) -> str:
-        """The text of the target that `what`, in any word for it, is one of."""
+        """The text of the target that the word `what` names."""
         try:
             kinds = resolve(self._map, [what])[0].kinds.keys()
         except UnknownCategoryError:
@@ -112,21 +111,21 @@ class OpenSearch:
 
 
 class OpenSearches:
-    """The latest searches by name; the least recently used one goes where there are too many."""
+    """The latest searches by name; above the maximum, the least recently used one is dropped."""
 
-    def __init__(self, most: int = MAX_SEARCHES) -> None:
-        self._most = most
+    def __init__(self, max_searches: int = MAX_SEARCHES) -> None:
+        self._max = max_searches
         self._searches: OrderedDict[str, OpenSearch] = OrderedDict()
 
     def add(self, search: OpenSearch) -> OpenSearch:
         """Keep a new search."""
         self._searches[search.name] = search
-        while len(self._searches) > self._most:
+        while len(self._searches) > self._max:
             self._searches.popitem(last=False)
         return search
 
     def get(self, name: str) -> OpenSearch:
-        """The search of that name; raises QueryParameterError where there is none."""
+        """The search of that name; raises QueryParameterError if there is none."""
         try:
             self._searches.move_to_end(name)
         except KeyError:

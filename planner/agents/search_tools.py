@@ -27,7 +27,7 @@ Wanted = Annotated[
 SearchName = Annotated[str, Field(max_length=40, description="as next_look named it")]
 Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
 
-_WAITING: Final = 8  # plans that are made or wait, one being made at a time
+_MAX_WAITING: Final = 8  # plans that are made or wait; one is made at a time
 _KNOWN: Final = 5  # objects listed of each target
 _REASONS: Final = 3  # of each look
 _FACTS: Final = 6  # of each reason
@@ -39,7 +39,7 @@ class SearchTools:
     def __init__(self, context: MapContext) -> None:
         self._context = context
         self._planning = threading.Lock()
-        self._waiting = threading.BoundedSemaphore(_WAITING)
+        self._waiting = threading.BoundedSemaphore(_MAX_WAITING)
         self._searches = OpenSearches()
 
     def find_plan(
@@ -81,7 +81,7 @@ class SearchTools:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        """One plan is made at a time, and few wait: each holds one of the server's threads."""
+        """Make one plan at a time; only few wait, since each holds a thread of the server."""
         if not self._waiting.acquire(blocking=False):
             raise PoolBusyError("other plans are being made; try again in a minute")
         try:
@@ -101,7 +101,7 @@ class SearchTools:
         """The one look to take now, from x, y (or from where the robot is). `what` begins a search.
 
         Go there, look, call report_look, then ask again with `search`, which the answer names: each
-        look in vain counts, and so does what others write into the map meanwhile.
+        look without a find counts, and so do changes of the map by others.
         """
         identity = self._context.identity()
         pose = RobotPose(*self._start(x, y, heading_degrees))
@@ -123,13 +123,11 @@ class SearchTools:
         self,
         search: SearchName,
         found: Annotated[
-            list[a.FoundThing], Field(max_length=20, description="empty: it showed none of it")
+            list[a.FoundThing], Field(max_length=20, description="empty: no wanted object")
         ] = [],  # noqa: B006 a default of the tool's schema, never changed
-        reached: Annotated[
-            bool, Field(description="false: the robot could not get there, nothing was looked at")
-        ] = True,
+        reached: Annotated[bool, Field(description="false: the robot could not get there")] = True,
     ) -> a.SearchProgress:
-        """Report the look that next_look proposed: what it showed, or that it showed nothing.
+        """Report the look that next_look proposed: the objects that it showed, or none.
 
         The search goes on from it; the map is not written (assert_fact does, where there is it).
         """

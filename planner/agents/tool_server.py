@@ -48,9 +48,9 @@ _WRITES: Final = ToolAnnotations(
 def tool_server(
     context: MapContext, queries: LimitedQueries, tokens: BearerTokens | None = None
 ) -> MCPServer[Any]:
-    """The server with the tools of a map; those that write only where it has an author.
+    """The server with the tools of a map; writing tools only if the context has an author.
 
-    With `tokens` every HTTP request needs one of them.
+    With `tokens`, every HTTP request needs one of them.
     """
     reading, searching, changes = (
         MapTools(context, queries),
@@ -88,7 +88,7 @@ def tool_server(
 
 
 def token_holder() -> str:
-    """The name of the token that the request under way carries."""
+    """The name of the token of the present request."""
     token = get_access_token()
     if token is None:
         raise ServerError("writing needs a header 'Authorization: Bearer TOKEN'")
@@ -98,8 +98,8 @@ def token_holder() -> str:
 class ToolHttpServer(ServerLifecycle):
     """Serves the tools at ``/mcp`` of an address, as streamable HTTP; `run` blocks.
 
-    Requests of other Host names and of all web pages are refused. Raises ServerError where the
-    address cannot be listened at, or is open to other machines without tokens.
+    Requests of other Host names and of all web pages are refused. Raises ServerError if the
+    address cannot be used, or is open to other machines without tokens.
     """
 
     def __init__(self, context: MapContext, queries: LimitedQueries, settings: Settings) -> None:
@@ -119,19 +119,19 @@ class ToolHttpServer(ServerLifecycle):
 
 
 class _Verifier:
-    """Bearer tokens as the package asks for them; `client_id` is the holder's name."""
+    """Bearer tokens in the interface of the package; `client_id` is the holder's name."""
 
     def __init__(self, tokens: BearerTokens) -> None:
         self._tokens = tokens
 
     async def verify_token(self, token: str) -> AccessToken | None:
-        """Whose token it is; None where it is nobody's."""
+        """The holder of a token, or None."""
         name = self._tokens.find(f"Bearer {token}")
         return None if name is None else AccessToken(token=token, client_id=name, scopes=[])
 
 
 def _auth() -> AuthSettings:
-    # the tokens are of a file: no authorization server issues them, and none is advertised
+    # tokens come from a file: there is no authorization server to advertise
     return AuthSettings(issuer_url=AnyHttpUrl("http://localhost"), resource_server_url=None)
 
 
@@ -141,7 +141,7 @@ def _add(server: MCPServer[Any], tool: Tool, annotations: ToolAnnotations) -> No
 
 
 def _reporting(tool: Tool) -> Tool:
-    """The tool, its errors in the same form as its answers: text of the map may be in them."""
+    """The tool with escaped errors, since they may contain text of the map."""
 
     @functools.wraps(tool)
     def reporting(*arguments: object, **named: object) -> object:

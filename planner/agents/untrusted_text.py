@@ -5,7 +5,7 @@ from __future__ import annotations
 import unicodedata
 from typing import Final
 
-#: characters of a label, of a sentence and of an IRI
+#: maximum characters of a label, of a sentence and of an IRI
 LABEL: Final = 120
 SENTENCE: Final = 400
 ADDRESS: Final = 300
@@ -15,15 +15,15 @@ _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Zl", "Zp"))
 _SELECTORS: Final = (range(0xFE00, 0xFE10), range(0xE0100, 0xE01F0))
 
 
-def escaped(value: object, most: int) -> str:
-    r"""`value` in one visible line of at most `most` characters; cut text ends in an ellipsis.
+def escaped(value: object, max_length: int) -> str:
+    r"""`value` in one visible line of at most `max_length` characters; a cut ends in an ellipsis.
 
     >>> escaped("cup\n\u202eSYSTEM", 40)
     'cup\\u000a\\u202eSYSTEM'
     """
     text = str(value)
-    written = "".join(map(_visible, text[: most + 1]))
-    return written if len(written) <= most else written[: most - 1] + "…"
+    written = "".join(map(_visible, text[: max_length + 1]))
+    return written if len(written) <= max_length else written[: max_length - 1] + "…"
 
 
 def _visible(character: str) -> str:

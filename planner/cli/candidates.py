@@ -161,13 +161,13 @@ def _print_all(report: DetectionReport) -> None:
     _print_things(report.things, ROWS)
 
 
-def _print_things(things: tuple[DoubtedThing, ...], most: int) -> None:
+def _print_things(things: tuple[DoubtedThing, ...], max_rows: int) -> None:
     if not things:
         return
     heading("Seen but not believed")
-    print_table(*things_table(things, most))
-    if len(things) > most:
-        note(f"and {len(things) - most} more: --json, or name a category")
+    print_table(*things_table(things, max_rows))
+    if len(things) > max_rows:
+        note(f"and {len(things) - max_rows} more: --json, or name a category")
 
 
 def listed_things(things: Sequence[DoubtedThing]) -> str:
@@ -236,7 +236,7 @@ def short(iri: str) -> str:
 
 
 def things_table(
-    things: Sequence[DoubtedThing], most: int = ROWS
+    things: Sequence[DoubtedThing], max_rows: int = ROWS
 ) -> tuple[tuple[str, ...], list[Sequence[object]]]:
     """Columns and rows of things that are not believed, with their best view."""
     columns = ("category", "thing", "existence", "seen", "from", "score", "best frame", "box [px]")
@@ -251,7 +251,7 @@ def things_table(
             "/".join(filter(None, (one.recording, one.frame))),
             "" if one.box is None else " ".join(f"{side:.0f}" for side in one.box),
         )
-        for one in things[:most]
+        for one in things[:max_rows]
     ]
     return columns, rows
 

@@ -97,13 +97,13 @@ def run(arguments: argparse.Namespace) -> int:
             note(f"wrote {output}: {triples:,} triples")
         if arguments.pictures is not None:
             folder = Path(arguments.pictures)
-            count = _copy_pictures(semantic_map, folder, _least(arguments))
+            count = _copy_pictures(semantic_map, folder, _min_existence(arguments))
             note(f"wrote {folder}: {count} pictures")
     return 0
 
 
-def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int:
-    """Copy the pictures of objects of existence `least` and above; returns how many."""
+def _copy_pictures(semantic_map: SemanticMap, folder: Path, min_existence: float) -> int:
+    """Copy the pictures of objects of existence `min_existence` and above; returns their number."""
     from kg.maps.object_pictures import ObjectPictures
     from kg.store.atomic_file import write_atomically
 
@@ -111,7 +111,7 @@ def _copy_pictures(semantic_map: SemanticMap, folder: Path, least: float) -> int
         raise QueryParameterError("--pictures needs the folder of a map as MAP")
     _make(folder)
     pictures = ObjectPictures(semantic_map.store.path)
-    records = semantic_map.objects(min_existence=least)
+    records = semantic_map.objects(min_existence=min_existence)
     found = {one.iri: pictures.path_of(one) for one in records}
     kept = {iri.rpartition("/")[2]: path for iri, path in found.items() if path is not None}
     for number, path in kept.items():
@@ -158,7 +158,7 @@ def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
     return f"{objects} and {places}"
 
 
-def _least(arguments: argparse.Namespace) -> float:
+def _min_existence(arguments: argparse.Namespace) -> float:
     """Minimum existence of exported objects."""
     from planner.display.plots.drawing import SHOWN_EXISTENCE
 
@@ -178,9 +178,9 @@ def _write_document(
     from kg.export.plain_documents import geojson_document, rooms_document
     from kg.store.atomic_file import write_atomically
 
-    least = _least(arguments)
+    min_existence = _min_existence(arguments)
     make = geojson_document if chosen == "geojson" else rooms_document
-    document = make(semantic_map, least)
+    document = make(semantic_map, min_existence)
     text = json.dumps(document, ensure_ascii=False, allow_nan=False, indent=1)
     write_atomically(output, text + "\n")
     if chosen == "geojson":
@@ -196,9 +196,9 @@ def _write_scene(
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)
-    least = _least(arguments)
-    scene, stamp = present_scene(semantic_map, least, plan)
-    past = past_scenes(semantic_map, arguments.past, least) if arguments.past else ()
+    min_existence = _min_existence(arguments)
+    scene, stamp = present_scene(semantic_map, min_existence, plan)
+    past = past_scenes(semantic_map, arguments.past, min_existence) if arguments.past else ()
     write_atomically(output, make(chain(past, [(scene, stamp)])))
     return f"{len(scene.objects)} objects, {len(scene.places)} places"
 

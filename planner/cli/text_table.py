@@ -73,7 +73,7 @@ def _folded(text: str, width: int) -> list[str]:
     for line in text.split("\n"):
         rest = line
         while _columns(rest) > width:
-            at = max(1, _most(rest, width))
+            at = max(1, _fitting(rest, width))
             blank = rest.rfind(" ", 0, at + 1)
             at = blank if blank > 0 else at
             lines.append(rest[:at].rstrip())
@@ -82,7 +82,7 @@ def _folded(text: str, width: int) -> list[str]:
     return lines
 
 
-def _most(text: str, width: int) -> int:
+def _fitting(text: str, width: int) -> int:
     """The number of characters that fit into `width`."""
     used = 0
     for number, character in enumerate(text):

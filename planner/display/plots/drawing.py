@@ -39,12 +39,12 @@ from planner.display.plots.palette import (
     pale,
 )
 
-#: existence from which on objects are drawn as things; those below are ghosts
+#: minimum existence of objects that are drawn as things; the others are ghosts
 SHOWN_EXISTENCE: Final = 0.5
 
 
 def draw_place(axes: Axes, place: PlaceRecord, colour: str | None, *, filled: bool) -> None:
-    """The outline of its area, dashed where `colour` is None; `filled` with a pale one."""
+    """The outline of a place, dashed if `colour` is None; `filled` with a pale `colour`."""
     path = Path.make_compound_path(  # holes run the other way round and are not filled
         *(Path([*ring, ring[0]], closed=True) for ring in place.area.oriented_rings)
     )
@@ -65,7 +65,7 @@ class GroundTruth:
 
 
 def draw_ground_truth(axes: Axes, truth: GroundTruth) -> None:
-    """Walls with their doorways, furniture from above, and a cross where each object truly is."""
+    """Walls with doorways, furniture from above, and a cross at each true object."""
     style: dict[str, Any] = {"fc": (1, 1, 1, 0.5), "ec": OUTLINE, "lw": 0.6}
     for lo, hi in truth.boxes:
         if lo[2] > 0.9 or hi[2] < 0.05:
@@ -78,7 +78,7 @@ def draw_ground_truth(axes: Axes, truth: GroundTruth) -> None:
 
 
 def draw_route(axes: Axes, route: NDArray[np.float64]) -> None:
-    """A dashed line along `route` (n, 2) [m], with a ring where it begins."""
+    """A dashed line along `route` (n, 2) [m], with a ring at its start."""
     axes.plot(*route.T, color="white", lw=4.2, zorder=4, solid_joinstyle="round")
     axes.plot(*route.T, color=ROUTE, lw=1.7, zorder=4.1, ls=(0, (5, 2.2)), dash_capstyle="round")
     axes.plot(*route[:1].T, "o", ms=7, mfc="white", mec=ROUTE, mew=1.7, zorder=4.2)
@@ -93,7 +93,7 @@ def draw_find(axes: Axes, p_map: NDArray[np.float64]) -> None:
 def draw_object(axes: Axes, record: ObjectRecord, group: Group, size: float = 6.2) -> None:
     """A mark of `size` [pt] in its group's colour and shape; hollow for a low existence.
 
-    Its box is outlined where its extent is known.
+    The box is outlined if the extent is known.
     """
     x, y, _ = record.p_map
     style: dict[str, Any] = {"marker": group.marker, "ms": size, "ls": "none"}
@@ -153,7 +153,7 @@ def draw_floor(
 
 
 def _cells_of(floor: MappedFloor, place: PlaceRecord) -> tuple[slice, slice, NDArray[np.bool_]]:
-    """Columns and rows around a place, and which of their cells have their centre in it."""
+    """Columns and rows around a place, and whether each cell has its centre in the place."""
     corners = np.array([(place.xmin, place.ymin), (place.xmax, place.ymax)])
     cells = np.round((corners - floor.origin) / floor.resolution).astype(np.int64)
     (i0, j0), (i1, j1) = np.clip(cells, 0, floor.states.shape)
@@ -171,7 +171,7 @@ def _draw_cells(
     zorder: float,
     interpolation: str = "nearest",
 ) -> None:
-    """An image (ny, nx, 4) whose pixels are cells of the side `cell` [m] from `corner` on."""
+    """Draw an image (ny, nx, 4) with pixels of side `cell` [m], from `corner` on."""
     (x, y), (rows, columns) = corner, image.shape[:2]
     box = (float(x), float(x + columns * cell), float(y), float(y + rows * cell))
     axes.imshow(
@@ -199,7 +199,7 @@ class Stop:
 
 
 def draw_stop(axes: Axes, stop: Stop, reach: float) -> Text:
-    """A numbered disc, and of each look a sector of `reach` [m]."""
+    """A numbered disc, and a sector of radius `reach` [m] for each look."""
     x, y = float(stop.p_map[0]), float(stop.p_map[1])
     for heading, extent in stop.looks:
         sides = np.degrees([heading - extent / 2, heading + extent / 2])
@@ -207,7 +207,7 @@ def draw_stop(axes: Axes, stop: Stop, reach: float) -> Text:
         axes.add_patch(Wedge((x, y), reach, *sides, zorder=3.8, **style))
     axes.plot(x, y, "o", ms=14, mfc=ROUTE, mec="white", mew=1.4, zorder=8)
     style = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
-    if len(stop.text) > 2:  # more than the disc holds: it grows into a pill
+    if len(stop.text) > 2:  # too long for a disc: a rounded box
         style["bbox"] = {"boxstyle": "round,pad=0.35,rounding_size=0.9", "fc": ROUTE, "ec": "white"}
     return axes.text(x, y, stop.text, color="white", fontsize=8.5, zorder=9, **style)
 

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Boxes = NDArray[np.float64]
 Box = tuple[float, float, float, float]
-#: boxes (k, 4) -> whether each lies over what is not to be written over, (k,) bool
+#: boxes (k, 4) -> whether each covers something that must stay free, (k,) bool
 Covers = Callable[[Boxes], NDArray[np.bool_]]
 
-_SQUARE: Final = 64.0  # side of the squares that taken boxes are found by
+_SQUARE: Final = 64.0  # [px] side of the squares that index taken boxes
 #: Directions to try, the better readable first: right, left, above, below, then the corners.
 _DIRECTIONS = np.array(
     [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)], np.float64
@@ -33,7 +33,7 @@ class Label:
 
     index: int  # of the point it belongs to
     box: Box
-    distant: bool  # so far from its point that a line should lead there
+    distant: bool  # whether the label needs a line to its point
 
 
 def place_labels(
@@ -46,11 +46,11 @@ def place_labels(
     rings: int = 5,
     covers: Covers | None = None,
 ) -> tuple[Label, ...]:
-    """Boxes for labels of `sizes` (n, 2) near `points` (n, 2); those without room are left out.
+    """Boxes for labels of `sizes` (n, 2) near `points` (n, 2); labels without room are left out.
 
     No box overlaps another box or one of `obstacles` (m, 4), leaves `bounds`, or is rejected by
     `covers`; points within half a `gap` of a box count as overlapped. Points with many
-    neighbours are served first, of those with as many the first.
+    neighbours are served first, and among equals in their order.
     """
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     wh = np.asarray(sizes, np.float64).reshape(-1, 2)
@@ -73,7 +73,7 @@ def place_labels(
 
 
 class _Taken:
-    """Boxes that nothing may overlap, found by the squares of a grid that they touch."""
+    """Boxes that nothing may overlap, indexed by the grid squares that they touch."""
 
     def __init__(self) -> None:
         self._squares: dict[tuple[int, int], list[Box]] = defaultdict(list)
@@ -108,7 +108,7 @@ def overlapping(boxes: Boxes, taken: Boxes) -> NDArray[np.bool_]:
 class WallsBelow:
     """Tells which boxes on the page [px] lie over walls.
 
-    By a summed-area table (Crow 1984), so that a box costs the same however large it is.
+    A summed-area table (Crow 1984) makes the cost of a box independent of its size.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class WallsBelow:
 def wall_cells(
     walls: NDArray[np.float64], corners: NDArray[np.float64], cell: float
 ) -> NDArray[np.bool_]:
-    """The cells between two `corners` (2, 2) [m] that pieces of wall (w, 2, 2) [m] run through."""
+    """The cells between two `corners` (2, 2) [m] that `walls` (w, 2, 2) [m] cross."""
     found = np.zeros(np.ceil((corners[1] - corners[0]) / cell).astype(int) + 1, np.bool_)
     for start, end in walls:
         count = int(np.ceil(np.linalg.norm(end - start) / cell)) + 1
@@ -147,7 +147,7 @@ def wall_cells(
 
 
 def _crowded_first(xy: Boxes, reach: float) -> NDArray[np.intp]:
-    """Order of points by how many others lie in their square of `reach` and those around it."""
+    """Order of points by the number of others in the 3 x 3 squares of side `reach` around each."""
     squares = np.floor(xy / max(reach, 1e-9)).astype(np.int64)
     counts = Counter(map(tuple, squares.tolist()))
     around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)]

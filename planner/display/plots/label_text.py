@@ -15,10 +15,10 @@ MAX_LETTERS: Final = 40  # letters of a label
 _CUT: Final = "…"
 
 
-def drawable(text: object, longest: int = MAX_LETTERS) -> str:
-    """Text from any source as one line of at most `longest` letters."""
+def drawable(text: object, max_letters: int = MAX_LETTERS) -> str:
+    """Text from any source as one line of at most `max_letters` letters."""
     line = cleaned(text)
-    return line if len(line) <= longest else line[: longest - 1].rstrip() + _CUT
+    return line if len(line) <= max_letters else line[: max_letters - 1].rstrip() + _CUT
 
 
 class TextMeasure:
@@ -46,7 +46,7 @@ class TextMeasure:
         return float(xmin), float(ymin), float(xmax), float(ymax)
 
     def fitted(self, text: str, width: float, size: float, weight: str = "normal") -> str:
-        """`text`, cut where it is wider than `width` [px]."""
+        """`text`, cut to a width of `width` [px]."""
         kept = len(text)
         while kept > 1 and self.size(self._cut(text, kept), size, weight)[0] > width:
             wide = self.size(self._cut(text, kept), size, weight)[0]

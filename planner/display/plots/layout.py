@@ -1,6 +1,6 @@
-"""The page a map is drawn on: heading, frame with its axes in metres, scale bar, legend, listing.
+"""The page of a drawn map: heading, frame with axes in metres, scale bar, legend, listing.
 
-Legend and listing stand below the drawing, beside it where that is tall.
+Legend and listing stand below the drawing, or beside a tall one.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from planner.display.plots.label_text import TextMeasure, drawable
 from planner.display.plots.palette import FAINT, INK, OUTLINE, ROUTE
 
 DPI: Final = 160
-LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of the drawing: usually, and where it is crowded
+LONGER_SIDE: Final = (10.5, 20.0)  # [inch] of a usual and of a crowded drawing
 MAX_SCALE: Final = 2.2  # [inch/m]
-ROOM: Final = 0.45  # [inch^2] an object and its label would like to have
+ROOM: Final = 0.45  # [inch^2] for an object and its label
 MIN_EXTENT: Final = 3.0  # [m] around a lone object
 FLATTEST: Final = 0.14  # shorter side over longer side
-TALL: Final = 1.25  # height over width from which on legend and listing stand beside the drawing
+TALL: Final = 1.25  # minimum height over width of a drawing with legend and listing beside it
 
 _LEFT, _RIGHT, _TOP, _BOTTOM = 0.35, 0.35, 0.88, 0.45  # [inch] around the drawing
-_GUTTER: Final = 0.4  # [inch] between the drawing and what stands beside it
+_GUTTER: Final = 0.4  # [inch] between the drawing and legend or listing beside it
 _BESIDE: Final = (1.9, 3.4)  # [inch] width of a legend beside the drawing, and with a listing
-_LONG: Final = 5  # items of a listing that stand in one column, at most
+_LONG: Final = 5  # maximum number of items of a listing in one column
 _ROW: Final = 0.24  # [inch] of a line of the legend
 _ITEM: Final = (0.26, 0.40)  # [inch] of an item of the listing, without and with its detail
 _TICK: Final = 7.0  # [pt] of the numbers on the axes
 _SIZE: Final = 8.5  # [pt] of legend and listing
-_TITLE: Final = (15.0, 40)  # [pt] of the title, and the length from which on it is smaller
+_TITLE: Final = (15.0, 40)  # [pt] of the title, and the length above which it is smaller
 _SCALE_BAR: Final = 1.6  # [inch] that the scale bar takes of the first row below the drawing
 _HANDLE: Final = 0.36  # [inch] of a mark of the legend with the space around its name
 
@@ -57,7 +57,7 @@ class Extent(Rectangle):
 
     @classmethod
     def around(cls, points: NDArray[np.float64]) -> Extent:
-        """All of `points` (n, 2) [m] with a margin; a small square where there are none."""
+        """All of `points` (n, 2) [m] with a margin; a small square without points."""
         if not len(points):
             points = np.zeros((1, 2))
         lo, hi = points.min(axis=0), points.max(axis=0)
@@ -71,7 +71,7 @@ class Extent(Rectangle):
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """An entry of a listing: a number as on the drawing, what it is, and a fainter line below."""
+    """An entry of a listing: its number on the drawing, a line of text, and a fainter line."""
 
     number: str
     head: str
@@ -102,7 +102,7 @@ class _Block:
 
 
 class Sheet:
-    """A white page with an empty drawing of `extent` in its frame; all else is written."""
+    """A white page with an empty framed drawing of `extent`, and all texts around it."""
 
     def __init__(
         self,
@@ -283,7 +283,7 @@ def _item_height(item: Item) -> float:
 
 
 def _columns(items: Sequence[Item], columns: int) -> list[list[Item]]:
-    """`items` in their order, cut into columns that are about as high as each other."""
+    """`items` in their order, cut into columns of about the same height."""
     high, share = sum(map(_item_height, items)), 0.0
     cut: list[list[Item]] = [[] for _ in range(columns)]
     for item in items:
@@ -300,7 +300,7 @@ def _height(listing: Listing | None, columns: int) -> float:
 
 
 def _scale(extent: Extent, spots: NDArray[np.float64]) -> float:
-    """[inch/m]; larger where `spots` (n, 2) [m] crowd, so that their labels find room."""
+    """[inch/m]; larger for crowded `spots` (n, 2) [m], so that their labels find room."""
     longer = max(extent.width, extent.height)
     usual, most = (min(side / longer, MAX_SCALE) for side in LONGER_SIDE)
     if len(spots) < 2:

@@ -57,7 +57,7 @@ from planner.display.plots.point_labels import PointLabel, write_labels
 
 Legend = Literal["class", "place"]
 
-#: existence from which on what hardly exists is marked, without a name
+#: minimum existence of objects that are marked, without a name
 GHOST_EXISTENCE: Final = 0.1
 _CROWD: Final = 300  # more objects than this have smaller marks
 _SIZES: Final = (6.2, 4.0)  # [pt] of the marks of few objects, of many
@@ -71,13 +71,13 @@ class SearchDrawing:
 
     route: NDArray[np.float64]  # (n, 2) the way; (0, 2) for none
     stops: tuple[Stop, ...] = ()
-    shade: Shade | None = None  # what of the floor the looks show
+    shade: Shade | None = None  # the floor that the looks show
     finds: tuple[NDArray[np.float64], ...] = ()  # (2,) or (3,) each, marked by a star
     listing: Listing | None = None  # the stops in words
 
     @property
     def spots(self) -> list[NDArray[np.float64]]:
-        """(2,) of everything that should be on the page."""
+        """(2,) points that the page must contain."""
         return [*self.route, *(stop.p_map for stop in self.stops), *(f[:2] for f in self.finds)]
 
 
@@ -95,8 +95,8 @@ def plot_map(
 
     Objects of at least the existence `least` have names, others of 0.1 and above are faint marks.
     Marks have the colour and shape of their class, or with `legend` "place" of the category of
-    their place. `truth` adds walls and furniture, with a small cross where each object truly is;
-    without it, what depth showed of the floor is drawn. Names that find no room are left out.
+    their place. `truth` adds walls and furniture, with a small cross at each true object; without
+    it, the mapped floor is drawn. Names without room are left out.
     Raises PictureError for another ending or a path that cannot be written.
     """
     path = checked_ending(path)
@@ -136,7 +136,7 @@ class _Picture:
         self._groups = self._grouped(semantic_map, legend)
 
     def _grouped(self, semantic_map: SemanticMap, legend: Legend) -> dict[str, Group]:
-        """Object IRI -> what it shares colour and mark with."""
+        """Object IRI -> the group that gives its colour and mark."""
         if legend == "place":
             tops = {place.iri: top_category(place) or "" for place in self._places}
             return {r.iri: self._of_places[tops.get(r.place or "", "")] for r in self._objects}
@@ -165,7 +165,7 @@ class _Picture:
         return sheet
 
     def _spots(self) -> NDArray[np.float64]:
-        """(n, 2) [m] everything that is drawn as a spot or a line."""
+        """(n, 2) [m] all points of spots and lines."""
         points = [record.p_map[:2] for record in self._objects] + self._search.spots
         points += [] if self._robot is None else [self._robot.p_map[:2]]
         return np.array(points, np.float64).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Colours of the plotted map, and which objects share one."""
+"""Colours of the plotted map, and the groups of objects that share one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INK: Final = "#23272e"
 FAINT: Final = "#68717d"
 WALL: Final = "#4a505a"
 FURNITURE: Final = "#8a7f72"
-FLOOR: Final = "#eef0f3"  # seen, and of no place
+FLOOR: Final = "#eef0f3"  # seen floor outside of all places
 OUTLINE: Final = "#c3c7ce"
 TRUE_SPOT: Final = "#8b929c"
 ROUTE: Final = "#b8124f"
@@ -26,7 +26,7 @@ FOUND: Final = "#ffd43b"
 #: A light edge around small writing, so that it can be read on lines and colours.
 HALO: Final = [Stroke(linewidth=2.2, foreground=(1, 1, 1, 0.8))]
 
-#: The fewest objects of a class that earn it a colour of its own.
+#: minimum number of objects of a class with a colour of its own
 FREQUENT: Final = 3
 
 _OTHER: Final = "#5c6470"
@@ -68,7 +68,7 @@ class Group:
 
 
 def object_groups(semantic_map: SemanticMap, objects: Sequence[ObjectRecord]) -> dict[str, Group]:
-    """Category IRI -> group: its supercategory, itself where it is frequent, or "other"."""
+    """Category IRI -> group: its supercategory, the category itself if frequent, or "other"."""
     catalogue = semantic_map.catalogue
     counts = Counter(record.category for record in objects)
     names: dict[str, str] = {}

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from kg.model.errors import PictureError
 
 FORMATS: Final = (".png", ".svg", ".pdf")
-#: fonts by preference; the later ones have writing that the first lacks, where they are installed
+#: fonts by preference; the later ones have scripts that the first lacks
 _FONTS: Final = ("DejaVu Sans", "Noto Sans CJK JP", "Noto Sans Arabic", "Noto Emoji", "Symbola")
 
 #: Metadata that would differ between two drawings of one map is left out.
@@ -27,12 +27,12 @@ _METADATA: Final[dict[str, dict[str, Any]]] = {
 
 @contextmanager
 def picture_style() -> Iterator[None]:
-    """The settings of matplotlib that pictures are drawn and saved with."""
+    """The settings of matplotlib for drawing and saving pictures."""
     installed = set(font_manager.get_font_names())
     style: dict[Any, Any] = {
         "font.family": [name for name in _FONTS if name in installed],
         "svg.hashsalt": "hereabouts",
-        "text.parse_math": False,  # anybody's label may have a dollar sign
+        "text.parse_math": False,  # labels may contain dollar signs
     }
     with rc_context(style), warnings.catch_warnings():
         # a letter that no font has is drawn as a box
@@ -50,7 +50,7 @@ def checked_ending(path: Path | str) -> Path:
 
 
 def save_picture(figure: Figure, path: Path) -> None:
-    """Write `figure` to `path`; raises PictureError where it cannot be written."""
+    """Write `figure` to `path`; raises PictureError if it cannot be written."""
     kind = path.suffix.lower()
     try:
         figure.savefig(

@@ -21,8 +21,8 @@ SIZES: Final = (9.5, 8.0, 6.8, 5.8)  # [pt] of a name, by preference
 DETAIL: Final = 7.0  # [pt]
 _LEADING: Final = 1.3  # distance of lines over the size of their letters
 _TRIED: Final = 14  # positions along each side
-_ASTRAY: Final = 0.04  # cost of each position away from the upper left, where one looks for a name
-_NEAR: Final = 9.0  # [pt] within which a mark is felt to be near
+_ASTRAY: Final = 0.04  # cost of each position away from the upper left
+_NEAR: Final = 9.0  # [pt] scale of the cost of a near mark
 _HIDDEN: Final = 3.0  # cost of each mark that a name covers
 _MANY: Final = 24  # more names than this are smaller
 _INSIDE: Final = np.array([(x, y) for x in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0)])
@@ -57,7 +57,7 @@ class _Lines:
 def write_place_names(
     sheet: Sheet, places: Sequence[NamedPlace], spots: NDArray[np.float64], covers: Covers | None
 ) -> tuple[list[Text], int]:
-    """Write the names clear of `spots` (n, 2) [m]; the texts, and how many names found no room."""
+    """Write the names clear of `spots` (n, 2) [m]; the texts, and the number of names left out."""
     writer = _NameWriter(sheet, spots, covers)
     sizes = SIZES if len(places) <= _MANY else SIZES[1:]
     left_out = sum(not writer.write(place, sizes) for place in places)
@@ -75,7 +75,7 @@ class _NameWriter:
         self._taken = np.empty((0, 4))
 
     def write(self, place: NamedPlace, sizes: Sequence[float]) -> bool:
-        """Whether there is room for the name of `place` in any way."""
+        """Write the name of `place` if there is room; whether there was."""
         for way in _ways(place, sizes):
             size = way.box(self._sheet.measure, self._pixel)
             boxes = self._free(self._candidates(place.area, size), place.area)
@@ -111,7 +111,7 @@ class _NameWriter:
         return boxes[free]
 
     def _cost(self, boxes: Boxes) -> NDArray[np.float64]:
-        """(k,) how much each of the boxes is in the way of spots, and how far from the corner."""
+        """(k,) cost of each box: nearness to spots, and distance from the upper left."""
         x, y = self._spots[:, 0], self._spots[:, 1]
         right = np.maximum(np.maximum(boxes[:, :1] - x, x - boxes[:, 2:3]), 0)
         up = np.maximum(np.maximum(boxes[:, 1:2] - y, y - boxes[:, 3:]), 0)

@@ -24,7 +24,7 @@ _SEEN: Final = "#f08c00"
 _MAX_SHADE: Final = 0.32
 _LISTED: Final = 12  # looks that are put in words
 _REASON: Final = 160  # letters of a reason
-SAME: Final = 0.2  # [m] looks from nearer to each other share a disc or a text
+SAME: Final = 0.2  # [m] maximum distance of looks that share a disc or a text
 _SHOWN: Final = 0.9  # share of the plan's success whose looks are drawn; more would hide the map
 
 
@@ -41,7 +41,7 @@ def plot_plan(
 
     The drawing has the first looks that together have nine tenths of the plan's success, and the
     first dozen of them in words; `least` and `legend` are those of `plot_map`.
-    Raises PictureError as that.
+    Raises PictureError like `plot_map`.
     """
     what = " and ".join(plan.targets)
     return plot_map(
@@ -65,8 +65,8 @@ def plot_search(
 ) -> Path:
     """Draw the `search` (IRI) over the map to `path` and return it; PNG, SVG or PDF by its ending.
 
-    `driven` is where the robot was, (n, 2) [m]; `truth` as `plot_map` has it. Raises PictureError
-    as that does.
+    `driven` (n, 2) [m] are positions of the robot; `truth` is that of `plot_map`. Raises
+    PictureError like `plot_map`.
     """
     found = {
         iri
@@ -89,7 +89,7 @@ def plot_search(
 
 
 def drawn_plan(state: PlanningState, plan: ViewPlan) -> SearchDrawing | None:
-    """The first looks of `plan`; None where it has none."""
+    """The first looks of `plan`; None without looks."""
     steps = shown_steps(plan)
     if not steps:
         return None
@@ -104,7 +104,7 @@ def drawn_plan(state: PlanningState, plan: ViewPlan) -> SearchDrawing | None:
 
 
 def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
-    """Each look with its chance, its time, and its weightiest reason where that is a new one."""
+    """Each look with its probability, its time, and its main reason if that is new."""
     items, given = [], set()
     for number, step in enumerate(steps[:_LISTED], start=1):
         why = step.why[0].candidate if step.why else None
@@ -144,7 +144,7 @@ def numbered_stops(
 
 
 def _span(numbers: list[int]) -> str:
-    """``3``, ``3-5`` or ``3,7``; of more than fit, the first and dots."""
+    """``3``, ``3-5`` or ``3,7``; for more numbers, the first and dots."""
     if len(numbers) == 1:
         return str(numbers[0])
     if numbers == list(range(numbers[0], numbers[-1] + 1)):

@@ -1,7 +1,7 @@
 """A map against its truth, seen from above: true objects, duplicates, wrong labels, ghosts, missed.
 
-Truth has outlines of its extents, mapped objects have marks in the colour of their group, with a
-line to the entry of the truth that they are compared to.
+True objects have outlines of their extents. Mapped objects have marks in the colour of their group,
+with a line to the compared entry of the truth.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class _Picture:
         write_labels(self.sheet, self._labels())
 
     def _draw_entry(self, index: int) -> None:
-        """Outline of an entry of the truth, and a mark where it is."""
+        """Outline and mark of an entry of the truth."""
         axes, entry = self.sheet.axes, self._matcher.truth[index]
         x, y = self._matcher.p_map[index][:2]
         missed = index in self._matching.missed
@@ -133,7 +133,7 @@ class _Picture:
         self.sheet.axes.plot(x, y, **_style(kind), zorder=6.5)
 
     def _compared(self, kind: _Kind, pair: Pair) -> int | None:
-        """The entry that an object is, is near to, or doubles."""
+        """The entry that an object matches, is near to, or doubles."""
         if kind is _GHOST:
             return None
         if kind in (_TRUE, _WRONG):

@@ -36,7 +36,7 @@ class MappingFeed:
     def on_detections(
         self, frame: Frame, detections: Detections, scores: SceneScores | None
     ) -> None:
-        """A frame was mapped: `map_recording` calls this."""
+        """Show a mapped frame; `map_recording` calls this."""
         self._stamp = frame.stamp
         show_frame(self._viewer, frame, detections)
         if abs(frame.stamp - self._shown) >= _PERIOD:
@@ -45,14 +45,14 @@ class MappingFeed:
     def show(self) -> None:
         """Show the scene as it is now."""
         scene, stamp = self._reader.read(), self._stamp
-        if stamp is None:  # no frame was new to the map
+        if stamp is None:  # all frames were mapped before
             stamp = time.time() if scene.robot is None else scene.robot.stamp
         self._shown = stamp
         self._viewer.show(scene, stamp)
 
 
 def show_frame(viewer: Viewer, frame: Frame, detections: Detections) -> None:
-    """Show a frame, and the robot where its camera is."""
+    """Show a frame, and the robot at the pose of its camera."""
     viewer.frame(frame, detections)
     viewer.robot(robot_at(frame))
 
@@ -87,7 +87,7 @@ class LiveFeed:
             try:
                 self._viewer.show(self._reader.read(), time.time())
             except HereaboutsError as error:
-                # the ontology is being replaced, say; the next change is shown again
+                # for example while the ontology is replaced; the next change is shown again
                 self._viewer.remark(str(error), time.time())
             self._ended.wait(_LIVE_PERIOD)
 
@@ -95,7 +95,7 @@ class LiveFeed:
 class SearchFeed:
     """Feeds a viewer during a search: plan and remarks by its events, the robot by its messages.
 
-    `clock` [s since 1970] is that of the search's own writing.
+    `clock` [s since 1970] is the clock of the search.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class SearchFeed:
         self._at: RobotPose | None = None
 
     def on_event(self, event: Event) -> None:
-        """Something was decided or happened."""
+        """Show an event of the search."""
         stamp = self._clock()
         if event.kind == "plan":
             self._plan = self._planned(event)
@@ -117,7 +117,7 @@ class SearchFeed:
         self._viewer.show(self._reader.read(self._plan), stamp)
 
     def on_pose(self, pose: RobotPose) -> None:
-        """The robot is there now."""
+        """Show the robot at `pose`."""
         self._at = pose
         known = self._map.robot()
         height = 0.0 if known is None else float(known.p_map[2])
@@ -139,11 +139,11 @@ class WatchedRobot:
         self._robot, self._feed, self.name = robot, feed, robot.name
 
     def send(self, command: Command) -> None:
-        """As the robot's."""
+        """Forward to the robot."""
         self._robot.send(command)
 
     def receive(self, seconds: float) -> Message | None:
-        """As the robot's."""
+        """Forward to the robot."""
         message = self._robot.receive(seconds)
         if isinstance(message, RobotPose):
             self._feed.on_pose(message)
@@ -152,5 +152,5 @@ class WatchedRobot:
         return message
 
     def close(self) -> None:
-        """As the robot's."""
+        """Forward to the robot."""
         self._robot.close()

@@ -25,14 +25,14 @@ from planner.display.viewers.scene import Point, Scene
 from planner.display.viewers.viewer import FLUSHED, ROUNDING, check_new_file, picture_errors
 
 _STEP: Final = 0.1  # [m] between points of the trail
-_MAX_POINTS: Final = 500  # of the trail; of a longer one every second is left out
+_MAX_POINTS: Final = 500  # of the trail; above it every second point is dropped
 _BACKLOG: Final = 128  # messages that wait for a slow client; then the oldest are dropped
 _KINDS: Final = TOPICS | LIVE_TOPICS
 _ROS2: Final = MCAPWriteOptions(profile="ros2")
 
 
 class FoxgloveViewer:
-    """Viewer that logs messages of ROS 2 to whatever sinks its `context` has."""
+    """Viewer that logs messages of ROS 2 to the sinks of its `context`."""
 
     def __init__(self) -> None:
         self.context = foxglove.Context()
@@ -41,7 +41,7 @@ class FoxgloveViewer:
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _KINDS.items()}
         self._written: dict[str, object] = {}
         self._renewed = threading.Event()
-        self._moving = threading.RLock()  # held while a pose is written: by mapper and live feed
+        self._moving = threading.RLock()  # held by mapper or live feed while a pose is written
         self._trail: list[Point] = []
         self._step = _STEP
         self._robot_stamp = -math.inf  # [s] of the pose written last
@@ -52,7 +52,7 @@ class FoxgloveViewer:
         return Channel(topic, schema=schema, message_encoding="cdr", context=self.context)
 
     def show(self, scene: Scene, stamp: float) -> None:
-        """Write the floor and the markers where they changed, each as a whole."""
+        """Write the floor and the markers if they changed, each as a whole."""
         if self._renewed.is_set():
             self._renewed.clear()
             self._written.clear()
@@ -72,7 +72,7 @@ class FoxgloveViewer:
                 self.robot(scene.robot)
 
     def _changed(self, topic: str, part: object) -> bool:
-        """Whether `part` is another than was written last."""
+        """Whether `part` differs from the one written last."""
         before, self._written[topic] = self._written.get(topic), part
         return before != part
 
@@ -101,7 +101,7 @@ class FoxgloveViewer:
         self._log("/rosout", self._messages.log(text, stamp), stamp)
 
     def renew(self) -> None:
-        """Have the next `show` write everything, changed or not; from any thread."""
+        """Let the next `show` write everything, changed or not; from any thread."""
         self._renewed.set()
 
     def close(self) -> None:
@@ -117,9 +117,9 @@ class FoxgloveViewer:
 
 
 class McapFile(FoxgloveViewer):
-    """Viewer that writes an MCAP file as it goes; a kill loses what came in the last 5 s.
+    """Viewer that writes an MCAP file as it goes; a kill loses at most the last 5 s.
 
-    The file is made with the first message: a run that fails before leaves none.
+    The file is created with the first message, so a run that fails earlier leaves no file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -130,7 +130,7 @@ class McapFile(FoxgloveViewer):
         self._writer: foxglove.MCAPWriter | None = None
 
     def close(self) -> None:
-        """Write the summary by which players jump to a moment."""
+        """Write the summary, by which players jump to a moment."""
         writer, self._writer = self._writer, None
         if writer is not None:
             with picture_errors(self._path):
@@ -162,7 +162,7 @@ class FoxgloveServer(FoxgloveViewer):
     """Viewer that serves the Foxglove WebSocket protocol (foxglove.sdk.v1) to read from."""
 
     def __init__(self, title: str, host: str, port: int) -> None:
-        """Raises ServerError where the port is taken or the host is not this machine's."""
+        """Raises ServerError if the port is taken or the host is not this machine's."""
         super().__init__()
         self.subscribed = threading.Event()  # set whenever a client subscribes to a topic
         try:
@@ -180,7 +180,7 @@ class FoxgloveServer(FoxgloveViewer):
         self.url = f"ws://{host}:{self._server.port}"
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        # by the clock, for a map's or recording's own time may lie in the past
+        # by the clock, since the time of a map or recording may be in the past
         super()._log(topic, message, time.time())
 
     def close(self) -> None:
@@ -189,7 +189,7 @@ class FoxgloveServer(FoxgloveViewer):
 
 
 class _Listener(ServerListener):
-    """Writes everything again once somebody subscribes: messages are not kept for who comes."""
+    """Writes everything again for a new subscriber, since the server keeps no messages."""
 
     def __init__(self, viewer: FoxgloveServer) -> None:
         self._viewer = viewer

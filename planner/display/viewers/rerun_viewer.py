@@ -94,7 +94,7 @@ class RerunViewer:
         self._log.log("map/camera/image/detections", boxes)
 
     def robot(self, robot: RobotRecord) -> None:
-        """Log where the robot is, as an arrow along its heading."""
+        """Log the robot as an arrow along its heading."""
         self._robot_stamp = robot.stamp
         self._at(robot.stamp)
         pose = rr.Transform3D(
@@ -190,7 +190,7 @@ class RerunFile(RerunViewer):
     """Viewer that writes an .rrd file as it goes, made with the first message."""
 
     def __init__(self, title: str, path: Path) -> None:
-        """Raises PictureError where no new file can be made at `path`."""
+        """Raises PictureError if no new file can be made at `path`."""
         super().__init__(title)
         check_new_file(path)
         self._path, self._begun = path, False
@@ -212,12 +212,12 @@ class RerunFile(RerunViewer):
         super()._at(stamp)
 
     def _flush(self) -> None:
-        # a disk that is full shows in that alone: the writing thread has ended
+        # only this shows a full disk: the writing thread has ended
         try:
             with picture_errors(self._path):
                 self._log.flush(timeout_sec=_PATIENCE)
         except PictureError:
-            # and whoever destroys the stream would wait for that thread for ever
+            # destroying the stream would wait for that thread for ever
             rr.unregister_shutdown()
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._log.to_native()))
             raise

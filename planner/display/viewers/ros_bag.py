@@ -19,7 +19,7 @@ _LATCHED: Final = 1
 def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
     """A ROS 1 bag of scenes, each with its time [s since 1970].
 
-    Whoever subscribes to a topic later gets its last message as well.
+    Topics are latched: a later subscriber gets the last message.
     """
     types = get_typestore(Stores.ROS1_NOETIC)
     messages = RosMessages(types, is_ros1=True)

@@ -41,14 +41,14 @@ from planner.display.viewers.viewer import (
 )
 from planner.execution.protocol import cleaned
 
-#: topic -> type; in ROS 1 without the "msg"
+#: topic -> type; ROS 1 leaves out the "msg"
 TOPICS: Final = {
     "/map": "nav_msgs/msg/OccupancyGrid",
     "/hereabouts/markers": "visualization_msgs/msg/MarkerArray",
     "/hereabouts/robot": "geometry_msgs/msg/PoseStamped",
     "/hereabouts/plan": "nav_msgs/msg/Path",
 }
-#: topic -> type of the live messages that `TOPICS` does not have
+#: topic -> type of further live messages
 LIVE_TOPICS: Final = {
     "/tf": "tf2_msgs/msg/TFMessage",
     "/camera/camera_info": "sensor_msgs/msg/CameraInfo",
@@ -80,7 +80,7 @@ class RosMessages(MessageMaker):
             yield "/hereabouts/plan", self.path(scene.plan, stamp)
 
     def marker_array(self, scene: Scene, stamp: float) -> Any:
-        """The scene without its floor; it replaces the markers that were drawn before."""
+        """The scene without its floor; the message replaces all earlier markers."""
         header, height = self._header(stamp), scene.floor.height if scene.floor else 0.0
         markers = [self._marker(header, "", _CUBE, action=_DELETE_ALL)]
         for place in scene.places:
@@ -264,7 +264,7 @@ class RosMessages(MessageMaker):
         return self.header(nanoseconds_of(stamp), MAP)
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """A message with these fields, the others empty."""
+        """A message with these fields; the other fields are empty."""
         made = self.types.types[kind]
         empty = {
             name: self._empty(str(field.type))

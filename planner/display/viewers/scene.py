@@ -37,7 +37,7 @@ Colour = tuple[float, float, float]  # red, green, blue, 0..1
 Point = tuple[float, float, float]  # (x, y, z) [m] in the map frame
 
 _SHAPES: Final[tuple[Shape, ...]] = ("cube", "cylinder", "sphere")
-_COUNTS: Final = 0.5  # probability from which on a relation is drawn
+_MIN_PROBABILITY: Final = 0.5  # of a drawn relation
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class SceneStop:
 
     p_map: tuple[float, float]  # [m]
     heading: float  # [rad] the middle of the look
-    text: str  # why; "" where another stop on the same spot says it
+    text: str  # reasons; "" if another stop on the same spot has them
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class SceneFloor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
-    """Everything that is drawn of a map."""
+    """All drawn parts of a map."""
 
     title: str
     objects: tuple[SceneObject, ...] = ()
@@ -126,7 +126,7 @@ class Scene:
 
 
 class SceneReader:
-    """Reads the scene of a map, again and again; the groups of objects only as they change."""
+    """Reads the scene of a map repeatedly; groups of objects are computed only after changes."""
 
     def __init__(self, semantic_map: SemanticMap, least: float = SHOWN_EXISTENCE) -> None:
         self._map, self._least = semantic_map, least
@@ -201,7 +201,7 @@ class SceneReader:
         at = {record.iri: _point(record.p_map) for record in records}
         for record in records:
             for relation in record.relations or ():
-                if relation.probability >= _COUNTS and relation.target in at:
+                if relation.probability >= _MIN_PROBABILITY and relation.target in at:
                     yield SceneRelation(
                         kind=relation.kind,
                         name=self._name(record.iri),
@@ -215,8 +215,8 @@ def past_scenes(
 ) -> Iterator[tuple[Scene, float]]:
     """Up to `steps` earlier scenes, oldest first, each with the robot's time then [s since 1970].
 
-    The present is not among them, and neither is what was before a robot was on the map.
-    Raises HistoryError for a map that does not keep its past here.
+    Neither the present nor the time before the first robot pose is included.
+    Raises HistoryError for a map without a history on this machine.
     """
     log = semantic_map.history.log
     numbers = np.linspace(log.floor, log.last, steps + 1)[:-1]
@@ -230,7 +230,7 @@ def past_scenes(
 def present_scene(
     semantic_map: SemanticMap, least: float = SHOWN_EXISTENCE, plan: ScenePlan | None = None
 ) -> tuple[Scene, float]:
-    """The scene as it is, with a `plan`, at the robot's time or now [s since 1970]."""
+    """The present scene with a `plan`, and the robot's time or now [s since 1970]."""
     scene = SceneReader(semantic_map, least).read(plan)
     return scene, time.time() if scene.robot is None else scene.robot.stamp
 

@@ -21,8 +21,8 @@ def planned_search(
 ) -> ScenePlan | None:
     """The first looks for `target`, which together have nine tenths of the plan's success.
 
-    From `start`, or from where the robot is. None where there is no floor to search.
-    Raises UnknownCategoryError for what is no target.
+    The plan begins at `start`, or at the robot's pose. None without a floor to search.
+    Raises UnknownCategoryError for an unknown target.
     """
     state = build_search(semantic_map, [target])
     if state is None:
@@ -34,7 +34,7 @@ def planned_search(
 
 
 def _stops(steps: Sequence[ViewStep]) -> tuple[SceneStop, ...]:
-    """A stop for each look; those from one spot have their reasons at the first."""
+    """A stop for each look; looks from one spot have their reasons at the first stop."""
     spots: list[tuple[float, float]] = []
     reasons: list[list[str]] = []
     for number, step in enumerate(steps, start=1):

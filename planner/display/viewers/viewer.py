@@ -20,15 +20,15 @@ from planner.display.viewers.scene import Scene
 MAP: Final = "map"
 ROBOT: Final = "robot"
 CAMERA: Final = "camera"
-#: [s] by which a map's times may be off, which are whole seconds
+#: [s] maximum error of a map's times, which are whole seconds
 ROUNDING: Final = 1.0
-#: [s] of a file that a kill may lose
+#: [s] maximum time between flushes of a file
 FLUSHED: Final = 5.0
 #: [m] side of an object's marker
 MARKER: Final = 0.12
 #: [m] height of text
 TEXT: Final = 0.16
-#: [m] between surfaces that would lie in one another
+#: [m] between surfaces that would coincide
 SURFACE: Final = 0.02
 #: opacity of the floors of places, which lie on the occupancy floor
 TINT: Final = 0.55
@@ -38,23 +38,23 @@ class Viewer(Protocol):
     """Draws or records a map. Stamps are [s] since 1970; every method may raise PictureError."""
 
     def show(self, scene: Scene, stamp: float) -> None:
-        """Draw a scene; what did not change since the last one need not be written again."""
+        """Draw a scene; unchanged parts need not be written again."""
 
     def frame(self, frame: Frame, detections: Detections) -> None:
         """Draw a camera frame with its detections."""
 
     def robot(self, robot: RobotRecord) -> None:
-        """Draw the robot where it is now."""
+        """Draw the robot at its pose."""
 
     def remark(self, text: str, stamp: float) -> None:
         """Keep a line of text."""
 
     def close(self) -> None:
-        """Write what is left. Closing twice is fine."""
+        """Write the rest. Closing twice is allowed."""
 
 
 class ViewerGroup:
-    """Several viewers as one. One that fails is left out from then on; `close` raises its error."""
+    """Several viewers as one. A viewer that fails is dropped; `close` raises its error."""
 
     def __init__(self, viewers: Iterable[Viewer]) -> None:
         self._viewers = list(viewers)
@@ -77,7 +77,7 @@ class ViewerGroup:
         self._each(lambda viewer: viewer.remark(text, stamp))
 
     def close(self) -> None:
-        """Close all; raises PictureError where one failed, now or before."""
+        """Close all; raises PictureError if one failed, now or before."""
         self._each(lambda viewer: viewer.close())
         self._viewers.clear()
         failure, self._failure = self._failure, None
@@ -94,15 +94,15 @@ class ViewerGroup:
 
 
 def require(module: str, extra: str) -> None:
-    """Refuse to go on without the package `module`, which `pip install 'hereabouts[extra]'` has."""
+    """Raise PictureError if `module` of the extra `extra` is not installed."""
     if importlib.util.find_spec(module) is None:
         raise PictureError(f"this needs the package {module}: pip install 'hereabouts[{extra}]'")
 
 
 def check_new_file(path: Path) -> None:
-    """Raise PictureError where no new file can be made at `path`."""
+    """Raise PictureError if no new file can be made at `path`."""
     if path.exists() or path.is_symlink():
-        raise PictureError(f"{path} exists; the name of a new file would work")
+        raise PictureError(f"{path} exists; give the name of a new file")
     if not path.parent.is_dir():
         raise PictureError(f"cannot write {path}: there is no folder {path.parent}")
     if not os.access(path.parent, os.W_OK):
@@ -111,7 +111,7 @@ def check_new_file(path: Path) -> None:
 
 @contextmanager
 def picture_errors(path: Path) -> Iterator[None]:
-    """Raise PictureError for what the operating system or a writer of `path` raises meanwhile."""
+    """Turn errors of the operating system or a writer into a PictureError about `path`."""
     try:
         yield
     except (OSError, RuntimeError) as error:

@@ -225,7 +225,7 @@ def test_errors_say_what_would_work_and_teach_the_search_nothing(flat: SemanticM
 
 
 def test_the_searches_kept_are_bounded(flat: SemanticMap) -> None:
-    searches = OpenSearches(most=2)
+    searches = OpenSearches(max_searches=2)
     names = [searches.add(OpenSearch(flat, ["cup"])).name for _ in range(2)]
     searches.get(names[0])
     searches.add(OpenSearch(flat, ["cup"]))
