@@ -13,7 +13,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
 from mapping.evaluation.average_precision import existence_curve
 from mapping.evaluation.existence_scores import THRESHOLDS, matchings_by_existence
-from mapping.evaluation.identity_switches import SHOWN
+from mapping.evaluation.identity import SHOWN
 from mapping.evaluation.map_evaluation import MapEvaluation, mapped_objects, pooled
 from mapping.evaluation.relation_scores import RelationOutcomes
 from mapping.evaluation.truth_matching import TruthMatcher

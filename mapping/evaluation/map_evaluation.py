@@ -20,7 +20,7 @@ from mapping.evaluation.existence_scores import (
     pooled_scores,
     scores_by_existence,
 )
-from mapping.evaluation.identity_switches import SHOWN, identity_switches, object_states
+from mapping.evaluation.identity import SHOWN, identity_switches, object_states
 from mapping.evaluation.relation_scores import (
     RelationOutcomes,
     RelationScore,

@@ -19,8 +19,8 @@ from planner.cli.mapping_options import MODES, add_all_arguments
 if TYPE_CHECKING:
     from mapping.evaluation.class_scores import MapScore, Truth
     from mapping.evaluation.complete_truth import TrueObject
+    from mapping.evaluation.identity import SessionIdentity
     from mapping.evaluation.map_evaluation import MapEvaluation, MapScores
-    from mapping.evaluation.session_identity import SessionIdentity
 
     AnyTruth = Truth | tuple[TrueObject, ...]  # of some classes, or complete
 
@@ -233,7 +233,7 @@ def _check_sessions(arguments: argparse.Namespace, truths: Sequence[AnyTruth]) -
 
 def _identities(scored: Sequence[_Scored], sessions: int) -> list[tuple[str, SessionIdentity]]:
     """Identity from each session to the next, and pooled over each mode if it has several."""
-    from mapping.evaluation.session_identity import pooled_identity, session_identity
+    from mapping.evaluation.identity import pooled_identity, session_identity
 
     found: list[tuple[str, SessionIdentity]] = []
     by_mode: dict[str, list[SessionIdentity]] = {}

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from mapping.evaluation.identity_switches import SHOWN
+from mapping.evaluation.identity import SHOWN
 from mapping.evaluation.truth_matching import Matching, Pair, TruthMatcher
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.display.plots.drawing import draw_floor, mark

@@ -10,7 +10,7 @@ import pytest
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.identity_switches import identity_switches
+from mapping.evaluation.identity import identity_switches
 from mapping.evaluation.map_evaluation import (
     calibration,
     coverage,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.session_identity import IdentityScore, pooled_identity, session_identity
+from mapping.evaluation.identity import IdentityScore, pooled_identity, session_identity
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 
 
