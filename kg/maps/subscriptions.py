@@ -60,7 +60,7 @@ class Subscription:
             self._changed.set()
 
     def stop(self) -> None:
-        """End the subscription; no callback runs after the return (unless a callback called it)."""
+        """End the subscription, and wait for a running callback (unless called from it)."""
         self._stopped.set()
         self._changed.set()
         if threading.current_thread() is not self._thread:

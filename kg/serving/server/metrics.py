@@ -11,7 +11,7 @@ from typing import Final
 BUCKETS: Final = (0.001, 0.005, 0.01, 0.05, 0.1, 0.5, 1.0, 5.0, 10.0)  # [s]
 MEDIA_TYPE: Final = "text/plain; version=0.0.4"
 
-#: name (of a counter with _total at its end), help, how to read it
+#: name (a counter's ends with _total), help text, function that reads the value
 Reading = tuple[str, str, Callable[[], float]]
 
 

@@ -18,7 +18,7 @@ _NAME = re.compile(r"[\w.@-]+")
 
 @dataclass(frozen=True, slots=True)
 class BearerTokens:
-    """Names and their tokens; false if there are none. Its repr does not show the tokens."""
+    """Names and their tokens; false without tokens. The repr does not show the tokens."""
 
     secrets: tuple[tuple[str, bytes], ...] = field(default=(), repr=False)
 
@@ -59,7 +59,7 @@ class BearerTokens:
             raise unauthorised("writing needs a header 'Authorization: Bearer TOKEN'")
         name = self.find(authorization)
         if name is None:
-            raise unauthorised("that token is not one of this server's that may write")
+            raise unauthorised("this token may not write to this server")
         return name
 
     def find(self, authorization: str | None) -> str | None:

@@ -15,7 +15,7 @@ from kg.serving.server.http.connection import PatientConnection
 from kg.serving.server.http.settings import Limits, Settings
 
 START_WITHIN = 60.0  # [s]
-END_WITHIN = 3  # [s] for responses that have begun when the server stops
+END_WITHIN = 3  # [s] to complete responses when the server stops
 
 
 class ServerLifecycle:

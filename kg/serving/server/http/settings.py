@@ -17,23 +17,23 @@ _ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits that keep one client from occupying the server."""
+    """Limits of requests, so that one client cannot occupy the server."""
 
     body: int = 8 << 20  # [bytes] of a request
     result: int = 64 << 20  # [bytes] of an answer
     url: int = 64 << 10  # [bytes] of a request line and its headers
-    query_seconds: float = 10.0  # evaluation of one query
+    query_seconds: float = 10.0  # [s] to evaluate one query
     query_memory: int = 1024  # [MB] of one query
-    body_seconds: float = 20.0  # to send a request's body
-    idle_seconds: float = 10.0  # to finish a request's head, or to read on in an answer
-    rate: float = 200.0  # requests a second and client address, in the long run
-    burst: int = 1000  # requests a client may make at once before `rate` holds
+    body_seconds: float = 20.0  # [s] to send the body of a request
+    idle_seconds: float = 10.0  # [s] to send the head of a request, or without reading an answer
+    rate: float = 200.0  # average requests per second of one client
+    burst: int = 1000  # requests of one client that `rate` does not limit
     connections: int = 512
-    staleness: float = 1.0  # [s] that an answer may be behind writes of others
-    workers: int = 3  # a client has at most all but one of them
-    feed_clients: int = 256  # followers of changes and standing queries together
+    staleness: float = 1.0  # [s] of delay until an answer includes the writes of others
+    workers: int = 3  # one client may occupy all except one
+    feed_clients: int = 256  # followers of changes and of queries
     standing_queries: int = 16
-    client_feeds: int = 32  # of the `feed_clients`, for one client
+    client_feeds: int = 32  # followers of one client
     client_standing_queries: int = 8
     feed_backlog: int = 256  # changes that may wait for one follower before it is dropped
     feed_memory: int = 1024  # last changes in memory, for followers that reconnect
@@ -46,8 +46,8 @@ class Settings:
     host: str = "127.0.0.1"
     port: int = 8008  # 0 takes a free one
     tokens: BearerTokens = field(default_factory=BearerTokens)
-    allow_origins: tuple[str, ...] = ()  # origins of web pages that may read (and write) by script
-    public: bool = False  # allow other machines although there are no tokens
+    allow_origins: tuple[str, ...] = ()  # origins of web pages whose scripts may use the server
+    public: bool = False  # allow other machines even without tokens
     services: tuple[str, ...] = ()  # SPARQL endpoints that SERVICE may name
     read_tokens: BearerTokens = field(
         default_factory=BearerTokens
