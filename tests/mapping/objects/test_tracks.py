@@ -69,12 +69,13 @@ def test_a_position_is_a_mean_in_which_near_and_whole_sightings_weigh_more(
     assert shift(cut=True) == pytest.approx(0.08 * 0.3 / 3.3)
 
 
-def test_a_sighting_beyond_every_gate_starts_position_and_extent_anew(cup, make_sighting):
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_sighting_beyond_every_gate_starts_position_and_extent_anew(cup, make_sighting, side):
     reach = SETTINGS.gate + 2 * SETTINGS.gate_size * 0.2 + 0.5
-    near = make_sighting({"cup": 0.8}, (2, reach - 0.01, 1), size=0.2)
+    near = make_sighting({"cup": 0.8}, (2, side * (reach - 0.01), 1), size=0.2)
     cup.locate(near, 1.0)
-    assert 0.0 < cup.p_map[1] < reach / 2
-    far = make_sighting({"cup": 0.8}, (2, cup.p_map[1] + reach + 0.01, 1), size=0.2)
+    assert 0.0 < side * cup.p_map[1] < reach / 2
+    far = make_sighting({"cup": 0.8}, (2, cup.p_map[1] + side * (reach + 0.01), 1), size=0.2)
     cup.locate(far, 1.0)
     assert cup.p_map == pytest.approx(far.p_map)
     assert (cup.low, cup.high) == (pytest.approx(far.low), pytest.approx(far.high))
@@ -96,6 +97,19 @@ def test_the_size_is_the_median_of_whole_boxes(make_track, make_sighting):
         track.locate(make_sighting({"cup": 0.8}, (2, 0, 1), size=size), 1.0)
     track.locate(make_sighting({"cup": 0.8}, (2, 0, 1), size=2.0, cut=True), 1.0)
     assert track.size == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("size", "metres"), [(0.2, 0.09), (2.5, 0.55), (9.0, 0.65)])
+def test_a_position_is_less_certain_of_a_larger_thing(make_track, size, metres):
+    assert make_track("cup", (2, 0, 1), size=size).deviation == pytest.approx(metres)
+
+
+def test_a_large_thing_is_followed_farther_than_a_small_one(make_track, make_sighting):
+    track = make_track("dining table", (2, 0, 1), size=2.0)
+    track.observations = 3
+    reach = SETTINGS.gate + 2 * SETTINGS.gate_size * SETTINGS.largest + 0.5
+    track.locate(make_sighting({"dining table": 0.8}, (2, reach - 0.01, 1), size=2.0), 1.0)
+    assert track.p_map[1] < reach / 2
 
 
 def test_a_long_thing_stands_at_the_centre_of_its_extent(make_track):

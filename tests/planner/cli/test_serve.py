@@ -20,6 +20,7 @@ import requests
 
 from kg.serving.opening import create_map, open_map
 from planner.cli import main
+from tests.waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]
 TOKEN = "a-token-of-the-tests-0123"
@@ -156,8 +157,7 @@ def test_an_answer_that_is_not_ready_at_the_end_is_told_so(
     endless = {"query": "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"}
     asking = threading.Thread(target=lambda: answers.append(process.get("sparql", **endless)))
     asking.start()
-    while "hereabouts_query_workers_busy 1" not in process.get("metrics").text:
-        time.sleep(0.02)
+    until(lambda: "hereabouts_query_workers_busy 1" in process.get("metrics").text)
     assert process.end() == 0
     asking.join()
     assert (answers[0].status_code, answers[0].text.split(";")[0]) == (
@@ -216,8 +216,7 @@ def test_a_recording_is_mapped_with_the_table_of_labels_that_is_given(
     into, table = tmp_path / "live.map", tmp_path / "labels.csv"
     table.write_text("label,category\nchair,-\nbook,cup\n", encoding="utf-8")
     process = serve(into, "--recording", kitchen, "--detector", detector, "--labels-map", table)
-    while "done" not in str(process.get("health").json()["mapping"]):
-        time.sleep(0.1)
+    until(lambda: "done" in str(process.get("health").json()["mapping"]), seconds=300)
     assert process.end() == 0
     with open_map(into, read_only=True) as semantic_map:
         assert semantic_map.objects()
@@ -231,8 +230,7 @@ def test_a_signal_in_the_middle_of_a_recording_keeps_whole_frames(
     detector = shared("models/deimv2_femto_416.onnx")
     into = tmp_path / "live.map"
     process = serve(into, "--recording", kitchen, "--detector", detector)
-    while process.get("health").json()["sequence"] < 2:
-        time.sleep(0.01)
+    until(lambda: process.get("health").json()["sequence"] >= 2)
     assert process.end() == 0
     with open_map(into) as semantic_map:
         applied = semantic_map.recordings()[0].frames_applied

@@ -94,6 +94,12 @@ def test_what_is_forgotten_leaves_nothing(semantic_map: SemanticMap) -> None:
     assert len(semantic_map.query(ABOUT).rows) == 0
 
 
+def test_what_was_seen_once_may_leave(semantic_map: SemanticMap) -> None:
+    semantic_map.apply(MapUpdate(objects=(cup(semantic_map),)))
+    leave(semantic_map, observations=1)
+    assert semantic_map.departed()[0].observations == 1
+
+
 @pytest.mark.parametrize(
     "changed",
     [

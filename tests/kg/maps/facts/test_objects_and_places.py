@@ -16,7 +16,7 @@ from kg.knowledge.ontology.loading import load_ontologies
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.records import Evidence, ObjectRecord, PlaceRecord
+from kg.model.records import Evidence, ObjectRecord, PlaceRecord, PlaceViews
 
 BASE = "http://example.org/lab/"
 FACTS = RecordCodec(BASE, Catalogue.from_quads(load_ontologies().quads))
@@ -106,6 +106,17 @@ def test_a_place_comes_back_with_the_beliefs_worth_keeping(
     assert back.beliefs == pytest.approx(kept, abs=0.00501)
     assert (back.label, back.views) == ("the lab", views)
     assert (back.xmin, back.xmax) == pytest.approx((xmin, xmin + 3), abs=0.00501)
+
+
+def test_views_of_a_place_come_back_and_must_be_shares() -> None:
+    place = PlaceRecord(BASE + "place/1", "p", 0, 1, 0, 1)
+    viewed = PlaceViews(share=0.75, close_share=0.25, last=1e9)
+    (back,) = FACTS.places(stored(FACTS.of_place(replace(place, viewed=viewed))))
+    assert back.viewed == viewed
+    assert FACTS.places(stored(FACTS.of_place(place)))[0].viewed is None
+    for share, close in ((0.5, 0.6), (1.1, 0.5), (0.5, -0.1)):
+        with pytest.raises(InvalidFactError, match="between 0 and 1"):
+            FACTS.of_place(replace(place, viewed=PlaceViews(share, close, 1e9)))
 
 
 def test_a_place_is_of_its_top_category_only_once_viewed() -> None:

@@ -8,8 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from kg.store.sparql_backend import GRAPHS
 from kg.store.sparql_client import SparqlClient
 from planner.cli import main
 from tests.conftest import running_server, running_virtuoso
+from tests.waiting import until
 
 ROOT = Path(__file__).resolve().parents[4]
 NORTH, SOUTH = "https://example.org/north/", "https://example.org/south/"
@@ -58,13 +58,6 @@ def own(quads: Iterable[Quad]) -> set[Quad]:
 def published(url: str) -> set[Quad]:
     with open_map(url, read_only=True) as mirror:
         return own(mirror.engine)
-
-
-def until(holds: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.02)
 
 
 @pytest.fixture(scope="module")

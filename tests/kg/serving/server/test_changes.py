@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import socket
 import threading
-import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,6 +13,7 @@ from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, parse
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause
 from kg.serving.server import Limits
+from tests.waiting import until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,13 +25,6 @@ CUP = "https://example.org/maps/flat/object/1"
 
 def quads(lines: object) -> set[object]:
     return set(parse("\n".join(lines), format=RdfFormat.N_QUADS))  # type: ignore[arg-type]
-
-
-def wait_for(condition: Callable[[], bool], seconds: float = 120.0) -> bool:
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return condition()
 
 
 def test_commit_is_an_event_with_its_quads_and_its_cause(served: Served) -> None:
@@ -91,7 +84,7 @@ def test_follower_while_others_write_gets_each_commit_once_and_in_order(served: 
 
     writer = threading.Thread(target=write)
     writer.start()
-    time.sleep(0.05)
+    until(lambda: served.map.sequence > start)
     with served.stream("changes", params={"since": start}) as stream:
         writer.join()
         last = served.map.sequence
@@ -129,7 +122,7 @@ def test_too_many_followers_are_refused_and_leaving_makes_room(
     assert refused.status_code == 503
     assert "Retry-After" in refused.headers
     first.close()
-    assert wait_for(lambda: served.server.serving.feed.followers == 1)
+    until(lambda: served.server.serving.feed.followers == 1)
     with served.stream("changes"):
         served.move(1, 2.0)
     second.close()
@@ -148,7 +141,7 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
     served = serve(limits=Limits(feed_backlog=20))
     feed = served.server.serving.feed
     slow = slow_reader(served)
-    assert wait_for(lambda: feed.followers == 1)
+    until(lambda: feed.followers == 1)
     with served.stream("changes") as quick:
         # more than the sockets' buffers hold, whatever the system gives them; then a few more
         steps, more = iter(range(2000)), iter(range(3))
@@ -160,7 +153,7 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
             if feed.dropped and next(more, None) is None:
                 break
     assert feed.dropped == 1
-    assert wait_for(lambda: feed.followers == 0)
+    until(lambda: feed.followers == 0)
     slow.settimeout(120)
     with pytest.raises((ConnectionResetError, EOFError)):
         while slow.recv(1 << 16):

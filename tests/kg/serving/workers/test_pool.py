@@ -31,6 +31,7 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers import process
 from kg.serving.workers.pool import QueryPool
+from tests.waiting import until
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
 
@@ -177,10 +178,7 @@ def test_snapshots_of_a_killed_server_are_removed_at_the_next_start(tmp_path: Pa
     assert not list(tmp_path.glob(".home.snapshots-*"))
     pids = ran.stdout.split()
     assert len(pids) == 3
-    end = time.monotonic() + 60
-    while (left := [pid for pid in pids if _runs(pid)]) and time.monotonic() < end:
-        time.sleep(0.02)
-    assert not left, "workers outlived the process that asked them"
+    until(lambda: not any(map(_runs, pids)), "workers outlived the process that asked them")
 
 
 def _runs(pid: str) -> bool:
@@ -269,8 +267,7 @@ def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
 
     thread = threading.Thread(target=ask)
     thread.start()
-    while not pool.busy:
-        time.sleep(0.005)
+    until(lambda: pool.busy)
     pool.close()
     thread.join()
     assert len(raised) == 1
@@ -291,8 +288,7 @@ def test_questions_about_the_past_leave_a_worker_for_the_present(live: SemanticM
         asking = [threading.Thread(target=ask, args=(at,)) for at in (0, 1, 2)]
         for thread in asking:
             thread.start()
-        while not pool.busy:
-            time.sleep(0.01)
+        until(lambda: pool.busy)
         for _ in range(3):  # however many wait for the other, this one is never theirs
             assert rows(pool, "SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=3) == [["3"]]
         assert all(thread.is_alive() for thread in asking)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import struct
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,6 +25,7 @@ from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from tests.perception.sources.live.foxglove_peer import foxglove_peer
 from tests.perception.sources.live.ros1_peer import Ros1Peer, header, ros1_peer
+from tests.waiting import until
 
 Messages = Callable[[str], list[RawMessage]]
 
@@ -118,10 +118,7 @@ def test_a_hostile_ros1_node_is_left_and_tried_again(
     with ros1_peer(types_of(raws, ros1=True)) as peer:
         peer.spoil = lambda topic: spoilt if topic == COLOUR else None
         with running(Ros1Master.at(peer.address)) as made:
-            until = time.monotonic() + 20
-            while sum(fields["topic"] == COLOUR for fields in peer.heard) < 3:
-                assert time.monotonic() < until
-                time.sleep(0.01)
+            until(lambda: sum(fields["topic"] == COLOUR for fields in peer.heard) >= 3)
             peer.spoil = lambda topic: None
             peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
             published(peer, raws)
@@ -145,10 +142,7 @@ def test_a_hostile_ros1_master_is_asked_again(messages: Messages, answer: Any) -
 
         peer.master.register_function(hostile, "getTopicTypes")
         with running(Ros1Master.at(peer.address)) as made:
-            until = time.monotonic() + 20
-            while len(asked) < 2:
-                assert time.monotonic() < until
-                time.sleep(0.01)
+            until(lambda: len(asked) >= 2)
             peer.master.register_function(peer._getTopicTypes, "getTopicTypes")
             peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
             published(peer, raws)
@@ -209,10 +203,7 @@ def test_a_hostile_foxglove_server_is_left_or_ignored(
     with foxglove_peer(types_of(raws, ros1=False), "cdr") as peer:
         peer.greeting = [greeting]
         with running(FoxgloveConnection(peer.address)) as made:
-            until = time.monotonic() + 20
-            while not peer.connections:
-                assert time.monotonic() < until
-                time.sleep(0.01)
+            until(lambda: peer.connections)
             peer.greeting = []
             peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
             published(peer, raws)
@@ -225,9 +216,6 @@ def test_what_is_no_foxglove_server_is_tried_again(
     peer = Ros1Peer({})
     try:
         with running(FoxgloveConnection(f"ws://127.0.0.1:{peer.master.server_address[1]}")):
-            until = time.monotonic() + 20
-            while "trying again" not in caplog.text:
-                assert time.monotonic() < until
-                time.sleep(0.01)
+            until(lambda: "trying again" in caplog.text)
     finally:
         peer.close()

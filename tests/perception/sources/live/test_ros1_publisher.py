@@ -7,8 +7,7 @@ import queue
 import socket
 import struct
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -21,6 +20,7 @@ from perception.sources.live.ros1_api import ask
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.tcpros import TcprosConnection
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
+from tests.waiting import until
 
 TOPIC, TYPE = "/said", "std_msgs/msg/String"
 
@@ -49,13 +49,6 @@ def publisher(master: FakeMaster, *latched: str) -> Iterator[Ros1Publisher]:
         yield made
     finally:
         made.close()
-
-
-def until(true: Callable[[], bool]) -> None:
-    end = time.monotonic() + 20
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def string(text: str) -> Any:

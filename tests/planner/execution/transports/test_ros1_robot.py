@@ -39,6 +39,7 @@ from planner.simulation.robot.ros1_node import Ros1HouseNode
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running
+from tests.waiting import until
 
 M = TypeVar("M")
 
@@ -133,10 +134,7 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
         options = SearchOptions(stopping=lambda: node._active is not None)
         outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path), options)
         assert outcome.state == "stopped"
-        end = time.monotonic() + 20
-        while not node._goals or node._active is not None:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: node._goals and node._active is None)
         assert [goal.text for goal in node._goals] == ["cancelled"]
 
 
