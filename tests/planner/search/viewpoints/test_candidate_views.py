@@ -120,6 +120,11 @@ def test_without_a_view_ahead_the_next_one_gains_most_for_its_time(
         view = myopic.best(at, weight / weight.sum())
         assert view is not None
         assert rate[view] == pytest.approx(rate.max(), rel=1e-4)
+        for room in myopic._rooms:
+            first = int(room.rows[np.argmax(rate[room.rows])])
+            revisits = next_best_view.RevisitModel(views())
+            ahead = myopic._lookahead_rate(at, weight, room, first, revisits)
+            assert ahead == pytest.approx(rate[first], rel=1e-4)
     assert myopic.best(at, np.zeros(len(views().cells))) is None
 
 
