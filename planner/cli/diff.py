@@ -9,6 +9,7 @@ example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z
 from __future__ import annotations
 
 import argparse
+import re
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json, add_map
@@ -40,7 +41,12 @@ def run(arguments: argparse.Namespace) -> int:
         found = semantic_map.history.diff(arguments.before, arguments.after)
         base = semantic_map.base
     names = ("change", "subject", "predicate", "before", "after")
-    print_rows(names, found.rows(base), as_json=arguments.json)
+    rows = found.rows(base)
+    if not arguments.json:
+        rows = [
+            (sign, thing, name, _brief(old), _brief(new)) for sign, thing, name, old, new in rows
+        ]
+    print_rows(names, rows, as_json=arguments.json)
     note(_summary(found))
     return 0
 
@@ -61,6 +67,12 @@ def _moved(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     ]
     print_rows(_MOVED, rows, as_json=arguments.json)
     return 0
+
+
+def _brief(value: str) -> str:
+    """A value, or the length of encoded data such as the cells of a floor tile."""
+    is_data = re.fullmatch(r"[A-Za-z0-9+/=]{60,}", value)
+    return f"{len(value)} characters" if is_data else value
 
 
 def _summary(found: Difference) -> str:

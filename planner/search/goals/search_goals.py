@@ -61,8 +61,8 @@ def _not_a_category(catalogue: Catalogue, target: str) -> str:
     spellings = [name for c in objects for name in (c.label, *c.synonyms)]
     count = sum(c.kind == "object" for c in objects)
     return (
-        f"no category '{target}'{did_you_mean(target, spellings) or ';'} there are {count} kinds "
-        f"of object, and {_supercategories(catalogue)} for several of them at once"
+        f"no category '{target}'{did_you_mean(target, spellings) or ';'} there are {count} "
+        f"categories of objects, and the supercategories {_supercategories(catalogue)}"
     )
 
 

@@ -50,7 +50,10 @@ def test_the_past_of_a_map(mapped: Path, prints: Prints) -> None:
     (moved,) = [r for r in rows if (r["subject"], r["predicate"]) == ("robot", "x")]
     assert float(moved["before"]) == pytest.approx(earlier[0]["x"])
     assert float(moved["after"]) == pytest.approx(latest[0]["x"])
-    assert "robot" in prints("diff", mapped, "#2", "#8")
+    table = prints("diff", mapped, "#2", "#8")
+    assert "robot" in table
+    cells = next(line for line in table.splitlines() if "floor cells" in line)
+    assert cells.rstrip().endswith(" characters")
 
 
 def test_compacting_a_map(mapped: Path, prints: Prints, fails: Fails) -> None:
