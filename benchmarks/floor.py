@@ -1,4 +1,4 @@
-"""What the mapped floor costs: `python benchmarks/floor.py RECORDING ... [--demo]`.
+"""Cost of the mapped floor: `python benchmarks/floor.py RECORDING ... [--demo]`.
 
 Maps each recording twice, without the floor and then with it, and counts seconds of the processor.
 Prints Markdown rows.

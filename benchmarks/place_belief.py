@@ -1,4 +1,4 @@
-"""What tells the kind of a room: `python -m benchmarks.place_belief HOMES`.
+"""Evidence for the kind of a room: `python -m benchmarks.place_belief HOMES`.
 
 Rooms of real homes (a folder of JSON files, benchmarks/search/homes.py) that are of one kind. Their
 views are simulated, since the homes have no pictures: a classifier that gives the true kind the

@@ -49,7 +49,7 @@ _TURN = np.radians(10.0)  # of the drift at the end
 
 
 class _Warnings(logging.Handler):
-    """What was warned of, by its first words."""
+    """Warnings, by their first words."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -130,7 +130,7 @@ def _unregistered(frame_at: Callable[[int], Frame]) -> Callable[[int], Frame]:
 
 
 def _monitored(recording: FolderRecording) -> tuple[str, str, str]:
-    """What is said of a jump and of drift, and the cost; "false alarm" of poses as they are."""
+    """Warnings of a jump and of drift, and the cost; "false alarm" for unchanged poses."""
     sound, jump, drift = PoseMonitor("x"), PoseMonitor("x"), PoseMonitor("x")
     middle, spent = len(recording) // 2, 0.0
     about = recording.frame(middle).T_map_cam[:3, 3]

@@ -42,7 +42,7 @@ _THRESHOLD: Final = 0.2  # as `hereabouts evaluate map` has them
 
 @dataclass(slots=True)
 class Totals:
-    """What mapping took, over all houses."""
+    """Time of mapping, over all houses."""
 
     frames: int = 0
     seconds: float = 0.0

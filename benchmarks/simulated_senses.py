@@ -1,4 +1,4 @@
-"""What the simulated detectors do, measured: `python -m benchmarks.simulated_senses [SEED ...]`.
+"""Error rates of the simulated detectors: `python -m benchmarks.simulated_senses [SEED ...]`.
 
 In every fourth frame of the tours of random houses, objects are matched to detections by overlap of
 boxes, whatever the label. Prints a Markdown table: recall of things seen well and of all others of

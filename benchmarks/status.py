@@ -130,7 +130,7 @@ class Session:
 
 
 class HouseTruth:
-    """What is true of each category in each place after sessions in a house."""
+    """True status of each category in each place after sessions in a house."""
 
     def __init__(self) -> None:
         self.known: dict[str, dict[str, Any]] = {}  # seen well and there since, as far as was seen

@@ -1,4 +1,4 @@
-"""What leaves the map before a still camera: `python -m benchmarks.still_camera [SEED ...]`.
+"""Objects that leave the map before a still camera: `python -m benchmarks.still_camera [SEED ...]`.
 
 In each random house the stretch of the mapping tour before its fullest picture is mapped, then the
 robot stands there: the same view again and again, with new noise of depth and detector each time.

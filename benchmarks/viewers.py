@@ -1,4 +1,4 @@
-"""What keeping a mapping run for viewers costs a frame: processor time and bytes.
+"""Cost of a mapping run's export for viewers: processor time and bytes for each frame.
 
     python -m benchmarks.viewers MAP RECORDING
 

@@ -18,7 +18,7 @@ MODERATE = 20  # queries of another meanwhile
 
 
 def attack(target: Target) -> Outcome:
-    """What is answered to strangers is an escape; a refusal of a moderate client is a hang."""
+    """An answer to a stranger is an escape; a refusal of a moderate client is a hang."""
     total = Outcome()
     for path, headers in _requests():
         reply = _get(target, path, headers)

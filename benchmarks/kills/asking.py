@@ -139,7 +139,7 @@ class _Asked:
 
 
 def _wrong(answer: Answer, told: int) -> str:
-    """What is not right about an answer that has to have seen `told` frames."""
+    """Error of an answer that must include `told` frames."""
     rows = json.loads(answer.body)["results"]["bindings"]
     seen = {int(row["n"]["value"]) for row in rows}
     if len(rows) != OBJECTS - 1 or seen != {answer.sequence} or answer.sequence < told:

@@ -27,7 +27,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What an examination found; `wrong` says what is violated, a line each."""
+    """Findings of an examination; `wrong` has a line for each violation."""
 
     known: Known
     digest: str

@@ -55,7 +55,7 @@ def note_update(number: int) -> str:
 
 
 def expected(frames: int, notes: int) -> set[Quad]:
-    """What graph:map and graph:dataset hold after so many of each."""
+    """Expected contents of graph:map and graph:dataset after so many writes of each kind."""
     with in_memory_map(base=BASE) as twin:
         for number in range(max(0, frames - 2), frames):  # the one before holds what is removed
             twin.apply(frame_update(number))
@@ -65,7 +65,7 @@ def expected(frames: int, notes: int) -> set[Quad]:
 
 
 def facts(semantic_map: SemanticMap) -> set[Quad]:
-    """What the map says, but for its ontology, its counter, and when it was made."""
+    """Quads of the map, without its ontology, its counter and its time of creation."""
     return {
         quad
         for quad in semantic_map.engine

@@ -1,4 +1,4 @@
-"""What a round of kills did, as a row of the table."""
+"""Counts of a round of kills, as a row of the table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the trial stands on: evidence with statistics that leave out the building in question."""
+"""Data of the trial: evidence with statistics that leave out the tested building."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _curve(train: Sample, x: Matrix) -> Matrix:
 def outcome(
     data: TrialData, building: int, table: Matrix, without: frozenset[int] = frozenset()
 ) -> Predictions:
-    """What a table of probabilities says of a building; rooms whose number is in `without` aside.
+    """Predictions of a table of probabilities for a building, without the rooms numbered `without`.
 
     A room that is several kinds holds what any of them would; one that is none, what an average
     place does.

@@ -57,7 +57,7 @@ def judged(
 
 
 def viewed(truth: int, kinds: int, right: float, random: np.random.Generator) -> np.ndarray:
-    """What the views of a room say, (kinds,): a Dirichlet draw around the truth."""
+    """(kinds,) probabilities from the views of a room: a Dirichlet draw around the truth."""
     mean = np.full(kinds, (1 - right) / (kinds - 1))
     mean[truth] = right
     return random.dirichlet(3 * mean + 1e-3)

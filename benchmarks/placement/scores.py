@@ -56,7 +56,7 @@ def rooms_visited(p: Vector, held: Vector) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Predictions:
-    """What one method said of one building: pairs of room and object, and searches."""
+    """Predictions of one method for one building: pairs of room and object, and searches."""
 
     p: Vector  # (n,) probabilities
     held: Vector  # (n,) 1 where the room holds the object, else 0

@@ -34,7 +34,7 @@ _SIDES: Final = (-0.2, 0.2)  # [m] from the middle of a wall into the rooms besi
 
 @dataclass(frozen=True, slots=True)
 class Doubtful:
-    """What stands somewhere and may be in a map or not, under any of its labels."""
+    """An item that a map may contain or not, under any of its labels."""
 
     labels: frozenset[str]
     x: float  # [m]
@@ -43,7 +43,7 @@ class Doubtful:
 
 @dataclass(slots=True)
 class HouseFacts:
-    """What is true of a house after the last drive."""
+    """Truth of a house after the last drive."""
 
     number: str
     before: dict[str, Any] = field(default_factory=dict)  # plain map after the first drive

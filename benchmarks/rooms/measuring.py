@@ -73,7 +73,7 @@ def parts(folder: Path) -> list[tuple[str, list[Frame], TruthMatcher]]:
 def each(
     task: Callable[..., T], arguments: Sequence[tuple[object, ...]], processes: int
 ) -> list[T]:
-    """What `task` gives for each of `arguments`, in their order; progress goes to stderr."""
+    """Results of `task` for each of `arguments`, in their order; progress goes to stderr."""
     done = list[T]()
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context) as pool:

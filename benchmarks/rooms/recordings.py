@@ -94,7 +94,7 @@ def look(folder: Path, looking: Iterable[str], cache: Path) -> None:
 
 
 def looks(folder: Path, looking: Sequence[str], cache: Path) -> tuple[RecordedDetector, ...]:
-    """What networks saw in the recording in `folder`, as `look` left it."""
+    """Detections in the recording in `folder`, as `look` saved them."""
     return tuple(load_recorded_detections(_file(cache, folder, network)) for network in looking)
 
 

@@ -1,4 +1,4 @@
-"""What a robot knows before it searches a home: chances of rooms, and the thesis' listed rooms.
+"""Priors of a search in a home: probabilities of rooms, and the thesis' listed rooms.
 
 With statistics of real homes, those of the home to be searched are taken out first, so that no
 home tells where its own things are.

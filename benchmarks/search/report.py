@@ -28,7 +28,7 @@ class Report:
         return told
 
     def ratios(self) -> Iterator[str]:
-        """What the times come to beside each other, in sentences."""
+        """Ratios of the mean times, in sentences."""
         ours = self.methods["ours"].mean_seconds
         for name in ("thesis", "brute_force"):
             other = self.methods[name].mean_seconds

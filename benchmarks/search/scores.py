@@ -1,4 +1,4 @@
-"""What searches come to: success, time, way, SPL, success against time."""
+"""Scores of searches: success, time, distance, SPL, success against time."""
 
 from __future__ import annotations
 

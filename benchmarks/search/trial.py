@@ -40,7 +40,7 @@ NOWHERE: Final = "ours, not there at all"
 
 @dataclass(frozen=True, slots=True)
 class TrialSettings:
-    """What a trial is run with."""
+    """Settings of a trial."""
 
     sensor: Sensor = field(default_factory=Sensor)
     motion: Motion = field(default_factory=Motion)

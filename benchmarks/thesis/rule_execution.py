@@ -38,10 +38,10 @@ def follow(plan: Plan, present: Callable[[Goal], bool]) -> RuleOutcome:
 
 
 def in_place(iri: str) -> Callable[[Goal], bool]:
-    """What is hidden lies in the place `iri` and is seen when that is explored (section 4.4)."""
+    """The hidden object is in the place `iri`; exploring that place shows it (section 4.4)."""
     return lambda goal: goal.iri == iri
 
 
 def within(p_map: ArrayLike, reach: float = FOUND_WITHIN) -> Callable[[Goal], bool]:
-    """What is hidden lies at `p_map` (2,) [m] and is seen from goals within `reach` metres."""
+    """The hidden object is at `p_map` (2,) [m]; goals within `reach` metres show it."""
     return lambda goal: bool(distances(p_map, goal.p_map)[0] <= reach)
