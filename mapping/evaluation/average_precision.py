@@ -14,7 +14,7 @@ from typing import Final
 
 from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
 
-_DIGITS: Final = 4  # of existences that are told apart
+_DIGITS: Final = 4  # precision of existences
 
 
 @dataclass(frozen=True, slots=True)

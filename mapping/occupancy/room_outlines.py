@@ -24,8 +24,8 @@ def room_areas(
 ) -> tuple[Area, ...]:
     """The area [m] of each of `rooms` (nx, ny), numbered from 0, -1 for none.
 
-    Rooms reach up to `reach` [m] beyond their cells, or to where the next one does: the walls
-    between them, and what stands along these. Outlines deviate by up to `noise` [m] from the cells.
+    Rooms reach up to `reach` [m] beyond their cells, or to the next room, into walls and the
+    furniture along them. Outlines deviate by up to `noise` [m] from the cells.
     """
     steps = round(reach / cell)
     grown = np.pad(rooms, steps, constant_values=-1)

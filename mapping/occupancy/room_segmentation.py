@@ -40,7 +40,7 @@ class SegmentationSettings:
     hole: float = 4.0  # [m^2] unseen floor that is enclosed, up to this size, is floor
     pillar: float = 0.6  # [m] tall parts up to this length are furniture, not walls
     gap: float = 0.5  # [m] unseen floor this near to seen floor is no wall
-    walls: float = 0.3  # [m] rooms reach this far into walls, and what stands along them
+    walls: float = 0.3  # [m] rooms reach this far into walls and the furniture along them
     noise: float = 0.15  # [m] tolerance of the simplification of their outlines
 
 

@@ -27,8 +27,8 @@ _MIN_PROBABILITY: Final = 1e-9  # probabilities below count as this
 class RelationSettings:
     """Parameters of the formulas.
 
-    Those of supports maximise the likelihood of what stands on what in simulated houses, and are
-    rounded; those of containers and neighbours are chosen (`docs/explanation/relations.md`).
+    The parameters of supports maximise the likelihood of the supports in simulated houses, and are
+    rounded; those of containers and neighbours are chosen by hand (`docs/explanation/relations.md`).
     """
 
     constant: float = 2.0  # of a candidate's utility

@@ -26,7 +26,7 @@ class StoredImage(Protocol):
     """An image of a recording, decoded when it is asked for; `str` says where it is."""
 
     def check(self) -> None:
-        """Raise RecordingError where it can be told, without decoding it, that it is damaged."""
+        """Raise RecordingError for damage that shows without decoding the image."""
 
     def colour(self) -> NDArray[np.uint8]:
         """(H, W, 3) RGB; raises RecordingError for an unreadable image."""

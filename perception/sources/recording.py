@@ -50,7 +50,7 @@ class FolderRecording:
     depth_scale: float  # depth units a metre
     start_time: float  # [s] added to every stamp; 0 where stamps are absolute
     gravity_aligned: bool = False  # whether T_map_world was found from what it shows, not given
-    transform_given: bool = False  # whether the caller said how its world sits in the map
+    transform_given: bool = False  # whether the caller gave T_map_world
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""

@@ -96,7 +96,7 @@ def weight(
 
 
 def in_one_spot(o: Track, n: Track, settings: ObjectSettings) -> bool:
-    """Whether `n` stands where `o` stood, and may be called the same."""
+    """Whether `n` stands in the spot of `o` and may have the same category."""
     near = float(np.linalg.norm(o.p_map - n.p_map)) < _gate(o, n, settings)
     return near and not o.plausible.isdisjoint(n.plausible)
 

@@ -80,9 +80,9 @@ class Ros2Domain:
         try:
             _Participant(self.number, inbox).run(ended)
         except DDSException as error:
-            said = " ".join(str(error).split())
+            reason = " ".join(str(error).split())
             raise RecordingError(
-                f"{self.address}: {said[:200]}; CYCLONEDDS_URI may name a network interface"
+                f"{self.address}: {reason[:200]}; CYCLONEDDS_URI may name a network interface"
             ) from error
 
 
@@ -155,8 +155,8 @@ class _Participant:
     def _warn(self, topic: _Topic, error: object) -> None:
         if topic not in self._warned and len(self._warned) < MAX_WARNINGS:
             self._warned.add(topic)
-            said = " ".join(str(error).split())[:200]
-            _log.warning("%s of type %s cannot be read: %s", topic.name, topic.type, said)
+            reason = " ".join(str(error).split())[:200]
+            _log.warning("%s of type %s cannot be read: %s", topic.name, topic.type, reason)
 
     def _received(self, topic: _Topic, data: bytes | None) -> None:
         if data is not None and len(data) <= max_size(topic.type):
