@@ -28,7 +28,7 @@ class RelationSettings:
     """Parameters of the formulas.
 
     The parameters of supports maximise the likelihood of the supports in simulated houses, and are
-    rounded; those of containers and neighbours are chosen by hand (`docs/explanation/relations.md`).
+    rounded; those of containers and neighbours are chosen (`docs/explanation/relations.md`).
     """
 
     constant: float = 2.0  # of a candidate's utility
