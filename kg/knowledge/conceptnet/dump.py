@@ -45,18 +45,18 @@ class DumpStatistics:
 def read_dump(
     path: Path, language: str, wanted: EdgeFilter, statistics: DumpStatistics, progress: Progress
 ) -> Iterator[Edge]:
-    """Assertions of a file in `language` that pass the filter `wanted`; others are not parsed.
+    """Assertions of a file in `language` that pass the filter `wanted`.
 
-    Lines that cannot be read are counted in `statistics`, by reason.
+    Malformed lines are counted in `statistics`, by reason.
 
     Raises:
-        ConceptNetError: no such file, neither format, no line that can be read, or truncated.
+        ConceptNetError: the file is missing, truncated, or in neither format.
     """
     with _opened(path) as (raw, unpacked):
         lines = _lines(unpacked, statistics, _report(raw, path, progress))
         first, parse = _sniff(lines, path, statistics)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of odd escapes in a Python dictionary
+            warnings.simplefilter("ignore")  # about invalid escapes in a Python dictionary
             for line in chain(first, lines):
                 yield from _parsed(parse, line, language, wanted, statistics)
 
@@ -84,7 +84,7 @@ def _parsed(
 def _opened(path: Path) -> Iterator[tuple[IO[bytes], IO[bytes]]]:
     try:
         with path.open("rb") as raw:
-            packed = raw.peek(2)[:2] == _GZIP  # not by seeking: it may be a pipe
+            packed = raw.peek(2)[:2] == _GZIP  # a pipe cannot seek
             yield raw, io.BufferedReader(gzip.GzipFile(fileobj=raw), _CHUNK) if packed else raw
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         reason = " ".join(str(error).split())
@@ -105,7 +105,7 @@ def _report(raw: IO[bytes], path: Path, progress: Progress) -> Callable[[], None
 def _lines(
     file: IO[bytes], statistics: DumpStatistics, report: Callable[[], None]
 ) -> Iterator[bytes]:
-    """Lines without line ends; lines that are too long are counted and left out."""
+    """Lines without line ends; too long ones are counted and omitted."""
     rest, too_long = b"", False
     while chunk := file.read(_CHUNK):
         report()

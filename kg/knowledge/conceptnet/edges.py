@@ -17,21 +17,21 @@ MAX_TEXT_LENGTH: Final = 300  # characters of a term or a surface text that are 
 
 
 class MalformedEdgeError(ValueError):
-    """A line or an edge that is no valid assertion; the message is the reason in a few words."""
+    """A line or an edge is no valid assertion; the message is the reason in a few words."""
 
 
 @dataclass(frozen=True, slots=True)
 class Node:
     """A term: ``/c/en/mouse/n/wn/animal`` is Node("mouse", "n", "animal")."""
 
-    term: str  # words between spaces, as the source has them
-    speech: str = ""  # part of speech: n, v, a, r, or not stated
-    sense: str = ""  # WordNet's topic (animal, artifact, food, ...), or not stated
+    term: str  # words of the source, separated by spaces
+    speech: str = ""  # part of speech: n, v, a, r; "": unknown
+    sense: str = ""  # WordNet's topic (animal, artifact, food, ...); "": unknown
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """Edge: a number of people (votes) state that `start` has `relation` to `end`, or has not."""
+    """Assertion by a number of people (votes) that `relation` holds, or not (`negated`)."""
 
     relation: str  # AtLocation, IsA, ... never the negated form
     start: Node
@@ -41,7 +41,7 @@ class Edge:
     source: str  # IRI
     license: str  # IRI
     surface: str  # the wording in the source
-    adds: bool  # whether votes of a repeated assertion are added, not merged
+    adds: bool  # whether the votes of repeated assertions add up
 
 
 def columns_of(line: bytes, count: int) -> list[bytes]:
@@ -67,7 +67,7 @@ def number_of(value: object, message: str) -> float:
 
 
 def parse_node(uri: str) -> tuple[str, Node] | None:
-    """Language and node of a concept's URI, or None where it is none."""
+    """Language and node of a concept's URI; None for other texts."""
     parts = uri.split("/")
     if len(parts) < 4 or parts[:2] != ["", "c"] or not parts[2] or not parts[3]:
         return None
@@ -78,7 +78,7 @@ def parse_node(uri: str) -> tuple[str, Node] | None:
 
 
 def parse_relation(text: str) -> tuple[str, bool] | None:
-    """Relation and whether it is negated, of ``/r/AtLocation`` or ``NotIsA``; None where unused."""
+    """Relation of ``/r/AtLocation`` or ``NotIsA``, and whether it is negated; None if unused."""
     name = text.removeprefix("/r/")
     if name in RELATIONS:
         return name, False
@@ -98,13 +98,13 @@ def _concept(text: str) -> str:
 
 
 def license_iri(text: str) -> str:
-    """``cc:by-sa/4.0`` as an IRI; ConceptNet's own licence where it is not one of those."""
+    """The IRI of ``cc:by-sa/4.0``; ConceptNet's own licence for an unknown text."""
     name = text.removeprefix("cc:").strip("/")
     known = name in ("by/4.0", "by-sa/4.0", "by/3.0", "by-sa/3.0")
     return f"{v.LICENSES}{name if known else 'by-sa/4.0'}/"
 
 
 def clean(text: str) -> str:
-    """`text` on one line, truncated, with characters that UTF-8 cannot encode replaced."""
+    """`text` on one line, truncated, without characters that UTF-8 cannot encode."""
     line = " ".join(text[: 4 * MAX_TEXT_LENGTH].split())[:MAX_TEXT_LENGTH]
     return line.encode("utf-8", "replace").decode("utf-8")

@@ -34,9 +34,9 @@ def looks_like(line: bytes) -> bool:
 
 
 def parse(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
-    """The assertion of a line, or None where the filter rejects it. All terms are English.
+    """The assertion of a line, or None if the filter rejects it. All terms are English.
 
-    A frequency below 0 counts votes for the opposite: such an assertion is negated.
+    An assertion with a frequency below 0 is negated.
 
     Raises:
         MalformedEdgeError: the line is no valid assertion.

@@ -1,15 +1,15 @@
-"""Term matching: the category that a term of ConceptNet names.
+"""Term matching: finds the category of a ConceptNet term.
 
-ConceptNet 4 writes lemmas without stop words ("live room", "dine table", "office build"), 5 mostly
-words ("living_room"), people both, or joined ("livingroom"). Labels, synonyms and terms are all
-normalised in the same way and compared by the result:
+ConceptNet 4 has lemmas without stop words ("live room", "dine table", "office build"), ConceptNet 5
+mostly words ("living_room"), people use both, or joined words ("livingroom"). Labels, synonyms and
+terms are normalised in the same way and then compared:
 
-- case, marks, accents' composition: NFKC, case folded, everything but letters and digits a space;
+- NFKC normalisation and case folding; characters other than letters and digits become spaces;
 - stop words are dropped;
 - every word is reduced to its singular;
-- words before the last one lose -ing, -ed and the e at their end, as a lemma would ("living room",
-  "live room"); the last one does not, or "bedding" would be a bed and "skiing" a ski;
-- forms that then differ are compared with the spaces removed ("living-room", "livingroom").
+- words before the last one lose a final -ing, -ed and e, as in a lemma ("living room", "live
+  room"); the last word keeps them, since "bedding" is no bed and "skiing" no ski;
+- forms that still differ are compared without spaces ("living-room", "livingroom").
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _STOP_WORDS: Final = frozenset(
         *("any", "my", "your", "his", "her", "its", "our", "their"),
     )
 )
-#: Exceptions: nouns that a lemmatiser reduced as verbs.
+#: Nouns that a lemmatiser reduces as verbs.
 _HEADS: Final = {"build": "building"}
 #: Ambiguous names of a category; each counts half (`DOUBTFUL_SHARE`).
 ALSO_CALLED: Final = {"notebook": "laptop"}
@@ -45,7 +45,7 @@ _PLURALS: Final = (
 
 @lru_cache(maxsize=20_000)
 def reduced(term: str) -> str:
-    """Normalised words of a term, for comparison; empty where nothing is left."""
+    """Normalised words of a term, for comparison; empty for a term of stop words."""
     words = [_singular(word) for word in _words(term) if word not in _STOP_WORDS]
     if not words:
         return ""
@@ -92,7 +92,7 @@ class TermMatcher:
         names = {c.iri: {" ".join(_words(n)) for n in _names(c)} for c in self.groups["place"]}
         #: Places whose name ends in -room.
         self.rooms = frozenset(p for p in names if any(n.endswith("room") for n in names[p]))
-        #: "X outdoor" that is called X too -> the place "X indoor" or "X room", None without one.
+        #: "X outdoor" with the synonym X -> the place "X indoor" or "X room", or None.
         self.indoors = {
             place.iri: self.get(f"{bare} indoor", "place") or self.get(f"{bare} room", "place")
             for place in self.groups["place"]
@@ -101,7 +101,7 @@ class TermMatcher:
         }
 
     def get(self, term: str, kind: str) -> str | None:
-        """IRI of the category of that kind which the term names, or None."""
+        """IRI of the category of that kind with the name `term`, or None."""
         index = self._index[kind]
         return index.get(reduced(term)) or index.get(joined(term))
 

@@ -1,15 +1,15 @@
 """Word sense disambiguation: the probability that a term of an edge means a category.
 
-Where the source states the sense ("/c/en/mouse/n/wn/animal"), it is used. Elsewhere ("mouse" in
-the attic) the senses of a term are derived from its IsA edges: the category belongs to one group
-(its supercategory, or plain objects), a parent of another group is a rival sense. The frequency of
-each group in that place then gives, by Bayes' rule, the probability of each sense:
+A sense stated by the source ("/c/en/mouse/n/wn/animal") is used. Otherwise ("mouse" in the attic)
+the senses of a term follow from its IsA edges: the category belongs to one group (its
+supercategory, or plain objects), and a parent of another group is a rival sense. The frequency of
+each group in that place gives the probability of each sense by Bayes' rule:
 
     share = prior(own) p(place | own) / sum over meanings g of prior(g) p(place | g)
 
 with the prior from the votes of the parents and p(place | g) from the votes for group g in that
-place, both with additive smoothing. Where a term is part of something (a mouse of a computer), the
-places of that whole are p(place | own).
+place, both with additive smoothing. For a part of a whole (a mouse of a computer), p(place | own)
+comes from the places of the whole.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PARENT_PRIOR: Final = 1.0
 USAGE_PRIOR: Final = 0.5
 #: Minimum votes for membership in a group or for a rival sense: a single vote may be an error.
 MIN_RIVAL_VOTES: Final = 2.0
-#: The group of objects that have no supercategory.
+#: The group of objects without a supercategory.
 PLAIN: Final = ""
 #: WordNet's topics of inanimate objects, and further topics of a named group.
 _OF_THINGS: Final = frozenset({"artifact", "object", "tops"})
@@ -76,9 +76,9 @@ class SenseFilter:
     def near(self, key: Key, category: str, other: str) -> float:
         """Probability, 0..1, that "`key` is near `other`" is about the category.
 
-        It is 0 where the other is of a rival's group or an animal (what is at a bear is in it), 1
-        where it is of the category's own, unless the term is part of something: what is at a
-        computer is not at a refrigerator.
+        It is 0 for another object of a rival's group or an animal ("at a bear" means inside of it),
+        and 1 for another object of the category's own group, unless the term is part of a whole:
+        parts of a computer are not near a refrigerator.
         """
         priors, own, others = self._priors(key, category), self.group(category), self.group(other)
         if others != own and "animal" in self._labels.get(others, ()):
@@ -94,7 +94,7 @@ class SenseFilter:
         return frozenset(self._priors(key, category)) - {self.group(category)}
 
     def group_of(self, key: Key, depth: int = 1) -> str | None:
-        """Group of a term by most votes, over up to `depth` further IsA edges; None: unknown."""
+        """Group of a term by majority vote, over up to `depth` further IsA edges; None: unknown."""
         if (own := self._collection.names.get(key[0], "supercategory")) is not None:
             return own
         if (category := self._collection.naming.get(key)) is not None:
@@ -125,7 +125,7 @@ class SenseFilter:
         return {own: votes[own] + PARENT_PRIOR, **rivals}
 
     def _of_wholes(self, key: Key) -> dict[str, float]:
-        """Place -> votes of what the term is part of, by enough votes."""
+        """Place -> votes, over the wholes that have the term as a part."""
         counts: dict[str, float] = defaultdict(float)
         for whole, link in self._collection.part_of.get(key, {}).items():
             if link.net >= MIN_RIVAL_VOTES:

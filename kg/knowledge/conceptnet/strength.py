@@ -17,7 +17,7 @@ def weight_of(votes: float) -> float:
 
 
 def votes_of(weight: float) -> float:
-    """The votes that have that weight: the inverse of `weight_of`, exact for weights above 0."""
+    """The votes for a weight: the inverse of `weight_of`, exact for weights above 0."""
     return weight if weight <= 2 else (weight / 2) ** 2 + 1
 
 

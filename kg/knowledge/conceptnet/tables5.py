@@ -23,7 +23,7 @@ from kg.knowledge.conceptnet.edges import (
 from kg.knowledge.conceptnet.strength import votes_of
 
 _COLUMNS: Final = 5
-_MAX_WEIGHT: Final = 1e6  # maximum weight
+_MAX_WEIGHT: Final = 1e6
 _NO_WEIGHT: Final = "weight is no number above 0"
 _BRACKETS: Final = re.compile(r"\[\[|\]\]")
 
@@ -34,7 +34,7 @@ def looks_like(line: bytes) -> bool:
 
 
 def parse(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
-    """The assertion of a line, or None where the filter rejects it.
+    """The assertion of a line, or None if the filter rejects it.
 
     Raises:
         MalformedEdgeError: the line is no valid assertion.
@@ -50,10 +50,10 @@ def parse(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
 
 
 def parse_edge(edge: object, language: str, wanted: EdgeFilter) -> Edge | None:
-    """The assertion of an edge of the web API, or None where the filter rejects it.
+    """The assertion of an edge of the web API, or None if the filter rejects it.
 
     Raises:
-        MalformedEdgeError: it is no valid edge.
+        MalformedEdgeError: the edge is invalid.
     """
     try:
         uris = [edge[part]["@id"] for part in ("rel", "start", "end")]  # type: ignore[index]

@@ -21,8 +21,8 @@ _PREFIXES: Final = {name: v.PREFIXES[name] for name in ("here", "owl", "rdfs", "
 _LOCAL: Final = re.compile(r"[A-Za-z][A-Za-z0-9]*")
 _SECTIONS: Final = {
     v.LOCATED_AT: "Where objects are found",
-    v.NEAR_BY: "What objects are found near (to find the first, look where the second is)",
-    v.RDFS_SUB_CLASS_OF: "What objects are",
+    v.NEAR_BY: "Objects near other objects (to find the first, look near the second)",
+    v.RDFS_SUB_CLASS_OF: "Kinds of objects",
 }
 _COMMENT: Final = (
     "Relations between categories, imported from ConceptNet (conceptnet.io). "
