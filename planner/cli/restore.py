@@ -14,7 +14,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_author, add_json, add_map
-from planner.cli.console import note, write_json
+from planner.cli.console import counted, note, write_json
 
 if TYPE_CHECKING:
     from kg.maps.update.restoration import Restored
@@ -69,6 +69,6 @@ def _summary(done: Restored, dry_run: bool) -> str:
     head = "dry run" if dry_run else f"transaction {done.sequence}"
     return (
         f"{head}, restores #{done.restored}: {done.added} triples added, {done.removed} removed; "
-        f"{done.objects_back} objects back, {done.objects_gone} removed; "
-        f"{done.places_back} places back, {done.places_gone} removed"
+        f"{counted(done.objects_back, 'object')} back, {done.objects_gone} removed; "
+        f"{counted(done.places_back, 'place')} back, {done.places_gone} removed"
     )

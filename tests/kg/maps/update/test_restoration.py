@@ -257,7 +257,7 @@ def test_the_command_restores_and_counts(
     assert main(["restore", path, "--to", "#5", "--dry-run"]) == 0
     assert "dry run, restores #5:" in capsys.readouterr().err
     assert main(["restore", path, "--to", "#5", "--by", "ann"]) == 0
-    assert "2 objects back, 0 removed; 1 places back, 0 removed" in capsys.readouterr().err
+    assert "2 objects back, 0 removed; 1 place back, 0 removed" in capsys.readouterr().err
     assert main(["restore", path, "--to", "#500"]) == 1
     assert capsys.readouterr().err.startswith("error: no transaction #500 is kept")
     with open_map(path) as again:
