@@ -83,7 +83,7 @@ def test_a_recording_mapped_into_a_served_map_makes_the_map_it_makes_in_the_fold
     told = prints("log", process.url, "object/1", "--json")
     assert {entry["by"] for entry in json.loads(told)} == {"ann"}
     assert report["doubted"] > 0
-    assert "is kept in a map's folder" in fails("why", process.url, "--candidates")
+    assert "are stored in the map's folder" in fails("why", process.url, "--candidates")
     assert process.end() == 0
     here = tmp_path / "here.map"
     prints("map", kitchen, "--into", here, "--base", BASE, "--json")
