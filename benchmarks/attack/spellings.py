@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Final
 
-#: what may stand right before the keyword, so that a scanner does not see it begin
+#: text right before the keyword that may hide its beginning from a scanner
 _BEFORE: Final = (
     "?s ?p 1", "?s ?p 1.0", "?s ?p 1e0", "?s ?p .5", "?s ?p true", "?s ?p 'x'", "?s ?p <urn:x>",
     "?s ?p ''' \"\"\" '''", "?s ?p b:x\\#", "?s ?p b:·\\#.", "", "?s ?p ?o. ", "BIND(1 AS ?x)",

@@ -18,9 +18,9 @@ Pose = NDArray[np.float64]  # (4, 4)
 BODY_FROM_CAMERA = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
-#: what the matrices of a recording may mean, and how to make camera -> world of them, with the
-#: camera's x right, y down, z ahead; OpenGL's cameras have y up and look along -z; bodies of ROS
-#: (REP 103) have x ahead, y left, z up
+#: Conventions of a recording's pose matrices, each with its conversion to camera -> world. The
+#: camera's x points right, y down, z ahead. OpenGL's cameras have y up and look along -z; bodies of
+#: ROS (REP 103) have x ahead, y left, z up.
 CONVENTIONS: dict[str, Callable[[Pose], Pose]] = {
     "camera-to-world": lambda T: T,
     "world-to-camera": lambda T: np.linalg.inv(T).astype(np.float64),

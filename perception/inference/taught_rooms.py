@@ -28,7 +28,7 @@ from perception.inference.scene_classifier import OnnxSceneClassifier
 FILE: Final = "taught_rooms.npz"  # in the folder of a map
 MAX_EXAMPLES: Final = 5000
 _MAX_BYTES: Final = 1 << 28  # bytes of the file
-#: what zipfile, zlib and numpy raise for damaged files
+#: errors of zipfile, zlib and numpy for damaged files
 _DAMAGE: Final = (
     *(OSError, ValueError, KeyError, TypeError, EOFError, SyntaxError, RuntimeError),
     *(zipfile.BadZipFile, zlib.error, tokenize.TokenError),

@@ -40,7 +40,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--token-file",
         metavar="FILE",
-        help="with --http: tokens, one of which each request needs; lines of NAME TOKEN",
+        help="with --http: file with lines of NAME TOKEN; each request needs one of the tokens",
     )
     parser.add_argument(
         "--public-host",

@@ -108,7 +108,7 @@ def check_hierarchy(quads: Iterable[Quad]) -> None:
 
     Raises:
         OntologyError: classes are superclasses of one another, or there are too many classes,
-            levels, or pairs of a class and a superclass, each of which is a triple of the map.
+            levels, or pairs of a class and a superclass; each pair is a triple of the map.
     """
     parents = _parents(quads)
     if len(parents) > MAX_CLASSES:

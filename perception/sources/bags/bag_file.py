@@ -22,8 +22,7 @@ _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
 _TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
 _ACTION: Final = "Header header\nactionlib_msgs/"
-#: what rosbags' definitions of ROS 1 do not have: tf2, tf before it as old bags have it, and goals
-#: of move_base
+#: messages of ROS 1 that rosbags does not define: tf2, tf of old bags, and goals of move_base
 _ROS1_TYPES: Final = {
     "tf2_msgs/msg/TFMessage": _TRANSFORMS,
     "tf/msg/tfMessage": _TRANSFORMS,

@@ -13,7 +13,7 @@ CALLER: Final = "/hereabouts"
 PATIENCE: Final = 5.0  # [s] for an answer
 MAX_ANSWER: Final = 1 << 24  # [bytes] of the master or a node
 
-#: what a master, a node or something else at its address may make of a request
+#: errors of a request to a master, a node, or another program at its address
 FAILURES: Final = (
     OSError,
     xmlrpc.client.Error,
