@@ -128,7 +128,7 @@ def test_the_walk_through_of_the_documentation(
 
     owlapi("add-mug", file)
 
-    assert "no errors" in run("ontology", "check", file)[1]
+    assert "0 errors" in run("ontology", "check", file)[1]
     expected = [
         "+ category 'mug' added under cup, also called 'Becher'",
         "+ mug located at office 0.6 added ('our office')",
