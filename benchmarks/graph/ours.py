@@ -22,7 +22,7 @@ STORE = "hereabouts on disk"
 LOOKUPS = tuple(q.name for q in shipped_queries() if q.answer == "lookup")
 FLAT = "objects-within-radius"  # asked now and then in a long run
 WARM = 1.0  # [s] of live writing that does not count
-EXPORT_MOST = 10_000  # objects; an export is made whole in memory
+MAX_EXPORT = 10_000  # objects; an export is made whole in memory
 
 
 def measure(semantic_map: SemanticMap, building: Building, folder: Path) -> Iterator[Timing]:
@@ -34,7 +34,7 @@ def measure(semantic_map: SemanticMap, building: Building, folder: Path) -> Iter
             yield measured(
                 question.name, STORE, building.size, asking(semantic_map, question, values)
             )
-    if building.size <= EXPORT_MOST:
+    if building.size <= MAX_EXPORT:
         out = folder / "export.nt"
         export = _silent(lambda: export_map(semantic_map, out, ontology=False))
         yield measured("export as N-Triples", STORE, building.size, export)

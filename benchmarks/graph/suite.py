@@ -12,7 +12,7 @@ from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import Flatness, LiveRun
 from benchmarks.graph.timing import Timing
 
-RIVALS_MOST = 10_000  # objects; beyond it a rival's load alone takes minutes
+MAX_RIVAL_SIZE = 10_000  # objects; beyond it a rival's load alone takes minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def bench_graph(
     *,
     seconds: float,
     frames: int,
-    rivals_most: int = RIVALS_MOST,
+    rivals_most: int = MAX_RIVAL_SIZE,
     say: Callable[[str], None] = lambda _: None,
 ) -> GraphBench:
     """Measure maps of each size; the largest is then written live for `seconds`, 0 for not at all.
@@ -80,8 +80,8 @@ def bench_graph(
             semantic_map, building = furnished(folder / "bench.map", size)
             with semantic_map:
                 say(f"measuring {size:,} objects")
-                if size > ours.EXPORT_MOST:
-                    say(f"leaving out the export: measured up to {ours.EXPORT_MOST:,} objects")
+                if size > ours.MAX_EXPORT:
+                    say(f"leaving out the export: measured up to {ours.MAX_EXPORT:,} objects")
                 timings += ours.measure(semantic_map, building, folder)
                 timings += rivals.ours(semantic_map, building)
                 if size <= rivals_most:

@@ -78,8 +78,8 @@ def localise(
     """Object centre in the camera frame, (3,) [m]: mean of the points of the fullest bin.
 
     None where the box holds no pixel of the image, or too little depth. The reference's known
-    weakness is part of it: a box that holds more wall than object is localised on the wall, unless
-    a mask (h, w) says which of its pixels show the object.
+    weakness is kept: a box that holds more wall than object is localised on the wall, unless
+    a mask (h, w) marks the pixels that show the object.
     """
     found = box_depth(frame, box, mask)
     if found is None:

@@ -44,7 +44,7 @@ class ModelCard:
 
     @property
     def where(self) -> str:
-        """Where it is now: "bundled", "fetched", "to fetch", "extension", or "bring your own"."""
+        """Its state: "bundled", "fetched", "to fetch", "extension", or "bring your own"."""
         if self.file is not None:
             return "bundled"
         if self.extension:
@@ -120,7 +120,7 @@ def best_detector() -> ModelCard:
 
 
 def cache_folder() -> Path:
-    """Where fetched networks lie: $HEREABOUTS_CACHE, else hereabouts in the user's cache folder."""
+    """Folder of fetched networks: $HEREABOUTS_CACHE, else hereabouts in the user's cache folder."""
     given = os.environ.get("HEREABOUTS_CACHE")
     if given:
         return Path(given)
@@ -129,7 +129,7 @@ def cache_folder() -> Path:
 
 
 def cached_path(model: ModelCard) -> Path:
-    """Where a fetched network lies, or would lie."""
+    """File of a network once it is fetched."""
     return cache_folder() / f"{model.name}.onnx"
 
 

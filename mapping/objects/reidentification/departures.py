@@ -83,7 +83,7 @@ class Departures:
         now: float,
         count: Callable[[str], int],
     ) -> list[Move]:
-        """Decide which of the things that `appeared` are objects that left, and make them so.
+        """Give things that `appeared` the identity of objects that left; returns these moves.
 
         `absent` are objects of the map that are perhaps not where they were last seen; the other
         arguments are those of `moved_things`.

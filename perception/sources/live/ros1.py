@@ -56,7 +56,7 @@ class Ros1Master:
 
     @property
     def address(self) -> str:
-        """Where it is, for people."""
+        """Its address, for messages."""
         return f"ros1://{self.host}:{self.port}"
 
     @property
