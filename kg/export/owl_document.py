@@ -30,11 +30,21 @@ _DATATYPES: Final = {v.PREFIXES["rdf"] + "PlainLiteral", v.PREFIXES["rdf"] + "la
     )
 }
 
+#: datatypes of XML Schema that are none of OWL 2; OWL tools declare them
+_UNDECLARED: Final = {
+    v.XSD + name
+    for name in (
+        *("date", "time", "duration", "dayTimeDuration", "yearMonthDuration"),
+        *("gYear", "gYearMonth", "gMonth", "gMonthDay", "gDay"),
+    )
+}
+
 
 def owl_document(triples: Iterable[Triple], iri: str, label: str) -> list[Triple]:
     """The triples of a map and its ontologies as one ontology named `iri`, in their order."""
     merged = with_one_header(map(_in_hexadecimal, triples), iri, label)
-    return list(dict.fromkeys([*merged, *_declarations(merged)]))
+    whole = [*merged, *_declarations(merged)]
+    return list(dict.fromkeys([*whole, *_individuals(whole)]))
 
 
 def with_one_header(triples: Iterable[Triple], iri: str, label: str) -> list[Triple]:
@@ -88,7 +98,29 @@ def _declarations(triples: list[Triple]) -> Iterator[Triple]:
             yield from _typed({predicate}, _kind(found, declared))
     literals = (value for found in values.values() for value in found)
     kinds = {value.datatype.value for value in literals if isinstance(value, Literal)}
-    yield from _typed(kinds - declared.keys(), v.RDFS_DATATYPE)
+    kinds -= declared.keys()
+    yield from _typed(kinds, v.RDFS_DATATYPE)
+    for iri in sorted(kinds & _UNDECLARED):
+        yield Triple(NamedNode(iri), v.RDF_TYPE, NamedNode(v.RDFS_DATATYPE))
+
+
+def _individuals(triples: list[Triple]) -> Iterator[Triple]:
+    """Declarations of the individuals, as OWL tools write them.
+
+    These are the things with a class of the document, and those that its properties are about.
+    """
+    kinds: dict[str, set[str]] = defaultdict(set)
+    for triple in triples:
+        if triple.predicate == v.RDF_TYPE and isinstance(triple.subject, NamedNode):
+            kinds[getattr(triple.object, "value", "")].add(triple.subject.value)
+    found = {iri for cls in kinds[v.OWL_CLASS] for iri in kinds.get(cls, ())}
+    relations = kinds[v.OWL_OBJECT_PROPERTY]
+    facts = relations | kinds[v.OWL_DATATYPE_PROPERTY]
+    for triple in triples:
+        predicate, ends = triple.predicate.value, (triple.subject, triple.object)
+        about = ends if predicate in relations else ends[:1] if predicate in facts else ()
+        found.update(end.value for end in about if isinstance(end, NamedNode))
+    yield from _typed(found, v.OWL_NAMED_INDIVIDUAL)
 
 
 def _kind(values: Iterable[object], declared: dict[str, set[str]]) -> str:

@@ -225,9 +225,16 @@ class SemanticMap(ABC):
         """
         query = resolve_query(question, parameters)
         sparql = query.bind(parameters, self.resolve)
-        # shipped queries order values of one type; any other must not abort this process
-        order = not query.shipped
-        table = evaluate(self.engine, sparql, query.name, base=self.base, total_order=order)
+        # shipped queries order values of one type, and name here:isA where they mean subclasses
+        foreign = not query.shipped
+        table = evaluate(
+            self.engine,
+            sparql,
+            query.name,
+            base=self.base,
+            total_order=foreign,
+            subclasses=foreign,
+        )
         return query.check(table)
 
     def resolve(self, kind: str, text: str) -> str:

@@ -218,6 +218,7 @@ XSD_BASE64: Final = NamedNode(XSD + "base64Binary")
 XSD_HEX: Final = NamedNode(XSD + "hexBinary")
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
 OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
+OWL_NAMED_INDIVIDUAL: Final = "http://www.w3.org/2002/07/owl#NamedIndividual"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
 OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
 OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"

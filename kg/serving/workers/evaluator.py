@@ -26,10 +26,20 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
 
-from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QueryTriples, RdfFormat, Store
+from pyoxigraph import (
+    Literal,
+    NamedNode,
+    QueryBoolean,
+    QueryResultsFormat,
+    QuerySolutions,
+    QueryTriples,
+    RdfFormat,
+    Store,
+)
 
 from kg.model.errors import (
     HereaboutsError,
@@ -38,6 +48,7 @@ from kg.model.errors import (
 )
 from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
+from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.syntax_errors import located
 from kg.rdf.sparql.vetting import (
     MAX_DEPTH,
@@ -176,14 +187,7 @@ class Evaluator:
         self._send(b".", b"")
 
     def _write(self, request: Request, state: Store, sequence: int) -> None:
-        total = request.get("total_order", False)
-        results = state.query(
-            with_total_order(request["sparql"]) if total else request["sparql"],
-            base_iri=request["base_iri"],
-            prefixes=self._settings["prefixes"],
-            custom_functions=FUNCTIONS,
-            **_dataset(request),
-        )
+        results = self._results(request, state)
         media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]
         if media_type is None:
             what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
@@ -197,6 +201,26 @@ class Evaluator:
             results.serialize(cast(IO[bytes], sink), QueryResultsFormat.from_media_type(media_type))
         sink.end()
         self._send(b".", b"")
+
+    def _results(
+        self, request: Request, state: Store
+    ) -> QuerySolutions | QueryBoolean | QueryTriples:
+        total = request.get("total_order", False)
+        written = with_total_order(request["sparql"]) if total else request["sparql"]
+        dataset = _dataset(request)
+        run = partial(
+            state.query,
+            base_iri=request["base_iri"],
+            prefixes=self._settings["prefixes"],
+            custom_functions=FUNCTIONS,
+            **dataset,
+        )
+        if dataset.get("use_default_graph_as_union"):
+            rewritten = with_subclasses(written, superclasses_of(state))
+            if rewritten != written:
+                with contextlib.suppress(SyntaxError):
+                    return run(rewritten)
+        return run(written)
 
     def _fail(self, name: str, message: str) -> None:
         line = " ".join(message.split())[:2000]

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rdflib
+from rdflib.compare import graph_diff, to_isomorphic
 
 from kg.export.serialization import export_map
 from kg.maps.semantic_map import SemanticMap
@@ -152,6 +153,40 @@ def test_what_has_a_geometry_is_a_feature(graph: rdflib.Graph, thing: str) -> No
     held = about(graph, BASE + thing)
     assert v.GEO_FEATURE in held[v.RDF_TYPE.value]
     (geometry,) = held[v.GEO_HAS_GEOMETRY]
-    assert about(graph, geometry)[v.RDF_TYPE.value] == {v.GEO_GEOMETRY}
+    assert about(graph, geometry)[v.RDF_TYPE.value] == {
+        v.GEO_GEOMETRY,
+        v.OWL_NAMED_INDIVIDUAL,
+    }
     (wkt,) = about(graph, geometry)[v.GEO_AS_WKT]
     assert wkt.startswith(f"<{BASE}crs> PO")
+
+
+@pytest.mark.skipif(bool(ABSENT), reason=f"the OWLAPI is not installed: {', '.join(ABSENT)} absent")
+@pytest.mark.parametrize("form", ["ttl", "xml"])
+def test_an_export_that_the_owlapi_saves_again_has_the_same_triples(
+    full: SemanticMap, tmp_path: Path, form: str
+) -> None:
+    path = tmp_path / "flat.ttl"
+    export_map(full, path)
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), "save", str(tmp_path / "saved"), str(path)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    (saved,) = (tmp_path / "saved" / form).iterdir()
+    kind = "turtle" if form == "ttl" else "xml"
+    before, after = (
+        to_isomorphic(rdflib.Graph().parse(file, format=name))
+        for file, name in ((path, "turtle"), (saved, kind))
+    )
+    _, lost, added = graph_diff(before, after)
+    assert [" ".join(triple) for triple in lost] == []
+    assert [" ".join(triple) for triple in added] == []
+
+
+def test_an_individual_is_declared_and_a_class_is_none(graph: rdflib.Graph) -> None:
+    individuals = set(graph.subjects(rdflib.RDF.type, rdflib.OWL.NamedIndividual))
+    for name in ("object/1", "place/1", "robot", "search/1", "agent/ann"):
+        assert rdflib.URIRef(BASE + name) in individuals
+    assert individuals.isdisjoint(graph.subjects(rdflib.RDF.type, rdflib.OWL.Class))

@@ -2,6 +2,7 @@
 
 The graph is ``?graph=IRI`` or a path, ``/graphs/map`` for graph:map. ``?default`` reads
 the union of all graphs, as a query without GRAPH does, and adds to graph:map, as an update does.
+Relative IRIs of a body are the map's, as in queries and updates: <object/17> is its object 17.
 A PUT to graph:ontology is validated and compiled, and replaces the ontology of the map.
 """
 
@@ -63,7 +64,7 @@ async def graph_store(serving: AppState, request: Request) -> Response:
             raise _unknown(target)
         clear = partial(_replace, serving, target, None, by, check, is_confirmed(request))
         return await write(serving, request, clear)
-    triples = await _body(serving, request, target)
+    triples = await _body(serving, request)
     if request.method == "PUT" and target == v.ONTOLOGY_GRAPH:
         return await _take_ontology(serving, request, triples, by, check)
     change = partial(_extend, serving, target, triples, by, check)
@@ -239,12 +240,13 @@ def _unknown(graph: NamedNode) -> Problem:
     return Problem(404, f"no graph {graph.value} in this map, or nothing in it")
 
 
-async def _body(serving: AppState, request: Request, graph: NamedNode) -> list[Triple]:
+async def _body(serving: AppState, request: Request) -> list[Triple]:
     kind = bodies.media_type(request)
     form = _FORMATS.get(kind)
     if form is None:
         known = ", ".join(_FORMATS)
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; there are: {known}")
     body = await bodies.read_body(request, serving.settings.limits)
-    quads = await run_in_threadpool(partial(parsed_document, serving.pool, body, form, graph.value))
+    base = serving.semantic_map.base
+    quads = await run_in_threadpool(partial(parsed_document, serving.pool, body, form, base))
     return [quad.triple for quad in quads]

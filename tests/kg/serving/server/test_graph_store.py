@@ -202,3 +202,54 @@ def test_of_many_that_write_at_once_over_one_state_one_does(served: Served) -> N
 def put(served: Served, text: str, tag: str) -> int:
     headers = {**TURTLE, **served.bearer(), "If-Match": tag}
     return served.request("PUT", NOTES, data=note(text), headers=headers).status_code
+
+
+DOCUMENTS = {
+    "text/turtle": '<object/1> rdfs:comment "of the map" .',
+    "application/ld+json": '{"@id": "object/1", "http://www.w3.org/2000/01/rdf-schema#comment": '
+    '"of the map"}',
+    "application/rdf+xml": '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#" '
+    'xmlns:rdfs="http://www.w3.org/2000/01/rdf-schema#"><rdf:Description rdf:about="object/1">'
+    "<rdfs:comment>of the map</rdfs:comment></rdf:Description></rdf:RDF>",
+    "application/n-triples": f'<{CUP}> <{rdflib.RDFS.comment}> "of the map" .',
+}
+
+
+@pytest.mark.parametrize("form", DOCUMENTS)
+@pytest.mark.parametrize(
+    ("method", "graph"), [("POST", MAP), *[(m, ASSERTIONS) for m in ("POST", "PUT")]]
+)
+def test_a_relative_iri_of_a_body_is_the_map_s(
+    served: Served, form: str, method: str, graph: str
+) -> None:
+    document = DOCUMENTS[form]
+    if form == "text/turtle":
+        document = f"@prefix rdfs: <{rdflib.RDFS}> . {document}"
+    headers = {"Content-Type": form, **served.bearer()}
+    answer = served.request(
+        method, f"graphs?graph={graph}", data=document.encode(), headers=headers
+    )
+    assert answer.ok, answer.text
+    assert notes(served, graph) == {"of the map"}
+
+
+def test_a_graph_with_relative_iris_replaces_itself(served: Served) -> None:
+    held = served.get("graphs/map", headers={"Accept": "application/n-triples"}).text
+    relative = held.replace(f"<{served.map.base}", "<")
+    assert "<object/1>" in relative
+    headers = TURTLE | served.bearer()
+    answer = served.request("PUT", "graphs/map", data=relative.encode(), headers=headers)
+    assert (answer.json()["added"], answer.json()["removed"]) == (0, 0)
+
+
+def test_a_base_of_the_document_comes_before_the_map_s(served: Served) -> None:
+    document = f'@base <https://example.org/maps/> . <flat/object/1> <{rdflib.RDFS.comment}> "b" .'
+    headers = TURTLE | served.bearer()
+    assert served.post("graphs/map", data=document.encode(), headers=headers).ok
+    update = 'BASE <https://example.org/> INSERT DATA { <maps/flat/object/1> rdfs:comment "u" }'
+    assert served.write(update).ok
+    assert served.write('INSERT DATA { <object/1> rdfs:comment "v" }').ok
+    assert notes(served, MAP) == {"b", "u", "v"}
+    assert {row["n"] for row in served.rows("SELECT ?n { <object/1> rdfs:comment ?n }")} == {
+        *("b", "u", "v")
+    }
