@@ -26,7 +26,6 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
 
@@ -208,13 +207,16 @@ class Evaluator:
         total = request.get("total_order", False)
         written = with_total_order(request["sparql"]) if total else request["sparql"]
         dataset = _dataset(request)
-        run = partial(
-            state.query,
-            base_iri=request["base_iri"],
-            prefixes=self._settings["prefixes"],
-            custom_functions=FUNCTIONS,
-            **dataset,
-        )
+
+        def run(text: str) -> QuerySolutions | QueryBoolean | QueryTriples:
+            return state.query(
+                text,
+                base_iri=request["base_iri"],
+                prefixes=self._settings["prefixes"],
+                custom_functions=FUNCTIONS,
+                **dataset,
+            )
+
         if dataset.get("use_default_graph_as_union"):
             rewritten = with_subclasses(written, superclasses_of(state))
             if rewritten != written:
