@@ -87,6 +87,21 @@ def test_a_corridor_is_a_room():
     assert found.areas[2].contains(4.5, 0.6)
 
 
+@pytest.mark.parametrize(("length", "rooms"), [(1.4, 1), (1.8, 2)])
+def test_a_closet_of_less_than_one_and_a_half_square_metres_is_no_room(length, rooms):
+    states = floor(6.0 + length, 4.0)
+    wall(states, 6.0, (0.2, 0.9))
+    states[-10 - round(length / CELL) :, 10 + round(1.0 / CELL) :] = TALL  # the closet is 1 m wide
+    assert len(rooms_of(states)) == rooms
+
+
+def test_a_small_part_without_neighbour_is_no_room():
+    states = floor(6.0, 4.0)
+    wall(states, 5.0, (0.0, 0.0))
+    states[-30:, 30:] = TALL  # 1 m by 1 m is left behind the wall
+    assert len(rooms_of(states)) == 1
+
+
 @pytest.mark.parametrize("state", [UNKNOWN, FREE, TALL])
 def test_a_floor_of_one_kind_is_one_room_or_none(state):
     found = rooms_of(np.full((64, 64), state, np.uint8))

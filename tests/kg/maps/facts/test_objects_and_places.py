@@ -108,6 +108,22 @@ def test_a_place_comes_back_with_the_beliefs_worth_keeping(
     assert (back.xmin, back.xmax) == pytest.approx((xmin, xmin + 3), abs=0.00501)
 
 
+@pytest.mark.parametrize(
+    "box", [(1.0, 2.0, 3.0), (1.0, 2.0, 3.0, 4.0, 5.0), (0.0, 0.0, math.nan, 4.0), (math.inf,) * 4]
+)
+def test_a_box_that_is_not_four_numbers_is_an_error(box: tuple[float, ...]) -> None:
+    seen = Evidence("frame 1", "tour", 1.0, box, 0.5, "network")  # type: ignore[arg-type]
+    with pytest.raises(InvalidFactError, match="box must be 4 finite numbers"):
+        FACTS.of_object(replace(CHAIR, evidence=seen))
+
+
+def test_a_box_keeps_the_order_of_its_sides() -> None:
+    seen = Evidence("frame 1", "tour", 1.0, (10.6, 20.4, 310.0, 420.0), 0.5, "network")
+    (back,) = FACTS.objects(stored(FACTS.of_object(replace(CHAIR, evidence=seen))))
+    assert back.evidence is not None
+    assert back.evidence.box == (11.0, 20.0, 310.0, 420.0)  # left, top, right, bottom
+
+
 def test_views_of_a_place_come_back_and_must_be_shares() -> None:
     place = PlaceRecord(BASE + "place/1", "p", 0, 1, 0, 1)
     viewed = PlaceViews(share=0.75, close_share=0.25, last=1e9)

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import threading
+import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,6 +18,7 @@ import pytest
 
 pytest.importorskip("rosbags")
 pytest.importorskip("cyclonedds")
+from cyclonedds.core import Listener
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
@@ -144,15 +146,28 @@ def test_hostile_messages_are_skipped(bag: Path, caplog: pytest.LogCaptureFixtur
 
 
 class Inbox:
-    def __init__(self) -> None:
+    def __init__(self, *topics: str) -> None:
+        self.topics = set(topics)
         self.heard = SimpleQueue[RawMessage]()
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
-        return {topic for topic, type_ in topics.items() if type_ == "nav_msgs/msg/Odometry"}
+        return self.topics & set(topics)
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
         assert not is_ros1
         self.heard.put(raw)
+
+
+@contextmanager
+def reading(*topics: str) -> Iterator[Inbox]:
+    inbox, ended = Inbox(*topics), threading.Event()
+    thread = threading.Thread(target=Ros2Domain(DOMAIN).run, args=(inbox, ended))
+    thread.start()
+    try:
+        yield inbox
+    finally:
+        ended.set()
+        thread.join()
 
 
 def test_odometry_comes_as_it_was_written() -> None:
@@ -167,22 +182,14 @@ def test_odometry_comes_as_it_was_written() -> None:
         ros2_peer.TwistWithCovariance(still, [0.0] * 36),
     )
     participant = DomainParticipant(DOMAIN)
-    reliable = Qos(Policy.Reliability.Reliable(duration(seconds=1)))
-    writer = DataWriter(
-        participant, Topic(participant, "rt/odom", ros2_peer.Odometry), qos=reliable
-    )
-    inbox, ended = Inbox(), threading.Event()
-    thread = threading.Thread(target=Ros2Domain(DOMAIN).run, args=(inbox, ended))
-    thread.start()
-    try:
+    made = Topic(participant, "rt/odom", ros2_peer.Odometry)
+    writer = DataWriter(participant, made, qos=Qos(RELIABLE))
+    with reading("/odom") as inbox:
         raw = None
         while raw is None:
             writer.write(message)
             with suppress(Empty):
                 raw = inbox.heard.get(timeout=0.1)
-    finally:
-        ended.set()
-        thread.join()
     assert (raw.topic, raw.type) == ("/odom", "nav_msgs/msg/Odometry")
     odometry = decoded(raw, False, "here")
     assert (odometry.header.stamp.sec, odometry.header.stamp.nanosec) == (1_700_000_000, 123)
@@ -191,6 +198,55 @@ def test_odometry_comes_as_it_was_written() -> None:
     assert (position.x, position.y, orientation.z, orientation.w) == (1.5, -2.5, 0.6, 0.8)
     assert odometry.pose.covariance.tolist() == [0.5] * 36
     assert odometry.twist.twist.angular.z == 0.25
+
+
+RELIABLE = Policy.Reliability.Reliable(duration(seconds=1))
+BEST_EFFORT = Policy.Reliability.BestEffort
+KEPT, NOT_KEPT = Policy.Durability.TransientLocal, Policy.Durability.Volatile
+
+
+class Matched(Listener):
+    def __init__(self) -> None:
+        super().__init__()
+        self.event = threading.Event()
+
+    def on_publication_matched(self, writer: DataWriter, status: object) -> None:
+        self.event.set()
+
+
+@pytest.mark.parametrize(
+    ("type_", "offered", "requested"),
+    [
+        (ros2_peer.TFMessage, (RELIABLE, KEPT), (RELIABLE, KEPT)),
+        (ros2_peer.TFMessage, (RELIABLE, NOT_KEPT), (RELIABLE, NOT_KEPT)),
+        (ros2_peer.TFMessage, (BEST_EFFORT, NOT_KEPT), (BEST_EFFORT, NOT_KEPT)),
+        (ros2_peer.Image, (RELIABLE, KEPT), (BEST_EFFORT, NOT_KEPT)),
+    ],
+)
+def test_a_reader_requests_the_quality_that_its_writer_offers(
+    type_: type, offered: tuple[object, ...], requested: tuple[object, ...]
+) -> None:
+    participant = DomainParticipant(DOMAIN)
+    matched, name = Matched(), f"/quality_{uuid.uuid4().hex}"
+    made = Topic(participant, f"rt{name}", type_)
+    writer = DataWriter(participant, made, qos=Qos(*offered), listener=matched)
+    with reading(name):
+        assert matched.event.wait(30)
+        (reader,) = writer.get_matched_subscriptions()
+        subscription = writer.get_matched_subscription_data(reader)
+    assert subscription is not None
+    reliability, durability = requested
+    assert type(subscription.qos[Policy.Reliability]) is type(reliability)
+    assert subscription.qos[Policy.Durability] == durability
+
+
+def test_a_reader_that_comes_late_gets_the_last_message_of_a_topic_that_is_kept() -> None:
+    participant = DomainParticipant(DOMAIN)
+    made = Topic(participant, "rt/tf_late", ros2_peer.TFMessage)
+    writer = DataWriter(participant, made, qos=Qos(RELIABLE, KEPT, Policy.History.KeepLast(1)))
+    writer.write(ros2_peer.TFMessage([]))
+    with reading("/tf_late") as inbox:
+        assert inbox.heard.get(timeout=30).topic == "/tf_late"
 
 
 def written(topic: str, type_: str, *policies: object) -> SimpleNamespace:

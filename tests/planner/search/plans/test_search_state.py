@@ -17,7 +17,7 @@ from planner.search.belief import TargetBelief, site_weights
 from planner.search.goals.targets import Target
 from planner.search.plans.search_state import PlanningState
 from planner.search.viewpoints.candidate_views import CandidateViews, candidate_views
-from planner.search.viewpoints.coverage import covering_viewpoints, room_viewpoints
+from planner.search.viewpoints.coverage import COVER, covering_viewpoints, room_viewpoints
 from planner.search.viewpoints.next_best_view import RevisitModel, RobotState
 from planner.search.viewpoints.sensor import Sensor
 from planner.settings import MAX_ROUNDS, BeliefSettings
@@ -155,6 +155,27 @@ def test_a_closet_that_is_seen_from_no_lattice_position_is_looked_into() -> None
     covers = room_viewpoints(space, reach, near=near, cover=0.995, covers=2)
     assert _seen(space, sorted({int(c) for cells in covers.values() for c in cells})) < 0.2
     assert _seen(space, covering_viewpoints(space, reach, near=near).tolist()) > 0.8
+
+
+@pytest.mark.parametrize("reach", [2.0, 3.0, 4.6])
+def test_every_room_is_seen_from_two_viewpoints(reach: float) -> None:
+    times = np.zeros(home().room.size, np.intp)
+    for viewpoint in covering_viewpoints(home(), reach, near=0.8):
+        cells, offset = visible_cells(home(), int(viewpoint), reach)
+        times[cells[np.hypot(*offset.T) >= 0.8]] += 1
+    for room in range(3):
+        assert (times[home().inside(room)] >= 1).mean() >= COVER
+        assert (times[home().inside(room)] >= 2).mean() >= COVER
+
+
+def test_a_copy_of_revisits_does_not_change_with_the_original() -> None:
+    revisits, weight = RevisitModel(views()), np.ones(len(views().cells))
+    revisits.add(3)
+    copy, before = revisits.copy(), revisits.gains(weight)
+    assert copy.gains(weight) == pytest.approx(before)
+    copy.add(3)
+    assert copy.gains(weight)[3] < before[3]
+    assert revisits.gains(weight) == pytest.approx(before)
 
 
 def _seen(space: FreeSpace, viewpoints: list[int]) -> float:
