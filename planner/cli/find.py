@@ -64,7 +64,9 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
     )
-    parser.add_argument("--explain", action="store_true", help="print every step with its facts")
+    parser.add_argument(
+        "--explain", action="store_true", help="print every step, and the facts of each reason once"
+    )
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
 
@@ -173,8 +175,7 @@ def _print(found: ViewPlan, *, explain: bool) -> None:
     from planner.search.plans.report import plan_lines, step_lines
 
     if explain:
-        for number, step in enumerate(found.steps, start=1):
-            write("\n".join(step_lines(number, step)))
+        write("\n".join(step_lines(found.steps)))
     else:
         print_looks(found)
     if explain:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from typing import Final
 
@@ -25,6 +25,7 @@ from planner.search.plans.view_plan import (
     planned_ways,
 )
 
+_MAX_REASONS: Final = 5  # of a step; the others are summed up
 _SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
 
 
@@ -208,25 +209,43 @@ def baseline_line(other: Baseline, targets: int = 1) -> str:
     )
 
 
-def step_lines(number: int, step: ViewStep) -> list[str]:
-    """One step in full: viewpoint, chains of facts, cost, probability left."""
+def step_lines(steps: Sequence[ViewStep]) -> list[str]:
+    """All steps: viewpoint, reasons, cost, probability left.
+
+    The first view for a candidate prints its chain of facts, later views refer to that view.
+    """
+    first_views: dict[tuple[int, str], int] = {}  # number of the view, by target and candidate
+    return [
+        line
+        for number, step in enumerate(steps, start=1)
+        for line in _lines_of_step(number, step, first_views)
+    ]
+
+
+def _lines_of_step(
+    number: int, step: ViewStep, first_views: dict[tuple[int, str], int]
+) -> Iterator[str]:
     x, y = (float(value) for value in step.p_map)
     degrees = math.degrees(step.extent)
-    lines = [
+    yield (
         f"{number}. From ({x:.1f}, {y:.1f}) in {step.place_name or 'no place'}, look "
         f"{direction(step)} ({degrees:.0f} degrees)."
-    ]
-    for reason in step.why[:5]:
-        lines.append(f"   {reason.probability:.3f}  {reason.candidate.facts[0]}")
-        lines += [f"          {fact}" for fact in reason.candidate.facts[1:]]
-    if len(step.why) > 5:
-        rest = sum(reason.probability for reason in step.why[5:])
-        lines.append(f"   {rest:.3f}  further reasons ({len(step.why) - 5})")
-    lines.append(
+    )
+    for reason in step.why[:_MAX_REASONS]:
+        candidate = reason.candidate
+        first = first_views.setdefault((candidate.target, candidate.iri), number)
+        if first < number:
+            yield f"   {reason.probability:.3f}  {purpose(candidate)}: facts at step {first}"
+            continue
+        yield f"   {reason.probability:.3f}  {candidate.facts[0]}"
+        yield from (f"          {fact}" for fact in candidate.facts[1:])
+    if others := step.why[_MAX_REASONS:]:
+        rest = sum(reason.probability for reason in others)
+        yield f"   {rest:.3f}  further reasons ({len(others)})"
+    yield (
         f"   Takes {step.cost:.0f} s; ends after {step.seconds:.0f} s and {step.metres:.1f} m in "
         f"all. Finds it here first with probability {step.probability:.3f}; {step.left:.3f} remain."
     )
-    return lines
 
 
 def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -115,6 +116,9 @@ def test_the_command_explains_each_step(says: Said) -> None:
     out, _ = says("apple", "--explain")
     assert "apple is found near banana" in out
     assert " remain." in out
+    reasons = re.findall(r"^   0\.\d{3}  (.*)", out, re.MULTILINE)
+    full = [each for each in reasons if not re.search("facts at step|further reasons", each)]
+    assert len(full) == len(set(full)) < len(reasons)  # later steps refer to the first
 
 
 def test_the_command_draws_the_plan(says: Said, tmp_path: Path) -> None:

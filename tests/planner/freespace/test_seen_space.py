@@ -266,7 +266,7 @@ def test_a_search_goes_to_see_what_nobody_has_seen(semantic_map: SemanticMap) ->
     found = plan(state, (2.0, 1.0), trials=0)
     beyond = [step for step in found.steps if step.p_map[1] > 4.0]
     assert beyond
-    words = "\n".join(step_lines(1, beyond[0]))
+    words = "\n".join(step_lines(beyond))
     assert re.search(r"the area beyond \((1\.9|2\.1), 4\.[123]\) was never seen", words)
     assert "a room begins there with probability 0.30" in words
     (goal,) = [g for g in found.goals if g.candidate.kind == "frontier"]
