@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from kg.model.errors import HereaboutsError, MapNotFoundError, RecordingError
     from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+    from kg.model.room_edit import RoomEdit
     from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
     from kg.serving.publishing.merging import merged
     from kg.serving.server.http.bearer_tokens import BearerTokens
@@ -61,6 +62,7 @@ __all__ = [
     "RecordingFormat",
     "RecordingListing",
     "RecordingOptions",
+    "RoomEdit",
     "SemanticMap",
     "ServerSettings",
     "Sighting",
@@ -85,6 +87,7 @@ _SOURCES = {
     "kg.maps.semantic_map": "SemanticMap",
     "kg.maps.query.evaluation": "Table",
     "kg.model.records": "MapUpdate ObjectRecord PlaceRecord",
+    "kg.model.room_edit": "RoomEdit",
     "kg.serving.server.map_server": "MapServer",
     "kg.serving.server.http.settings": "Settings:ServerSettings",
     "kg.serving.server.http.bearer_tokens": "BearerTokens",

@@ -12,6 +12,7 @@ from kg.history.reports.events import HistoryEvent
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant
 from kg.model.records import Assertion
+from kg.model.room_edit import RoomEdit
 from kg.model.transactions import ChangeSet
 
 if TYPE_CHECKING:
@@ -101,7 +102,7 @@ class MapAssertions(Protocol):
 
         - `iri`: an object or place; ``object/17`` is short for its IRI
         - `prop`: of an object category, position, existence, label, on or inside; of a place
-          category or label
+          category, label or area
         - `value`: a category's label or IRI, (x, y, z) [m], "present" or "absent", a label, or an
           object
         - `by`: the author; on a server the holder of the token
@@ -114,4 +115,15 @@ class MapAssertions(Protocol):
         """Retract an assertion: perception's estimate takes effect again.
 
         Raises InvalidFactError if there is no such assertion.
+        """
+
+
+class MapRooms(Protocol):
+    """Edits of the rooms of a map by persons; they outrank the rooms found in the floor."""
+
+    def edit(self, edit: RoomEdit, *, by: str = "") -> ChangeSet | None:
+        """Apply an edit in one transaction; None if nothing changed.
+
+        `by` is the author; on a server the holder of the token. Raises InvalidFactError, with
+        nothing written, if the edit is not possible.
         """

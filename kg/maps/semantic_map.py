@@ -19,7 +19,7 @@ from kg.maps.facts.occupancy import tiles_in
 from kg.maps.facts.robot_and_recordings import recordings_in, robot_in
 from kg.maps.facts.searches import SearchRecords
 from kg.maps.map_metadata import Description, description_of
-from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology
+from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms
 from kg.maps.networkx_graph import network
 from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.parameter_resolution import ParameterResolver
@@ -68,6 +68,9 @@ class SemanticMap(ABC):
 
     assertions: MapAssertions
     """Assertions of persons about objects and places."""
+
+    rooms: MapRooms
+    """Edits of rooms by persons: split, merge, draw, name."""
 
     perceived: PerceivedRecords
     """Objects and places as perception alone estimates them, in the form that `apply` takes."""

@@ -15,6 +15,7 @@ from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.map_metadata import changed_description, identity
+from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_history import StoredHistory
 from kg.maps.stored_ontology import StoredOntology
@@ -44,6 +45,7 @@ class StoredMap(SemanticMap):
     history: StoredHistory
     ontology: StoredOntology
     assertions: AssertionService
+    rooms: RoomEditor
 
     def __init__(
         self,
@@ -62,6 +64,12 @@ class StoredMap(SemanticMap):
         self.ontology = StoredOntology(store, categories, self._guard)
         self.assertions = AssertionService(
             store, self._facts, self.perceived, self._writer, self._guard
+        )
+        self.rooms = RoomEditor(
+            *(store, self._facts, self.perceived, self._writer),
+            assertions=self.assertions,
+            history=self.history,
+            guard=self._guard,
         )
         self.subscriptions = StoredSubscriptions(self.query, store)
 

@@ -23,6 +23,7 @@ Outline = tuple[Ring, ...]  # () means: the bounding rectangle itself
 
 MAX_CORNERS: Final = 2000  # of an outline
 MAX_COORDINATE: Final = 1e6  # [m] from the origin
+_MIN_PIECE: Final = 0.05  # [m^2] of a part of an area
 _MIN_AREA: Final = 1e-12  # [m^2]
 
 
@@ -137,6 +138,15 @@ class Area(Rectangle):
         """Area [m^2] of the intersection with `other`."""
         return float(self.polygon.intersection(other.polygon).area)
 
+    def without(self, others: Sequence[Area]) -> Area | None:
+        """The largest piece outside of `others`, to the centimetre; None if little is left."""
+        import shapely
+
+        rest = self.polygon.difference(shapely.union_all([other.polygon for other in others]))
+        pieces = [part for part in shapely.get_parts(rest) if part.geom_type == "Polygon"]
+        largest = max(pieces, key=lambda piece: piece.area, default=None)
+        return None if largest is None or largest.area < _MIN_PIECE else rounded_area(largest)
+
     def shifted(self, dx: float) -> Self:
         """The area moved by `dx` [m] along x."""
         moved = tuple(tuple((x + dx, y) for x, y in ring) for ring in self.outline)
@@ -160,6 +170,13 @@ def area_of(outline: Sequence[Sequence[tuple[float, float]]]) -> Area:
     box = {(xmin, ymin), (xmax, ymin), (xmax, ymax), (xmin, ymax)}
     rectangular = len(rings) == 1 and len(rings[0]) == 4 and set(rings[0]) == box
     return Area(xmin, xmax, ymin, ymax, outline=() if rectangular else rings)
+
+
+def rounded_area(polygon: shapely.Polygon) -> Area:
+    """The area of a polygon, its corners rounded to the centimetre."""
+    simple = polygon.simplify(0.005)
+    rings = (simple.exterior, *simple.interiors)
+    return area_of([[(round(x, 2), round(y, 2)) for x, y in ring.coords] for ring in rings])
 
 
 def _open(ring: Sequence[tuple[float, float]]) -> Ring:

@@ -145,6 +145,7 @@ class DoorRecord:
     y: float
     width: float  # [m]
     places: tuple[str, str]  # IRIs
+    marked_by: str = ""  # IRI of the person who marked it; "" if it was found in the floor
 
 
 @dataclass(frozen=True, slots=True)

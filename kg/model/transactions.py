@@ -9,7 +9,16 @@ from typing import Literal
 from pyoxigraph import Quad
 
 Kind = Literal[
-    "frame", "update", "assert", "retract", "import", "ontology", "recovery", "search", "restore"
+    "frame",
+    "update",
+    "assert",
+    "retract",
+    "import",
+    "ontology",
+    "recovery",
+    "search",
+    "restore",
+    "rooms",
 ]
 
 

@@ -15,12 +15,13 @@ _CRS: Final = re.compile(r"\s*(?:<[^<>\s]*>\s+)?(?=POINT|POLYGON)", re.I)
 _MAX_LENGTH: Final = 100_000  # characters
 
 
-def polygon_text(outline: Outline, crs: str) -> str:
-    """WKT of a polygon with the rings `outline` [m] in the reference system with IRI `crs`."""
+def polygon_text(outline: Outline, crs: str | None = None) -> str:
+    """WKT of a polygon with the rings `outline` [m]; `crs` is the IRI of a reference system."""
     rings = (
         f"({', '.join(f'{x:.12g} {y:.12g}' for x, y in (*ring, ring[0]))})" for ring in outline
     )
-    return f"<{crs}> POLYGON ({', '.join(rings)})"
+    polygon = f"POLYGON ({', '.join(rings)})"
+    return polygon if crs is None else f"<{crs}> {polygon}"
 
 
 def area_of_polygon(text: str) -> Area:

@@ -20,10 +20,11 @@ from kg.model.areas import Area
 from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.occupancy.room_segmentation import Segmentation, SegmentationSettings, segmented
-from mapping.places.place_registry import PlaceRegistry
+from mapping.places.place_registry import PlaceRegistry, areas_asserted
 
 _SAME: Final = 0.5  # share of the smaller of two areas that both must have to be one place
 _ALIKE: Final = 0.97  # intersection over union from which an outline is not written again
+_SAME_DOOR: Final = 1.0  # [m] doors closer than this between two places are one
 _COVERED: Final = 0.5  # share of a room in a given place that makes it a part of that place
 
 
@@ -69,8 +70,14 @@ class FoundPlaces:
 
     def _put(self, found: Segmentation) -> FoundChanges:
         before = self._places.places()
+        drawn = areas_asserted(self._map)
         grown = {self._recording, *(known.name for known in self._map.recordings())}
-        changing = [place for place in before if place.from_floor or place.label in grown]
+        changing = [
+            place
+            for place in before
+            if place.iri not in drawn and (place.from_floor or place.label in grown)
+        ]
+        found = _without(found, [place.area for place in before if place.iri in drawn])
         given = [place.area for place in before if place not in changing]
         asserted = {assertion.subject for assertion in self._map.assertions.all()}
         asserted_places = [place for place in changing if place.iri in asserted]
@@ -82,14 +89,22 @@ class FoundPlaces:
         matched = _matches(shared, found, rooms, changing, asserted)
         records = self._records(found, rooms, changing, matched)
         merged = self._merged(records, shared, rooms, changing, matched, asserted)
-        doors = _doors(found, {k: record.iri for k, record in records.items()}, self._map.base)
+        fixed = [place for place in self._places.places() if place not in changing]
+        iris = _holders(found.areas, fixed) | {k: record.iri for k, record in records.items()}
+        doors = self._with_marked(_doors(found, iris, self._map.base))
         adjacent = _adjacent(doors)
-        for record in records.values():
+        for record in (*fixed, *records.values()):
             self._places.put(replace(record, adjacent=adjacent.get(record.iri, ())))
         self._places.remove(merged)
         known = {door.iri for door in self._map.doors()}
         gone = known - {door.iri for door in doors}
         return FoundChanges(doors, (*merged, *sorted(gone)))
+
+    def _with_marked(self, doors: Sequence[DoorRecord]) -> tuple[DoorRecord, ...]:
+        """The doors found, and those that persons marked, with one of each IRI and spot."""
+        marked = [door for door in self._map.doors() if door.marked_by]
+        new = (door for door in doors if not any(_is_same_door(door, known) for known in marked))
+        return *marked, *new
 
     def _records(
         self,
@@ -205,6 +220,36 @@ def _overlap(one: Area, other: Area) -> float:
     """Intersection over union of two areas."""
     shared = one.shared_area(other)
     return shared / max(one.area + other.area - shared, 1e-9)
+
+
+def _is_same_door(door: DoorRecord, known: DoorRecord) -> bool:
+    near = np.hypot(door.x - known.x, door.y - known.y) < _SAME_DOOR
+    return door.iri == known.iri or (near and set(door.places) == set(known.places))
+
+
+def _without(found: Segmentation, drawn: Sequence[Area]) -> Segmentation:
+    """The rooms without the areas that persons drew; a room that these cover stays as it is."""
+    areas = (_outside(area, [d for d in drawn if d.shared_area(area) > 0]) for area in found.areas)
+    return replace(found, areas=tuple(areas))
+
+
+def _outside(area: Area, drawn: Sequence[Area]) -> Area:
+    if not drawn or _is_covered(area, drawn):
+        return area
+    return area.without(drawn) or area
+
+
+def _holders(rooms: Sequence[Area], places: Sequence[PlaceRecord]) -> dict[int, str]:
+    """The given place that covers most of each room, by the room's number."""
+    shared = _shared_area(rooms, [place.area for place in places])
+    if not places:
+        return {}
+    best = shared.argmax(axis=1).tolist()
+    return {
+        k: places[column].iri
+        for k, column in enumerate(best)
+        if shared[k, column] >= _COVERED * rooms[k].area
+    }
 
 
 def _is_covered(room: Area, given: Sequence[Area]) -> bool:

@@ -48,10 +48,18 @@ class PlaceRegistry:
             if layout or recording is None
             else _extent_iri(semantic_map, known.values(), recording)
         )
+        self._asserted = areas_asserted(semantic_map)
         given = _layout_places(semantic_map, layout.places, known) if layout else {}
+        given |= {
+            iri: record.with_area(known[iri].area)
+            for iri, record in given.items()
+            if iri in self._asserted
+        }
         if self._growing in known:
             given = {self._growing: known[self._growing]}
-        self._places = given | {iri: r for iri, r in known.items() if iri not in given}
+        self._places = self._ordered(
+            given | {iri: r for iri, r in known.items() if iri not in given}
+        )
         self._changed = {iri for iri, record in given.items() if record != known.get(iri)}
 
     def places(self) -> tuple[PlaceRecord, ...]:
@@ -69,7 +77,13 @@ class PlaceRegistry:
             if iri not in known:
                 del self._places[iri]
         self._places |= {iri: record for iri, record in known.items() if iri in touched}
+        self._places = self._ordered(self._places)
         self.revision += 1
+
+    def _ordered(self, places: dict[str, PlaceRecord]) -> dict[str, PlaceRecord]:
+        """Places with an asserted area first, since they claim their points before all others."""
+        self._asserted = areas_asserted(self._map)
+        return dict(sorted(places.items(), key=lambda place: place[0] not in self._asserted))
 
     def put(self, record: PlaceRecord) -> None:
         """Store a record of a place, if it differs from the former one."""
@@ -103,7 +117,7 @@ class PlaceRegistry:
 
     def observe(self, points: NDArray[np.float64]) -> None:
         """Extend the growing place, where there is one, by `points` (n, 3) [m] of the map."""
-        if self._growing is None or self._holds_found:
+        if self._growing is None or self._holds_found or self._growing in self._asserted:
             return
         old = self._places.get(self._growing)
         before = old.area if old else None
@@ -114,7 +128,7 @@ class PlaceRegistry:
         first = new.with_area(extent)
         if first == old:
             return
-        self._places = {self._growing: first} | self._places | {self._growing: first}
+        self._places = self._ordered({self._growing: first} | self._places | {self._growing: first})
         self._changed.add(self._growing)
         self.revision += 1
 
@@ -136,6 +150,12 @@ class PlaceRegistry:
         """IRI of the place that holds `p_map` (3,) [m], or None."""
         owner = int(self.owners(p_map[None, :])[0])
         return None if owner < 0 else self.places()[owner].iri
+
+
+def areas_asserted(semantic_map: SemanticMap) -> set[str]:
+    """IRIs of the places whose areas persons have asserted."""
+    claims = semantic_map.assertions.all()
+    return {claim.subject for claim in claims if claim.property == "area"}
 
 
 def _extent_iri(semantic_map: SemanticMap, known: Iterable[PlaceRecord], recording: str) -> str:

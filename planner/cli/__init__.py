@@ -41,6 +41,7 @@ COMMANDS = (
     "retract",
     "update",
     "restore",
+    "rooms",
     "plot",
     "floor",
     "places",

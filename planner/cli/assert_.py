@@ -23,7 +23,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         metavar="VALUE",
         help="category: name or IRI; position: X Y Z in metres; existence: present or absent; "
-        "label: text; on, inside: another object (object/3) or nothing",
+        "label: text; on, inside: another object (object/3) or nothing; "
+        "area: POLYGON ((x y, ...)) in metres",
     )
     add_author(parser)
     add_json(parser)
@@ -34,7 +35,7 @@ def add_what(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("thing", metavar="THING", help="object/17, place/1 or a full IRI")
     parser.add_argument(
         "property",
-        choices=("category", "position", "existence", "label", "on", "inside"),
+        choices=("category", "position", "existence", "label", "on", "inside", "area"),
         help="property of the thing",
     )
 

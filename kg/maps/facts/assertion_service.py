@@ -13,6 +13,7 @@ from kg.maps.facts.assertions import (
     PROPERTIES,
     Assertions,
     PropertyAssertions,
+    area_text,
     believed_object,
     perceived_object,
     perceived_place,
@@ -21,9 +22,11 @@ from kg.maps.facts.assertions import (
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.relations import NOTHING, SINGLE
+from kg.model.areas import Area
 from kg.model.errors import InvalidFactError, did_you_mean
 from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.wkt import area_of_polygon
 from kg.store.transactional import TransactionalStore
 
 
@@ -91,8 +94,11 @@ class AssertionService:
             else:
                 text = value_of(prop, value, self._facts.catalogue, kind)
             asserted = self._of(record.iri)
-            label = self._label(record, asserted) if prop == "label" else None
-            made = Assertion(record.iri, prop, text, by.strip(), time.time(), label)
+            before = self._label(record, asserted) if prop == "label" else None
+            if isinstance(record, PlaceRecord) and prop == "area":
+                earlier = asserted.get("area")
+                before = earlier.perceived if earlier else area_text(record.area)
+            made = Assertion(record.iri, prop, text, by.strip(), time.time(), before)
             if prop in asserted and asserted[prop].value == text:
                 made = replace(made, since=asserted[prop].since)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")
@@ -111,6 +117,8 @@ class AssertionService:
                 )
             cause = Cause("retract", by, f"{record.iri} {prop}")
             rest = {name: assertion for name, assertion in asserted.items() if name != prop}
+            if isinstance(record, PlaceRecord) and prop == "area":
+                record = record.with_area(_area_before(record, asserted[prop]))
             if _exists_by_assertion_alone(record, asserted, rest):
                 return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
             return self._restate(record, rest, cause)
@@ -194,6 +202,11 @@ class AssertionService:
 
     def _of(self, iri: str) -> dict[str, Assertion]:
         return self._assertions.of(self._store.engine, iri)
+
+
+def _area_before(record: PlaceRecord, assertion: Assertion) -> Area:
+    """The area that a place had before one was asserted; a drawn place keeps its own."""
+    return area_of_polygon(assertion.perceived) if assertion.perceived else record.area
 
 
 def _exists_by_assertion_alone(

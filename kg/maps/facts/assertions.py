@@ -19,16 +19,17 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.model import vocabulary as v
-from kg.model.areas import MAX_COORDINATE
+from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
 from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
 from kg.rdf.datetimes import date_time, seconds
 from kg.rdf.quad_store import QuadStore
+from kg.rdf.wkt import area_of_polygon, polygon_text
 
 #: Properties that can be asserted of objects, and of places.
 PROPERTIES: Final = ("category", "position", "existence", "label", *SINGLE)
-PLACE_PROPERTIES: Final = ("category", "label")
+PLACE_PROPERTIES: Final = ("category", "label", "area")
 #: Positions farther apart than this contradict each other [m].
 CONFLICT_DISTANCE: Final = 0.5
 MIN_CONFIDENCE: Final = 0.01  # of an object that only an assertion keeps in the map
@@ -157,7 +158,8 @@ def agent_quads(base: str, name: str, graph: NamedNode) -> Iterator[Quad]:
 def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
     """Normalised value of an assertion about a `kind` ("object" or "place").
 
-    `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; present or absent; a label.
+    `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; present or absent; a label; an
+    area in well-known text [m].
     Raises UnknownCategoryError, and InvalidFactError for an invalid property or value.
     """
     allowed = PROPERTIES if kind == "object" else PLACE_PROPERTIES
@@ -169,6 +171,8 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         return catalogue.find(str(given), kind=kind).iri
     if prop == "position":
         return _position(given)
+    if prop == "area":
+        return _area(given)
     text = str(given).strip()
     if prop == "existence" and text not in ("present", "absent"):
         raise InvalidFactError(f"existence must be present or absent, got {text!r}")
@@ -239,11 +243,13 @@ def believed_place(record: PlaceRecord, assertions: PropertyAssertions) -> Place
         record = replace(record, beliefs={category.value: 1.0})
     if (label := assertions.get("label")) is not None:
         record = replace(record, label=label.value)
+    if (area := assertions.get("area")) is not None:
+        record = record.with_area(area_of_polygon(area.value))
     return record
 
 
 def perceived_place(record: PlaceRecord, assertions: PropertyAssertions) -> PlaceRecord:
-    """As `perceived_object`, of a place."""
+    """As `perceived_object`, of a place; an asserted area stays, as perception keeps it."""
     if (category := assertions.get("category")) is not None:
         record = replace(record, beliefs=category.beliefs)
     if (label := assertions.get("label")) is not None and label.perceived is not None:
@@ -275,6 +281,8 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
 
 def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
     """As `about_object`, of a place."""
+    if assertion.property == "area":
+        return assertion
     if assertion.property == "label":
         return replace(assertion, perceived=record.label)
     beliefs = record.beliefs
@@ -318,6 +326,23 @@ def _position(given: object) -> str:
             f"got {given!r}"
         )
     return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
+
+
+def _area(given: object) -> str:
+    text = f"{given}"
+    try:
+        return area_text(area_of_polygon(text))
+    except ValueError as error:
+        raise InvalidFactError(
+            f"an area must be a polygon in metres, as in POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0)): "
+            f"{error}; got {text[:100]!r}"
+        ) from error
+
+
+def area_text(area: Area) -> str:
+    """The area in well-known text [m], to the centimetre."""
+    rings = (tuple((round(x, 2), round(y, 2)) for x, y in ring) for ring in area.rings)
+    return polygon_text(tuple(rings))
 
 
 def _term(prop: str, value: str) -> NamedNode | Literal:

@@ -32,6 +32,8 @@ def facts_of_door(door: DoorRecord) -> list[Quad]:
         (v.WIDTH, number_literal(door.width, f"{what}: width", minimum=0.0)),
         *((v.BOT_INTERFACE_OF, iri_node(place, f"{what}: place")) for place in door.places),
     ]
+    if door.marked_by:
+        facts.append((v.PROV_ATTRIBUTED_TO, iri_node(door.marked_by, f"{what}: author")))
     node = iri_node(door.iri, "door")
     return [Quad(node, known_iri(predicate), value, v.MAP_GRAPH) for predicate, value in facts]
 
@@ -45,5 +47,6 @@ def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
         if len(places) == 2 and v.X in properties and v.Y in properties:
             x, y, width = (float(first(properties, p, "0")) for p in (v.X, v.Y, v.WIDTH))
             iri = getattr(quad.subject, "value", "")
-            found.append(DoorRecord(iri, x, y, width, (places[0], places[1])))
+            author = first(properties, v.PROV_ATTRIBUTED_TO, "")
+            found.append(DoorRecord(iri, x, y, width, (places[0], places[1]), author))
     return tuple(sorted(found, key=lambda door: iri_order(door.iri)))

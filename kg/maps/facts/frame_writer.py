@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -97,30 +97,40 @@ class FrameWriter:
         """The smallest object number that was never allocated."""
         return max(self._next, self._stored_next())
 
-    def change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
+    def change(
+        self,
+        update: MapUpdate,
+        cause: Cause,
+        asserted: Mapping[str, PropertyAssertions] | None = None,
+    ) -> ChangeSet | None:
         """Apply `update` to the map; returns the transaction.
 
+        `asserted` has assertions of places by IRI, which replace the stored ones.
         Raises InvalidFactError, before anything is written, for a record that is not valid.
         """
         self._store.check_writable()
         _check_unique(update)
         with writing(), reading_ahead(self._store.engine, self.subjects(update)):
             self._synchronise()
-            return self._change(update, cause)
+            if asserted:
+                self._has_assertions = True
+            return self._change(update, cause, asserted or {})
 
     def _synchronise(self) -> None:
         """Synchronise the write cache with the graph."""
         self._synchronised_at = self._recent.catch_up()
         self._has_assertions = self._assertions.any(self._store.engine)
 
-    def _change(self, update: MapUpdate, cause: Cause) -> ChangeSet | None:
+    def _change(
+        self, update: MapUpdate, cause: Cause, asserted: Mapping[str, PropertyAssertions]
+    ) -> ChangeSet | None:
         wanted: _Quads = {}
         stored: _Quads = {}
         for record in update.objects:
-            asserted = self._assertions_of(record.iri, without=update.removed)
-            self._object(record, wanted, stored, asserted)
+            kept = self._assertions_of(record.iri, without=update.removed)
+            self._object(record, wanted, stored, kept)
         for place in update.places:
-            self._place(place, wanted, stored)
+            self._place(place, wanted, stored, asserted.get(place.iri))
         for door in update.doors:
             _put(wanted, facts_of_door(door))
             before = self._recent.of(_node(door.iri))

@@ -26,6 +26,7 @@ from kg.maps.update.ground_update import update_text
 from kg.maps.update.restoration import Restored
 from kg.model.errors import GraphError, HistoryError
 from kg.model.records import Assertion, MapUpdate
+from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.client.remote_subscriptions import RemoteSubscriptions
 from kg.serving.client.served_server import ServedClient, served_at
@@ -50,6 +51,7 @@ class RemoteMap(SemanticMap):
         self.history = RemoteHistory(served)
         self.ontology = RemoteOntology(store, served, categories)
         self.assertions = RemoteAssertions(store, served)
+        self.rooms = RemoteRooms(store, served)
         self.subscriptions = RemoteSubscriptions(self, served)
 
     @classmethod
@@ -247,6 +249,18 @@ class RemoteAssertions:
         """Retract an assertion, by the holder of the token; `by` is ignored."""
         self._store.check_writable()
         return self._served.retract(iri, prop)
+
+
+class RemoteRooms:
+    """Edits of the rooms of a served map, by the holder of the token."""
+
+    def __init__(self, store: TransactionalStore, served: ServedClient) -> None:
+        self._store, self._served = store, served
+
+    def edit(self, edit: RoomEdit, *, by: str = "") -> ChangeSet | None:
+        """Apply an edit, by the holder of the token; `by` is ignored."""
+        self._store.check_writable()
+        return self._served.edit_rooms(edit)
 
 
 def _past_map(served: ServedClient, when: Instant) -> SemanticMap:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict
 from typing import Any, Final, TypeVar
 
 import requests
@@ -29,6 +30,7 @@ from kg.model.errors import (
     UnreachableError,
 )
 from kg.model.records import Assertion, MapUpdate
+from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.client.record_codec import (
     Json,
@@ -115,6 +117,13 @@ class ServedClient:
         """Retract an assertion."""
         params = {"iri": iri, "property": prop}
         return self._decoded(_change, "DELETE", "assertions", params, headers=_WHOLE)
+
+    def edit_rooms(self, edit: RoomEdit) -> ChangeSet | None:
+        """Apply an edit of rooms, by the holder of the token."""
+        headers = {"Content-Type": _JSON, **_WHOLE}
+        return self._decoded(
+            _change, "POST", "rooms", data=json.dumps(asdict(edit)), headers=headers
+        )
 
     def update(self, sparql: str, *, confirmed: bool = False) -> ChangeSet | None:
         """Apply a SPARQL update; a large deletion has to be `confirmed`."""

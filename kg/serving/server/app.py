@@ -27,6 +27,7 @@ from kg.serving.server.endpoints.page_files import page_file
 from kg.serving.server.endpoints.picture_endpoint import picture
 from kg.serving.server.endpoints.question_endpoint import question, questions
 from kg.serving.server.endpoints.restore_endpoint import restore
+from kg.serving.server.endpoints.room_endpoint import rooms
 from kg.serving.server.endpoints.sparql_protocol import sparql
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
@@ -61,6 +62,7 @@ def application(serving: AppState) -> ASGIApp:
         ("/.well-known/void", dataset_description, get),
         ("/.well-known/genid/{name:path}", skolem, get),
         ("/assertions", assertions, ["GET", "POST", "DELETE"]),
+        ("/rooms", rooms, ["POST"]),
         ("/records", records, ["POST"]),
         ("/numbers", numbers, ["POST"]),
         ("/labels", labels, ["POST"]),

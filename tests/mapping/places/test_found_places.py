@@ -11,6 +11,7 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import area_of
 from kg.model.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.room_edit import RoomEdit
 from kg.serving.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
@@ -177,3 +178,30 @@ def test_the_command_lists_what_it_found(tmp_path, capsys):
 
 def test_without_floor_nothing_changes(home):
     assert find_places(home) == ()
+
+
+def test_edited_rooms_outrank_the_rooms_found_later(tmp_path):
+    with create_map(tmp_path / "home.map") as home:
+        home.apply(floor(6.0))
+        find_places(home)
+        left = place_at(home, 3.0).iri.removeprefix(home.base)
+        home.rooms.edit(RoomEdit("split", (left,), ((2.0, 0.0), (2.0, 4.0)), "pantry"), by="ann")
+        drawn = {iri: place_at(home, x).area for iri, x in (("pantry", 1.0), ("rest", 3.0))}
+        home.apply(floor(6.0, until=11.0))
+        find_places(home)
+        assert place_at(home, 1.0).label == "pantry"
+        assert {iri: place_at(home, x).area for iri, x in (("pantry", 1.0), ("rest", 3.0))} == drawn
+        assert place_at(home, 9.0).area.xmax < 11.5
+        (door,) = home.doors()
+        assert {place_at(home, 3.0).iri, place_at(home, 9.0).iri} == set(door.places)
+
+
+def test_a_marked_door_stays_when_doors_are_found_anew(tmp_path):
+    with create_map(tmp_path / "home.map") as home:
+        home.apply(floor(6.0))
+        find_places(home)
+        one, other = (place_at(home, x).iri.removeprefix(home.base) for x in (3.0, 9.0))
+        home.rooms.edit(RoomEdit("door", (one, other), ((6.05, 4.0),)), by="ann")
+        assert len(home.doors()) == 2
+        find_places(home)
+        assert [bool(door.marked_by) for door in home.doors()] == [False, True]

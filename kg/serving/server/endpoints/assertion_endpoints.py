@@ -15,7 +15,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.export.serialization import prefixes_of
-from kg.maps.facts.assertions import PROPERTIES, Assertions, is_unicode
+from kg.maps.facts.assertions import PLACE_PROPERTIES, PROPERTIES, Assertions, is_unicode
 from kg.model import vocabulary as v
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
@@ -125,7 +125,7 @@ def _word(content: Mapping[str, Any], name: str) -> str:
 
 
 def _property(name: str) -> str:
-    if name not in PROPERTIES:
+    if name not in (*PROPERTIES, *PLACE_PROPERTIES):
         raise Problem(422, f"{name[:100]!r} cannot be asserted; these can: {', '.join(PROPERTIES)}")
     return name
 

@@ -1,0 +1,170 @@
+"""People edit the rooms of a map; each edit is one transaction and can be undone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from kg.model.errors import InvalidFactError
+from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
+from kg.model.room_edit import RoomEdit
+from kg.serving.opening import create_map
+from planner.cli import main
+
+KITCHEN, HALL = "place/1", "place/2"
+
+
+@pytest.fixture
+def home(tmp_path):
+    """Two rooms of 4 m x 3 m with a wall of 0.2 m between them; a cup in each half of the first."""
+    with create_map(tmp_path / "home.map", base="http://m/") as made:
+        cup = made.catalogue.find("cup", "object").iri
+        cups = [
+            ObjectRecord(
+                *(made.new_object_iri(), cup, np.array([x, 1.0, 0.8])),
+                *(1.0, 0.8, 1, 1.0, 1.0, made.place_iri(1)),
+            )
+            for x in (1.0, 3.5)
+        ]
+        rooms = (
+            PlaceRecord(made.place_iri(1), "kitchen", 0.0, 4.0, 0.0, 3.0, from_floor=True),
+            PlaceRecord(made.place_iri(2), "hall", 4.2, 8.0, 0.0, 3.0, from_floor=True),
+        )
+        made.apply(MapUpdate(objects=tuple(cups), places=rooms))
+        yield made
+
+
+def areas(semantic_map):
+    return {place.label: place.area for place in semantic_map.places()}
+
+
+def places_of_objects(semantic_map):
+    return [record.place.removeprefix(semantic_map.base) for record in semantic_map.objects()]
+
+
+def split(points=((3.0, 0.5), (3.0, 2.0)), name="pantry"):
+    return RoomEdit("split", (KITCHEN,), points, name)
+
+
+def test_a_split_gives_the_smaller_part_to_a_new_place(home):
+    change = home.rooms.edit(split(), by="ann")
+    assert (change.cause.kind, change.cause.by) == ("rooms", "ann")
+    assert areas(home)["kitchen"].area == pytest.approx(9.0)
+    assert areas(home)["pantry"].area == pytest.approx(3.0)
+    assert places_of_objects(home) == ["place/1", "place/3"]
+    claims = {(a.subject.removeprefix(home.base), a.property, a.by) for a in home.assertions.all()}
+    assert claims == {("place/1", "area", "ann"), ("place/3", "area", "ann")}
+
+
+def test_edits_are_undone_one_by_one(home):
+    before = home.places(), places_of_objects(home)
+    home.rooms.edit(split(), by="ann")
+    home.rooms.edit(RoomEdit("merge", ("place/3", HALL)), by="ann")
+    assert set(areas(home)) == {"kitchen", "pantry"}
+    home.rooms.edit(RoomEdit("undo"), by="ben")
+    assert set(areas(home)) == {"kitchen", "pantry", "hall"}
+    home.rooms.edit(RoomEdit("undo"), by="ben")
+    assert (home.places(), places_of_objects(home)) == before
+    assert not home.assertions.all()
+    with pytest.raises(InvalidFactError, match="no edit of rooms is left"):
+        home.rooms.edit(RoomEdit("undo"), by="ben")
+
+
+def test_merged_rooms_hold_the_wall_between_them_and_all_objects(home):
+    home.rooms.edit(RoomEdit("merge", (HALL, KITCHEN)), by="ann")
+    (hall,) = home.places()
+    assert (hall.iri, hall.label) == (home.base + HALL, "hall")
+    assert hall.area.area == pytest.approx(24.0, abs=0.05)
+    assert places_of_objects(home) == [HALL, HALL]
+
+
+def test_a_moved_wall_keeps_both_places(home):
+    home.rooms.edit(RoomEdit("wall", (KITCHEN, HALL), ((3.0, 0.0), (3.4, 3.0))), by="ann")
+    found = areas(home)
+    assert found["kitchen"].area == pytest.approx(9.6, abs=0.05)
+    assert found["hall"].area == pytest.approx(14.4, abs=0.05)
+    assert places_of_objects(home) == [KITCHEN, HALL]
+
+
+def test_a_drawn_place_takes_its_floor_from_others(home):
+    corners = ((3.0, 0.0), (5.0, 0.0), (5.0, 2.0), (3.0, 2.0))
+    home.rooms.edit(RoomEdit("draw", points=corners, name="corner"), by="ann")
+    found = areas(home)
+    assert found["corner"].area == pytest.approx(4.0)
+    assert found["kitchen"].area == pytest.approx(10.0)
+    assert found["hall"].area == pytest.approx(3.8 * 3 - 0.8 * 2)
+    assert places_of_objects(home) == [KITCHEN, "place/3"]
+
+
+def test_the_room_of_the_robot_is_named(home):
+    edit = RoomEdit("here", name="room 315")
+    with pytest.raises(InvalidFactError, match="no robot"):
+        home.rooms.edit(edit, by="ann")
+    home.apply(MapUpdate(robot=RobotRecord(np.array([5.0, 1.0, 1.4]), 0.0, 1.0)))
+    home.rooms.edit(edit, by="ann")
+    assert set(areas(home)) == {"kitchen", "room 315"}
+    home.rooms.edit(RoomEdit("undo"), by="ann")
+    assert set(areas(home)) == {"kitchen", "hall"}
+
+
+def test_a_marked_door_says_who_marked_it(home):
+    home.rooms.edit(RoomEdit("door", (HALL, KITCHEN), ((4.1, 1.5),)), by="ann")
+    (door,) = home.doors()
+    assert door == DoorRecord(
+        "http://m/door/1-2",
+        *(4.1, 1.5, 0.8),
+        ("http://m/place/1", "http://m/place/2"),
+        "http://m/agent/ann",
+    )
+    home.rooms.edit(RoomEdit("undo"), by="ann")
+    assert not home.doors()
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda: split(((5.0, 0.0), (5.0, 3.0))), "does not divide kitchen in two"),
+        (lambda: split(((1.0, 1.0), (1.0, 1.0))), "two points that are apart"),
+        (lambda: RoomEdit("split", ("place/9",), ((0, 0), (1, 1))), "no place 'place/9'"),
+        (lambda: RoomEdit("split", (KITCHEN, HALL), ((0, 0), (1, 1))), "1 different places"),
+        (lambda: RoomEdit("merge", (KITCHEN, KITCHEN)), "2 different places"),
+        (lambda: RoomEdit("fold"), "there are split, merge"),
+        (lambda: RoomEdit("draw", points=((0, 0), (1, 1))), "3 points"),
+        (lambda: RoomEdit("draw", points=((0, 0), (3, 1), (3, 0), (0, 2))), "crosses itself"),
+        (lambda: RoomEdit("draw", points=((0, 0), (math.nan, 1), (1, 0))), "not finite"),
+        (
+            lambda: RoomEdit("draw", points=((-1, -1), (9, -1), (9, 9), (-1, 9))),
+            "nothing of kitchen would be left",
+        ),
+        (lambda: RoomEdit("door", (KITCHEN, HALL), ((1.0, 1.5),)), "no door of hall"),
+        (lambda: RoomEdit("here"), "needs the name"),
+    ],
+)
+def test_an_edit_that_is_not_possible_changes_nothing(home, edit, message):
+    before = home.sequence
+    with pytest.raises(InvalidFactError, match=message):
+        home.rooms.edit(edit(), by="ann")
+    assert home.sequence == before
+
+
+def test_an_area_can_be_asserted_and_retracted(home):
+    home.assertions.add(KITCHEN, "area", "POLYGON ((0 0, 2 0, 2 3, 0 3, 0 0))", by="ann")
+    assert areas(home)["kitchen"].area == pytest.approx(6.0)
+    home.assertions.retract(KITCHEN, "area", by="ann")
+    assert areas(home)["kitchen"].area == pytest.approx(12.0)
+    with pytest.raises(InvalidFactError, match="POLYGON"):
+        home.assertions.add(KITCHEN, "area", "round", by="ann")
+
+
+def test_rooms_are_edited_by_command(home, tmp_path, capsys):
+    home.close()
+    folder = str(tmp_path / "home.map")
+    command = ["rooms", folder, "split", KITCHEN, "--points", "3 -1, 3 4", "--name", "pantry"]
+    assert main([*command, "--by", "ann"]) == 0
+    assert "place/3 pantry: 3.0 m2 (new)" in capsys.readouterr().err
+    assert main(["rooms", folder, "undo", "--by", "ann"]) == 0
+    assert "place/3 pantry: removed" in capsys.readouterr().err
+    assert main(["rooms", folder, "undo", "--by", "ann"]) == 1
+    assert "no edit of rooms is left to undo" in capsys.readouterr().err
