@@ -33,7 +33,7 @@ PUBLIC: Final = {
         *("create_map", "open_map", "open_or_create_map", "in_memory_map", "merged"),
         *("SemanticMap", "Table"),
     ),
-    "Records": ("MapUpdate", "ObjectRecord", "PlaceRecord"),
+    "Records": ("MapUpdate", "ObjectRecord", "PlaceRecord", "RoomEdit"),
     "Frames and recordings": (
         *("Frame", "Detections", "open_recording", "load_detector", "RecordingOptions"),
     ),

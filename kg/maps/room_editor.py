@@ -162,12 +162,12 @@ class RoomEditor:
         iri = next(i for i in (name, *(f"{name}-{n}" for n in range(2, 1000))) if i not in taken)
         agent = agent_iri(self._facts.base, by)
         door = DoorRecord(iri, *point, _DOOR_WIDTH, (one.iri, other.iri), marked_by=agent)
-        places = {}
+        written: dict[str, tuple[PlaceRecord, PropertyAssertions]] = {}
         for place, beyond in ((one, other), (other, one)):
             (record,) = (known for known in self._perceived.places() if known.iri == place.iri)
             adjacent = tuple(sorted({*record.adjacent, beyond.iri}))
-            places[place.iri] = replace(record, adjacent=adjacent), self._asserted_of(place.iri)
-        return _Result(places, doors=(door,))
+            written[place.iri] = replace(record, adjacent=adjacent), self._asserted_of(place.iri)
+        return _Result(written, doors=(door,))
 
     def _undone(self) -> tuple[_Result, str]:
         """The last edit in reverse: its places and doors as they were before."""
