@@ -67,7 +67,7 @@ WALKS: Final = {
         "kg.serving.workers.worker_set",
         "kg.serving.workers.process",
         "kg.serving.workers.evaluator",
-        "kg.serving.workers.network_isolation",
+        "kg.serving.workers.confinement",
         "kg.rdf.sparql.vetting",
         "kg.serving.workers.content_negotiation",
     ),

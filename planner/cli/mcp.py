@@ -63,10 +63,12 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
     from kg.serving.opening import open_map
+    from kg.serving.workers.confinement import hide_memory
     from kg.serving.workers.limited_queries import LimitedQueries
     from planner.agents.map_context import MapContext
     from planner.agents.tool_server import PATH, ToolHttpServer, tool_server
 
+    hide_memory()
     settings, author = _settings(arguments), _author(arguments)
     access = "reading and writing" if arguments.write else "reading only"
     with (

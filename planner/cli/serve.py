@@ -107,9 +107,11 @@ def run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, end_on_signal)
     from kg.serving.opening import open_map, open_or_create_map
     from kg.serving.server import MapServer
+    from kg.serving.workers.confinement import hide_memory
     from kg.store.process_memory import gc_frozen
     from planner.search.plans.report import find_answer
 
+    hide_memory()
     settings, keep = _settings(arguments), keep_seconds(arguments)
     # errors come before any change of the map
     inputs = [open_inputs(arguments, folder) for folder in arguments.recording]
@@ -134,11 +136,8 @@ def run(arguments: argparse.Namespace) -> int:
         server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.description.title} at {server.url} ({access}); Ctrl+C ends")
-        if server.isolation == "none":
-            note(
-                "the kernel of this machine cannot keep queries from the network: queries that "
-                "contain the letters SERVICE or LOAD are refused"
-            )
+        for warning in server.confinement.warnings():
+            note(warning)
         mapper.start()
         server.run()
     return 0

@@ -11,6 +11,7 @@ from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.running_counts import RunningCounts
+from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.pool import QueryPool
 
 
@@ -53,9 +54,9 @@ class MapServer(ServerLifecycle):
         self._answer_with(application(self.serving), self.serving.feed.stop)
 
     @property
-    def isolation(self) -> str:
-        """Isolation of queries from the network: "seccomp", "namespace", or "none"."""
-        return self.serving.pool.isolation
+    def confinement(self) -> Confinement:
+        """How the kernel confines the processes that evaluate queries."""
+        return self.serving.pool.confinement
 
     def _close(self) -> None:
         self.serving.tally.stop()

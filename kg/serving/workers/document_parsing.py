@@ -28,7 +28,7 @@ class IsolatedParser:
         """The quads; raises SyntaxError with the line, OntologyError if the worker ends."""
         if self._worker is None or not self._worker.alive:
             self.close()
-            self._worker = WorkerProcess(settings_of(MEMORY, ()))
+            self._worker = WorkerProcess(settings_of(MEMORY))
         request = {
             "form": form.media_type,
             "base_iri": None,

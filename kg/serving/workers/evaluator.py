@@ -1,11 +1,11 @@
 """Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
 
-Before it reads anything, the kernel denies it the network
-(`kg.serving.workers.network_isolation`). Its parent may kill it, and an alarm of the kernel ends it
+Before it reads a request, the kernel confines it
+(`kg.serving.workers.confinement`). Its parent may kill it, and an alarm of the kernel ends it
 at its time limit even without a parent. Its address space, files and processor time are limited.
 A message has a type byte, a length (4 bytes, little endian) and that many bytes:
 
-    >  S  the settings (JSON), first       <  R  done with S or O; of S how the network is denied
+    >  S  the settings (JSON), first       <  R  done with S or O; of S the confinement
     >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence", ...}
     >  Q  a query (JSON), perhaps of then  <  D  a part of the answer
     >  U  an update (JSON) to evaluate     <  .  the end of the answer
@@ -58,7 +58,7 @@ from kg.rdf.sparql.vetting import (
     vet,
 )
 from kg.rdf.xml_characters import XmlPieces, is_xml
-from kg.serving.workers.network_isolation import deny_network
+from kg.serving.workers.confinement import confine
 
 if TYPE_CHECKING:
     from kg.history.replay.past_state import PastStates
@@ -323,16 +323,25 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
     return kind, json.loads(stream.read(length))
 
 
+def _load_extensions() -> None:
+    """Import the modules of all requests: a confined process loads no machine code."""
+    import kg.serving.workers.history_tasks
+    import kg.serving.workers.ingestion  # noqa: F401
+
+
 def main() -> None:
     """Serve requests until stdin ends; ``--network`` allows the network."""
-    network = "allowed" if "--network" in sys.argv else deny_network()
     requests, answers = sys.stdin.buffer, sys.stdout.buffer
     first = _read(requests)
     if first is None:
         return
-    _limit_process(first[1]["memory"])
-    evaluator = Evaluator(first[1], answers, denied=network in ("seccomp", "namespace"))
-    evaluator.ready(network=network)
+    settings = first[1]
+    _load_extensions()
+    _limit_process(settings["memory"])
+    readable, writable = (map(Path, settings[key]) for key in ("readable", "writable"))
+    found = confine(readable, writable, network="--network" in sys.argv)
+    evaluator = Evaluator(settings, answers, denied=found.denies_network)
+    evaluator.ready(network=found.network, files=found.files)
     while (message := _read(requests)) is not None:
         kind, request = message
         _limit_time(request["timeout"])

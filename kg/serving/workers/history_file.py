@@ -5,42 +5,35 @@ from __future__ import annotations
 import sqlite3
 import threading
 import uuid
-import weakref
 from contextlib import closing
 from pathlib import Path
 
 from kg.history.storage.log import HistoryLog
-from kg.serving.workers.snapshots import make_home, remove_home
 
 
 class HistoryFile:
-    """The history file of a map, or a copy of a history in memory; safe from any thread."""
+    """The history file of a map, or a copy in `home` of a history in memory.
 
-    def __init__(self, log: HistoryLog, base: str) -> None:
-        self._log, self._base = log, base
+    Safe from any thread.
+    """
+
+    def __init__(self, log: HistoryLog, base: str, home: Path | None) -> None:
+        self._log, self._base, self._home = log, base, home
         self._guard = threading.Lock()
         self._copy: Path | None = None
         self._copied = -1  # the last transaction in the copy
-        self._remove: weakref.finalize[..., HistoryFile] | None = None
 
     def request(self) -> dict[str, str]:
         """Path of the history and base of the map, as a part of a request."""
         return {"log": str(self._path()), "base": self._base}
-
-    def close(self) -> None:
-        """Remove the copy."""
-        with self._guard:
-            if self._remove is not None:
-                self._remove()
 
     def _path(self) -> Path:
         if self._log.file is not None:
             return self._log.file.resolve()
         with self._guard, self._log.lock:
             if self._copy is None:
-                home, lock = make_home(None)
-                self._remove = weakref.finalize(self, remove_home, home, lock)
-                self._copy = home / "history.sqlite"
+                assert self._home is not None, "a map in memory has a folder for snapshots"
+                self._copy = self._home / "history.sqlite"
             if self._copied != self._log.last:
                 fresh = self._copy.with_name(f"{uuid.uuid4()}.sqlite")
                 with closing(sqlite3.connect(fresh)) as copy:

@@ -11,6 +11,7 @@ from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 from typing import Any, Self
 
 from kg.maps.semantic_map import SemanticMap
@@ -22,6 +23,7 @@ from kg.model.errors import (
 )
 from kg.rdf.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
 from kg.serving.workers.admission import FairQueue, Turn
+from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.history_file import HistoryFile
 from kg.serving.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
@@ -68,13 +70,19 @@ class QueryPool:
         self.max_result_bytes = max_result_bytes
         self.max_query_length = max_query_length
         self._services = frozenset(services)
-        self._settings = settings_of(memory_mb, services)
         self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
         store = source if isinstance(source, TransactionalStore) else source.store
         self._snapshots = Snapshots(store, refresh=refresh)
-        self._history = None if isinstance(source, TransactionalStore) else _history_of(source)
+        self._settings = settings_of(
+            memory_mb, services, self._snapshots.readable, self._snapshots.writable
+        )
+        self._history = (
+            None
+            if isinstance(source, TransactionalStore)
+            else _history_of(source, self._snapshots.home)
+        )
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
         self._workers = WorkerSet(self._settings, workers, self._snapshots, timeout)
         self._keeper = threading.Thread(
@@ -100,14 +108,14 @@ class QueryPool:
         return self._queue.waiting
 
     @property
-    def isolation(self) -> str:
-        """Isolation of the workers from the network: "seccomp", "namespace", or "none".
+    def confinement(self) -> Confinement:
+        """How the kernel confines the workers.
 
         Waits until a worker has started. Raises QueryError if no worker starts.
         """
         with self._workers.lent(self._patience) as worker:
             worker.wait_ready()
-            return worker.isolation
+            return worker.confinement
 
     def request(
         self,
@@ -262,8 +270,6 @@ class QueryPool:
         self._keeper.join()
         self._workers.close()
         self._snapshots.close()
-        if self._history is not None:
-            self._history.close()
 
     def __enter__(self) -> Self:
         return self
@@ -353,9 +359,9 @@ def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refr
         del pool
 
 
-def _history_of(semantic_map: SemanticMap) -> HistoryFile | None:
+def _history_of(semantic_map: SemanticMap, home: Path | None) -> HistoryFile | None:
     try:
-        return HistoryFile(semantic_map.history.log, semantic_map.base)
+        return HistoryFile(semantic_map.history.log, semantic_map.base, home)
     except HistoryError:
         return None
 

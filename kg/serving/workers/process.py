@@ -29,6 +29,7 @@ from kg.model.errors import (
     QueryTimeoutError,
     QueryTooLargeError,
 )
+from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.evaluator import HEAD
 from kg.serving.workers.snapshots import Snapshot
 
@@ -66,14 +67,14 @@ class WorkerProcess:
     """A process that answers one request at a time; `alive` is false after its end.
 
     Not safe for use by several threads at once, except `kill`. Unless `network` is true, the kernel
-    denies it the network; `isolation` is the mechanism once the process is ready, or "none".
+    denies it the network; `confinement` tells the mechanisms once the process is ready.
     """
 
     def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
         self._settings = settings
         self._killed = False
         self.slow = False  # whether its priority was lowered, which needs privileges to undo
-        self.isolation = ""
+        self.confinement = Confinement()
         self.snapshot: Snapshot | None = None  # the assigned one
         self.past: int | None = None  # transaction of the last replayed past state
         # without site packages and environment: it starts fast and holds no secrets
@@ -178,7 +179,8 @@ class WorkerProcess:
         self._slow_at = deadline
         while self._unready:
             state = json.loads(self._message(deadline)[1])
-            self.isolation = state.get("network", self.isolation)
+            if state:
+                self.confinement = Confinement(**state)
             self._unready -= 1
 
     def _send(self, kind: bytes, message: dict[str, Any], deadline: float) -> None:
@@ -275,9 +277,20 @@ def _as_error(reported: dict[str, str]) -> HereaboutsError:
     return kind(reported["message"]) if known else QueryError(reported["message"])
 
 
-def settings_of(memory_mb: int, services: Collection[str]) -> dict[str, Any]:
-    """The settings of a worker at its start; `services` are the endpoints SERVICE may name."""
+def settings_of(
+    memory_mb: int,
+    services: Collection[str] = (),
+    readable: Collection[Path] = (),
+    writable: Collection[Path] = (),
+) -> dict[str, Any]:
+    """The settings of a worker at its start.
+
+    `services` are the endpoints SERVICE may name, `readable` and `writable` the folders that it may
+    open.
+    """
     return {
+        "readable": list(map(str, readable)),
+        "writable": list(map(str, writable)),
         "memory": memory_mb << 20,
         "services": sorted(services),
         "prefixes": v.PREFIXES,

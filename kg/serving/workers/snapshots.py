@@ -19,12 +19,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from pyoxigraph import Store
 
 from kg.model.errors import GraphError
 from kg.store.folder import remove_abandoned
 from kg.store.transactional import TransactionalStore
+
+
+SCRATCH: Final = "scratch"  # folder beside the snapshots
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +54,23 @@ class Snapshots:
         self._making = threading.Lock()  # held by the thread that makes a snapshot
         self._readers: dict[Snapshot, int] = {}
         self._current: Snapshot | None = None
-        self._home: Path | None = None
+        self.home: Path | None = None  # folder of the snapshots
         self._closed: weakref.finalize[..., Snapshots] | None = None
         if not (store.read_only and store.path):
-            self._home, lock = make_home(store.path)
-            self._closed = weakref.finalize(self, remove_home, self._home, lock)
+            self.home, lock = make_home(store.path)
+            self._closed = weakref.finalize(self, remove_home, self.home, lock)
+            (self.home / SCRATCH).mkdir()
+
+    @property
+    def readable(self) -> list[Path]:
+        """Folders that the readers of snapshots and of the history open."""
+        folders = (self.home, self._store.path)
+        return [folder.resolve() for folder in folders if folder is not None]
+
+    @property
+    def writable(self) -> list[Path]:
+        """Folder of the copies that updates write."""
+        return [] if self.home is None else [self.home / SCRATCH]
 
     def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
         """The newest snapshot, kept until `release`.
@@ -104,9 +120,9 @@ class Snapshots:
     @contextmanager
     def scratch(self) -> Iterator[Path]:
         """A path beside the snapshots where a folder may be made; removed after the block."""
-        if self._home is None:
+        if self.home is None:
             raise GraphError("the map is open for reading only; open it to write")
-        folder = self._home / f"scratch-{uuid.uuid4()}"
+        folder = self.home / SCRATCH / str(uuid.uuid4())
         try:
             yield folder
         finally:
@@ -142,11 +158,11 @@ class Snapshots:
     def _make(self) -> Snapshot:
         # read before the backup, so that the snapshot holds at least this transaction
         sequence, made = self._store.sequence, time.monotonic()
-        if self._home is None:
+        if self.home is None:
             # workers have another working directory
             folder = Path(self._store.where).resolve() / "store"
             return Snapshot(folder, sequence, made, False)
-        folder = self._home / str(uuid.uuid4())
+        folder = self.home / str(uuid.uuid4())
         try:
             copy_store(self._store, folder)
         except OSError as error:

@@ -27,14 +27,14 @@ TOKEN = "a-token-of-the-tests-0123"
 EVALUATE = """
 import json, os, socket, sys
 import pyoxigraph as ox
-from kg.serving.workers import network_isolation
+from kg.serving.workers import confinement
 how, uid, texts = sys.argv[1], int(sys.argv[2]), json.load(sys.stdin)
 if uid:
     os.setgroups([]); os.setgid(uid); os.setuid(uid)
 if how != "none":
-    getattr(network_isolation, how)()
+    getattr(confinement, how)()
 for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-    print("denied", network_isolation.is_denied())
+    print("denied", confinement.is_denied())
 store = ox.Store()
 values = "1, true, 1.0, 'x', .5, 1e0, <urn:x>"
 store.update("INSERT DATA { GRAPH <urn:g> { <urn:s> <urn:p> " + values + " } }")
@@ -76,7 +76,7 @@ def test_the_spellings_reach_the_network_where_nothing_denies_it(listener: Liste
     assert listener.arrived() >= 200
 
 
-@pytest.mark.parametrize("how", ["deny_network", "_filter_system_calls", "_unshare_network"])
+@pytest.mark.parametrize("how", ["deny_network", "filter_system_calls", "unshare_network"])
 @pytest.mark.parametrize("uid", [0, NOBODY] if os.geteuid() == 0 else [0])
 def test_the_kernel_alone_denies_every_spelling(listener: Listener, how: str, uid: int) -> None:
     texts = texts_for(listener)
@@ -89,7 +89,7 @@ def test_a_worker_reports_how_it_is_denied_and_inherits_no_descriptor() -> None:
     with in_memory_map() as home, socket.create_server(("127.0.0.1", 0)) as open_socket:
         os.set_inheritable(open_socket.fileno(), True)
         with QueryPool(home, workers=1) as pool:
-            assert pool.isolation in ("seccomp", "namespace")
+            assert pool.confinement.denies_network
             descriptors = Path(f"/proc/{pool.pids[0]}/fd").iterdir()
             assert not [fd for fd in descriptors if "socket:" in str(fd.readlink())]
 
