@@ -32,6 +32,8 @@ _PR_SET_DUMPABLE: Final = 4
 _CAPABILITY_VERSION: Final = 0x20080522
 #: CAP_DAC_OVERRIDE and CAP_DAC_READ_SEARCH: root may serve the map of another user
 _KEPT_CAPABILITIES: Final = 0b110
+#: sources of random numbers, and the number of processors
+_SYSTEM_FILES: Final = ("/dev/urandom", "/sys/devices/system/cpu/online")
 #: certificates and names of hosts, for a worker with a network
 _NETWORK_FILES: Final = (
     *("/etc/ssl", "/etc/pki", "/etc/ca-certificates", "/usr/share/ca-certificates"),
@@ -61,7 +63,9 @@ class Confinement:
                 "contain the letters SERVICE or LOAD are refused"
             )
         if self.network != "seccomp":
-            lines.append("the kernel of this machine cannot limit the system calls of query workers")
+            lines.append(
+                "the kernel of this machine cannot limit the system calls of query workers"
+            )
         if not self.files:
             lines.append(
                 "the kernel of this machine has no Landlock: a query worker can open the files of "
@@ -83,7 +87,7 @@ def confine(
     _drop_capabilities()
     files = False
     with contextlib.suppress(OSError, AttributeError):
-        more = map(Path, _NETWORK_FILES) if network else ()
+        more = map(Path, (*_SYSTEM_FILES, *(_NETWORK_FILES if network else ())))
         restrict_files((*_program_files(), *readable, *more), writable, network=network)
         files = True
     if not network:

@@ -27,7 +27,6 @@ from kg.model.errors import GraphError
 from kg.store.folder import remove_abandoned
 from kg.store.transactional import TransactionalStore
 
-
 SCRATCH: Final = "scratch"  # folder beside the snapshots
 
 

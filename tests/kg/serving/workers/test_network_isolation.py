@@ -185,7 +185,7 @@ def isolated_from() -> Iterator[Callable[[str], str]]:
 
     with in_memory_map() as home:
         snapshots = Snapshots(home.store, refresh=60)
-        worker = WorkerProcess(settings_of(512, ()), network=True)
+        worker = WorkerProcess(settings_of(512, (), snapshots.readable), network=True)
         where = {"folder": str(snapshots.lease().folder), "max_bytes": 1000}
 
         def ask(sparql: str) -> str:
