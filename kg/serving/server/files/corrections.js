@@ -1,5 +1,6 @@
 // Corrections on the page: assertions by the holder of a token.
 import { button, byId, element, option, status } from "/files/page-elements.js";
+import { RoomEdits } from "/files/room-edits.js";
 import { hasToken, request, useToken } from "/files/server.js";
 
 export class Corrections {
@@ -7,6 +8,8 @@ export class Corrections {
   constructor(data, done) {
     this._data = data;
     this._done = done;
+    this._rooms = new RoomEdits(data, (edit) =>
+      this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`));
     this._moving = null; // IRI of the object that the next click on the map positions
     byId("corrector")?.addEventListener("submit", (event) => this._take(event));
   }
@@ -38,11 +41,13 @@ export class Corrections {
         button("it is not there", () => this._assert(thing.iri, "existence", "absent"))));
     }
     made.append(element("p", "", button("undo", () => this._retract(thing.iri))));
+    if (isPlace) made.append(this._rooms.form(thing));
     return made;
   }
 
-  /** Move the chosen object to the clicked position [m]; false if no object is being moved. */
+  /** Use a clicked position [m] for a correction; false if none waits for one. */
   place([x, y]) {
+    if (this._rooms.take([x, y])) return true;
     const iri = this._moving;
     this._moving = null;
     if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.objects.get(iri)?.z ?? 0).toFixed(2)}`);

@@ -226,3 +226,52 @@ def test_a_phone_shows_map_and_list_one_below_the_other(open_page: OpenPage) -> 
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.locator("#canvas").bounding_box()["width"] > 300
+
+
+def test_rooms_are_edited_by_mouse_and_keyboard(
+    open_page: OpenPage, flat: SemanticMap, token: str
+) -> None:
+    page = open_page("#place/1")
+    page.fill("#token", token)
+    page.click("#corrector button")
+    (place,) = flat.places()
+    x, y = place.area.centre
+
+    def click(*points: tuple[float, float]) -> None:
+        page.focus("#canvas")
+        page.keyboard.press("0")  # shows the whole map in the middle, with a margin of 30 px
+        box = page.locator("#canvas").bounding_box()
+        width, height = place.area.size
+        scale = min((box["width"] - 60) / (width + 0.4), (box["height"] - 60) / (height + 0.4), 250)
+        for u, v in points:
+            right, up = (u - x) * scale, (v - y) * scale
+            page.mouse.click(box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 - up)
+
+    def areas() -> dict[str, float]:
+        return {one.label: round(one.area.area, 1) for one in flat.places()}
+
+    whole = areas()
+    page.fill("[aria-label='name of a new place']", "pantry")
+    page.click("text=split")
+    says(page, "#status", "click two points")
+    click((x, place.ymin + 0.2), (x, place.ymax - 0.2))
+    says(page, "#status", "rooms: split")
+    assert areas().keys() == {*whole, "pantry"}
+    says(page, "#count", "2 places")
+    page.click("text=merge with")
+    pantry = next(one for one in flat.places() if one.label == "pantry")
+    click(pantry.area.centre)
+    says(page, "#status", "rooms: merge")
+    assert areas() == pytest.approx(whole)
+    says(page, "#count", "1 places")
+    page.click("text=draw a place")
+    click((x, y), (x + 0.5, y), (x + 0.5, y + 0.5))
+    page.keyboard.press("Enter")
+    says(page, "#status", "rooms: draw")
+    assert len(areas()) == 2
+    page.click("text=undo the last edit of rooms")
+    says(page, "#status", "rooms: undo")
+    assert areas() == pytest.approx(whole)
+    page.click("text=split")
+    page.keyboard.press("Escape")
+    says(page, "#status", "nothing was changed")
