@@ -85,8 +85,10 @@ class McpInterface:
         return datetime.fromisoformat(max(times)).timestamp() if times else None
 
     def moved_since(self, room: str | None) -> list[str] | None:
-        moved = self.call("what_moved", since=self._since, limit=100)["things"]
-        return _categories(one for one in moved if room in (None, one["untrusted_place"]))
+        changed = self.call("what_changed", since=self._since, limit=100)["things"]
+        places = {one["iri"]: one["untrusted_label"] for one in self.call("describe_map")["places"]}
+        moved = [one for one in changed if one["kind"] == "moved"]
+        return _categories(one for one in moved if room in (None, places.get(one["place"])))
 
     def never_looked(self, category: str, room: str) -> str:
         return str(self.call("status", what=category, place=room)["status"])

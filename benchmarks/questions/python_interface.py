@@ -9,7 +9,6 @@ import numpy as np
 from benchmarks.questions.graph_maps import AskedMap
 from benchmarks.questions.sparql_interfaces import in_order
 from kg.model.records import ObjectRecord
-from planner.search.goals.moves import moved_things
 from planner.search.goals.status import status
 from planner.search.plans.view_plan import planned
 
@@ -80,8 +79,10 @@ class PythonInterface:
 
     def moved_since(self, room: str | None) -> list[str]:
         place = None if room is None else self._map.resolve("place", room)
-        moved = moved_things(self._map, self._since)
-        return sorted({one.category for one in moved if place in (None, one.place)})
+        found = self._map.history.compare(self._since).changes
+        moved = [one for one in found if one.kind == "moved"]
+        base = self._map.base
+        return sorted({one.category for one in moved if place in (None, f"{base}{one.place}")})
 
     def never_looked(self, category: str, room: str) -> str:
         return status(self._map, category, room).value

@@ -84,6 +84,13 @@ def short(term: Term, base: str) -> str:
     return text.removeprefix(v.GRAPH).removeprefix(v.CELL)
 
 
+def brief(value: Term, base: str) -> str:
+    """A term for people in one line; for packed bytes, the number of characters."""
+    if isinstance(value, Literal) and value.datatype == v.XSD_BASE64:
+        return f"{len(value.value)} characters"
+    return short(value, base)
+
+
 def word(predicate: Term) -> str:
     """A predicate in words: ``last seen``, ``observation count``."""
     text = getattr(predicate, "value", str(predicate))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 from pyoxigraph import Quad
 
 from kg.history.replay.point_in_time import Difference
+from kg.history.reports.comparison import FAR, Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant
@@ -39,6 +40,12 @@ class MapHistory(Protocol):
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """The quads of `t2` that `t1` lacks, and the other way round."""
+
+    def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
+        """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`.
+
+        `t2` is now by default; `far` [m] is the shortest move (`kg.history.reports.comparison`).
+        """
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing, one a transaction; `iri` may be short (object/17)."""

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Quad
 
 from kg.history.curies import thing
+from kg.history.replay.map_state import Categories
 from kg.history.replay.past_state import PastStates, PastStore
 from kg.history.replay.point_in_time import Difference, difference, state_of
+from kg.history.reports.comparison import FAR, Comparison, compare
 from kg.history.reports.events import HistoryEvent, history_events
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import without_past
@@ -62,6 +64,13 @@ class StoredHistory:
         """Quads of `t2` that `t1` lacks, and the other way round."""
         log = self.log
         return difference(log, sequence_of(log, t1), sequence_of(log, t2))
+
+    def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
+        """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`."""
+        log, categories = self.log, Categories.of(self._store.engine)
+        before = sequence_of(log, t1)
+        after = log.last if t2 is None else sequence_of(log, t2)
+        return compare(log, categories, self._base, before, after, far)
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing."""

@@ -121,18 +121,26 @@ class AtPoint(Things):
     untrusted_place: Label | None
 
 
-class MovedThing(Thing):
-    """An object that moved; x, y, z are its present position."""
+class ChangedThing(_Record):
+    """One change of an object since a moment; positions are x, y, z in metres."""
 
-    was: Annotated[list[float], Field(description="x, y, z of its former position")]
-    moved_metres: float
+    kind: Literal["appeared", "gone", "moved", "relabelled"]
+    iri: Iri
+    untrusted_category: Label
+    place: Annotated[Iri | None, Field(description="where it is, or was if it is gone")]
+    was: Annotated[list[float] | None, Field(description="its former position")]
+    now: Annotated[list[float] | None, Field(description="its present position")]
+    moved_metres: float | None
+    untrusted_before: Annotated[Label | None, Field(description="its former name")]
+    untrusted_after: Label | None
 
 
-class Moved(Answer):
-    """Objects that moved, the farthest first."""
+class Changed(Answer):
+    """Changes of objects: appeared, gone, moved (the farthest first), relabelled."""
 
-    things: list[MovedThing]
+    things: list[ChangedThing]
     left_out: LeftOut = 0
+    floor_seen: Annotated[list[float], Field(description="square metres, then and now")]
 
 
 class PlaceStatus(_Record):

@@ -1,4 +1,4 @@
-"""Tools about changes: the transactions of one thing, and the objects that moved."""
+"""Tools about changes: the transactions of one thing, and the objects that changed."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
+from kg.history.reports.comparison import FAR, ObjectChange
 from kg.history.timestamps import iso
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
-from planner.agents.map_tools import Limit, ThingName, thing
-from planner.search.goals.moves import FAR, moved_things
+from planner.agents.map_tools import Limit, ThingName
 
 _MAX_CHANGES: Final = 12  # listed for a transaction
 
@@ -41,32 +41,38 @@ class ChangeTools:
             )
         return a.HistoryAnswer(map=identity, events=list(entries), left_out=count - len(entries))
 
-    def what_moved(
+    def what_changed(
         self,
         since: Annotated[
             str, Field(max_length=40, description="ISO 8601 (UTC), or #42: after transaction 42")
         ],
-        metres: Annotated[float, Field(gt=0, le=1000, description="minimum distance")] = FAR,
+        metres: Annotated[float, Field(gt=0, le=1000, description="minimum move")] = FAR,
         limit: Limit = 20,
-    ) -> a.Moved:
-        """Objects that moved since a moment, with both positions, the farthest first.
+    ) -> a.Changed:
+        """Objects that appeared, are gone, moved or have another name since a moment.
 
-        The moment counts by the time of writing, not of observation. An object that left and was
-        not found elsewhere is not listed here; where_is lists it as departed.
+        The moment counts by the time of writing, not of observation. A move exceeds the uncertainty
+        of both positions. where_is lists things that departed with their last spot.
         """
         identity, semantic_map = self._context.identity(), self._context.semantic_map
-        moved = moved_things(semantic_map, since, far=metres)
-        rows = {row["object"]: row for row in semantic_map.query("objects").records()}
-        return a.Moved(
+        found = semantic_map.history.compare(since, far=metres)
+        return a.Changed(
             map=identity,
-            things=[
-                a.MovedThing(
-                    **thing(rows[one.iri]).model_dump(),
-                    was=[round(float(value), 3) for value in one.was],
-                    moved_metres=round(one.metres, 3),
-                )
-                for one in moved[:limit]
-                if one.iri in rows
-            ],
-            left_out=max(len(moved) - limit, 0),
+            things=[_changed(one, semantic_map.base) for one in found.changes[:limit]],
+            left_out=max(len(found.changes) - limit, 0),
+            floor_seen=list(found.floor),
         )
+
+
+def _changed(one: ObjectChange, base: str) -> a.ChangedThing:
+    return a.ChangedThing(
+        kind=one.kind,
+        iri=base + one.iri,
+        untrusted_category=one.category,
+        place=None if one.place is None else base + one.place,
+        was=None if one.was is None else [round(value, 3) for value in one.was],
+        now=None if one.now is None else [round(value, 3) for value in one.now],
+        moved_metres=None if one.metres is None else round(one.metres, 3),
+        untrusted_before=one.before,
+        untrusted_after=one.after,
+    )

@@ -72,7 +72,7 @@ def tool_server(
         *(
             reading.why,
             changes.history,
-            changes.what_moved,
+            changes.what_changed,
             searching.find_plan,
             searching.next_look,
         ),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mapping.reference.settings import ReferenceSettings
 from planner.execution.object_updates import AssociatedDetection
 from planner.execution.protocol import Detected
-from planner.search.goals.status import PRESENT
+from kg.history.reports.comparison import PRESENT
 from planner.search.goals.targets import Target
 
 SURE: Final = 0.6  # score from which on a single detection can be certain

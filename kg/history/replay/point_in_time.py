@@ -7,7 +7,7 @@ from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.curies import short, word
+from kg.history.curies import brief, short, word
 from kg.history.storage.change_lines import net, quads_of
 from kg.history.storage.log import HistoryLog
 from kg.model.errors import HistoryError
@@ -33,7 +33,7 @@ class Difference:
         for side, quads in enumerate((self.removed, self.added)):
             for quad in quads:
                 key = short(quad.subject, base), word(quad.predicate)
-                sides.setdefault(key, ([], []))[side].append(short(quad.object, base))
+                sides.setdefault(key, ([], []))[side].append(brief(quad.object, base))
         rows = []
         for (subject, what), (before, after) in sides.items():
             sign = "~" if before and after else "+" if after else "-"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from pyoxigraph import Literal, NamedNode, Quad
+from pyoxigraph import NamedNode, Quad
 
-from kg.history.curies import short, word
+from kg.history.curies import brief, short, word
 from kg.history.replay.point_in_time import subject_line
 from kg.history.storage.change_lines import ChangeLines, quads_of
 from kg.history.storage.log import HistoryLog
@@ -87,17 +87,10 @@ def _steps(
     for predicate in sorted({*removed, *added}, key=word):
         if predicate != v.RDF_TYPE or not new:
             old, now = (
-                ", ".join(_brief(value, base) for value in side.get(predicate, ()))
+                ", ".join(brief(value, base) for value in side.get(predicate, ()))
                 for side in (removed, added)
             )
             yield f"{word(predicate)} {_step(old, now)}"
-
-
-def _brief(value: Term, base: str) -> str:
-    """A value in one line; for packed bytes, the number of characters."""
-    if isinstance(value, Literal) and value.datatype == v.XSD_BASE64:
-        return f"{len(value.value)} characters"
-    return short(value, base)
 
 
 def _step(old: str, new: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Final
 
 from kg.history.replay.point_in_time import Difference
+from kg.history.reports.comparison import Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.timestamps import iso
@@ -34,6 +35,12 @@ def difference_text(found: Difference, base: str) -> str:
         f"{sign} {subject} {what}: {_step(before, after)}"
         for sign, subject, what, before, after in found.rows(base)
     )
+
+
+def comparison_text(found: Comparison) -> str:
+    """A line for each change of an object, and one for the floor."""
+    changes = (f"{one.kind} {one.iri} {one.category}: {_step(*one.sides)}" for one in found.changes)
+    return _lines((*changes, found.floor_words))
 
 
 def reasons_text(reasons: Iterable[Explanation]) -> str:

@@ -156,6 +156,13 @@ class HistoryLog:
         """The transaction of that number, or None."""
         return next(self.commits(sequence - 1, sequence), None)
 
+    def time_of(self, sequence: int) -> float:
+        """[s] of the last transaction up to that number, or else of the floor."""
+        with self.lock:
+            select = "SELECT max(time) FROM commits WHERE sequence > ? AND sequence <= ?"
+            (time,) = self.db.execute(select, (self.floor, sequence)).fetchone()
+        return float(self.floor_time if time is None else time)
+
     def commits(self, after: int, until: int) -> Iterator[Commit]:
         """Transactions numbered above `after`, up to `until`, in order."""
         select = (

@@ -7,14 +7,17 @@ UTC.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any, TypeVar, get_args
 
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.history.replay.point_in_time import Difference
+from kg.history.reports.comparison import Comparison, ObjectChange
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.explanation import Kind as ReasonKind
+from kg.history.reports.timeline import Timeline
 from kg.history.timestamps import iso, moment
 from kg.maps.update.restoration import Restored
 from kg.model.errors import RemoteError
@@ -22,13 +25,13 @@ from kg.model.records import Assertion
 from kg.model.transactions import Cause, ChangeSet, Kind
 
 Json = dict[str, Any]
+_WORDS = ("kind", "iri", "category", "place", "before", "after")  # of an `ObjectChange`
 A = TypeVar("A")
 T = TypeVar("T")
 _COUNTS = (
     *("restored", "added", "removed"),
     *("objects_back", "objects_gone", "places_back", "places_gone"),
 )
-_ROW = ("change", "subject", "predicate", "before", "after")
 
 
 def decoded_reply(where: str, decode: Callable[[A], T], reply: A) -> T:
@@ -127,17 +130,11 @@ def entry_from_json(data: Mapping[str, Any]) -> HistoryEvent:
     )
 
 
-def rows_to_json(found: Difference, base: str) -> list[Json]:
-    """The rows of a difference, by thing, described in words."""
-    return [dict(zip(_ROW, row, strict=True)) for row in found.rows(base)]
-
-
-def difference_to_json(found: Difference, base: str) -> Json:
-    """A difference between two states, described in words and as quads."""
+def difference_to_json(found: Difference) -> Json:
+    """A difference between two states as quads."""
     return {
         "before": found.before,
         "after": found.after,
-        "changes": rows_to_json(found, base),
         "added": lines(found.added),
         "removed": lines(found.removed),
     }
@@ -147,6 +144,42 @@ def difference_from_json(data: Mapping[str, Any]) -> Difference:
     """The inverse of `difference_to_json`."""
     added, removed = quads_from_lines(data["added"]), quads_from_lines(data["removed"])
     return Difference(data["before"], data["after"], added, removed)
+
+
+def comparison_to_json(found: Comparison) -> Json:
+    """The changes of objects between two moments."""
+    changes = [
+        {**asdict(one), "metres": None if one.metres is None else round(one.metres, 3)}
+        for one in found.changes
+    ]
+    return {**asdict(found), "changes": changes}
+
+
+def comparison_from_json(data: Mapping[str, Any]) -> Comparison:
+    """The inverse of `comparison_to_json`."""
+    changes = []
+    for one in data["changes"]:
+        points = {name: one[name] and tuple(one[name]) for name in ("was", "now")}
+        words = {
+            name: one[name] for name in ("kind", "iri", "category", "place", "before", "after")
+        }
+        changes.append(ObjectChange(**words, **points))
+    times, floor = tuple(data["times"]), tuple(data["floor"])
+    return Comparison(data["before"], data["after"], times, floor, tuple(changes))
+
+
+def timeline_to_json(found: Timeline) -> Json:
+    """A timeline, with times as ISO 8601."""
+    return {
+        "first": _moment_to_json(*found.first),
+        "last": _moment_to_json(*found.last),
+        "spans": [[iso(start), iso(end)] for start, end in found.spans],
+        "marks": [{**asdict(mark), "time": iso(mark.time)} for mark in found.marks],
+    }
+
+
+def _moment_to_json(sequence: int, time: float) -> Json:
+    return {"sequence": sequence, "time": iso(time)}
 
 
 def reason_to_json(reason: Explanation) -> Json:

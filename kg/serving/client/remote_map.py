@@ -13,6 +13,7 @@ from typing import Never
 from pyoxigraph import NamedNode, Quad
 
 from kg.history.replay.point_in_time import Difference
+from kg.history.reports.comparison import FAR, Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.storage.log import BACKGROUND
@@ -170,6 +171,10 @@ class RemoteHistory:
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """The quads of `t2` that `t1` lacks, and the other way round."""
         return self._served.diff(text_of(t1), text_of(t2))
+
+    def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
+        """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`."""
+        return self._served.compare(text_of(t1), None if t2 is None else text_of(t2), far)
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing, one a transaction."""

@@ -15,6 +15,7 @@ import requests
 from pyoxigraph import NamedNode
 
 from kg.history.replay.point_in_time import Difference
+from kg.history.reports.comparison import Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.maps.facts.assertions import is_unicode
@@ -37,6 +38,7 @@ from kg.serving.client.record_codec import (
     assertion_from_json,
     cause_to_json,
     change_from_json,
+    comparison_from_json,
     decoded_reply,
     difference_from_json,
     entry_from_json,
@@ -188,7 +190,7 @@ class ServedClient:
     def sequence_at(self, when: str) -> int:
         """The number of the last transaction at or before a moment."""
         return self._decoded(
-            lambda data: int(data["after"]), "GET", "diff", {"from": when, "to": when}
+            lambda data: int(data["after"]), "GET", "diff", {"from": when, "to": when, "facts": "1"}
         )
 
     def log(self, iri: str) -> tuple[HistoryEvent, ...]:
@@ -199,7 +201,13 @@ class ServedClient:
 
     def diff(self, before: str, after: str) -> Difference:
         """The difference between the states at two moments."""
-        return self._decoded(difference_from_json, "GET", "diff", {"from": before, "to": after})
+        params = {"from": before, "to": after, "facts": "1"}
+        return self._decoded(difference_from_json, "GET", "diff", params)
+
+    def compare(self, before: str, after: str | None, far: float) -> Comparison:
+        """The changes of objects between two moments."""
+        params = {"from": before, "far": f"{far:g}"} | ({} if after is None else {"to": after})
+        return self._decoded(comparison_from_json, "GET", "diff", params)
 
     def why(self, what: str) -> tuple[Explanation, ...]:
         """The explanation of a thing or of a fact."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
@@ -22,13 +23,14 @@ from kg.serving.server.endpoints.assertion_endpoints import assertions
 from kg.serving.server.endpoints.change_endpoint import changes
 from kg.serving.server.endpoints.find_endpoint import find
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
-from kg.serving.server.endpoints.history_endpoints import diff, log, why
+from kg.serving.server.endpoints.history_endpoints import diff, log, timeline, why
 from kg.serving.server.endpoints.page_files import page_file
 from kg.serving.server.endpoints.picture_endpoint import picture
 from kg.serving.server.endpoints.question_endpoint import question, questions
 from kg.serving.server.endpoints.restore_endpoint import restore
 from kg.serving.server.endpoints.room_endpoint import rooms
 from kg.serving.server.endpoints.sparql_protocol import sparql
+from kg.serving.server.endpoints.state_endpoint import state
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
 from kg.serving.server.http.bodies import json_response
@@ -41,6 +43,8 @@ from kg.serving.server.linked_data.root_page import console_page, root_page
 from kg.serving.server.metrics import MEDIA_TYPE, Reading
 
 _log = logging.getLogger("hereabouts.server")
+
+MIN_COMPRESSED = 1024  # [bytes] of an answer
 
 Answer = Callable[[AppState, Request], Awaitable[ASGIApp]]
 
@@ -70,6 +74,8 @@ def application(serving: AppState) -> ASGIApp:
         ("/log", log, get),
         ("/diff", diff, get),
         ("/why", why, get),
+        ("/timeline", timeline, get),
+        ("/state", state, get),
         ("/timemap", timemap, get),
         ("/timegate/{address:path}", timegate, get),
         ("/find", find, get),
@@ -94,7 +100,8 @@ def application(serving: AppState) -> ASGIApp:
         routes=routes, lifespan=lifespan, exception_handlers={HTTPException: routing_error}
     )
     app.router.redirect_slashes = False
-    return RequestGuard(app, serving.settings, serving.metrics)
+    compressed = GZipMiddleware(app, minimum_size=MIN_COMPRESSED, compresslevel=6)
+    return RequestGuard(compressed, serving.settings, serving.metrics)
 
 
 class _Endpoint:

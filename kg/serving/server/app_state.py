@@ -15,6 +15,7 @@ from kg.serving.server.http.client_sessions import Sessions
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
 from kg.serving.server.running_counts import RunningCounts
+from kg.serving.server.state_cache import StateCache
 from kg.serving.workers.pool import QueryPool
 
 #: State of programs beside the server, for `/health`: name -> state.
@@ -58,6 +59,7 @@ class AppState:
     status: Status = dict
     planner: Planner | None = None  # for `/find`
     planning: PlanningTurns = field(default_factory=PlanningTurns)
+    states: StateCache = field(default_factory=StateCache)
     sessions: Sessions = field(default_factory=Sessions)
 
     def author_of(self, request: Request) -> str:

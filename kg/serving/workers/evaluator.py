@@ -13,6 +13,7 @@ A message has a type byte, a length (4 bytes, little endian) and that many bytes
     >  T  a report on the history
     >  G  all graphs to serialise
     >  P  a past state to make
+    >  V  the state of the map that a page draws, perhaps of then
 """
 
 from __future__ import annotations
@@ -177,6 +178,12 @@ class Evaluator:
         report = history_report(self._store, request)
         self._send_all(request["media_type"], report.encode(), request)
 
+    def _draw(self, request: Request) -> None:
+        from kg.serving.workers.history_tasks import map_state  # as above
+
+        body = map_state(self._store, self._sequence, request)
+        self._send_all("application/json", body.encode(), request)
+
     def _send_all(self, media_type: str, body: bytes, request: Request, **more: object) -> None:
         sink = _Sink(self._send, request["max_bytes"])
         head = {"media_type": media_type, "sequence": self._sequence, **more}
@@ -243,6 +250,7 @@ _OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
     b"P": Evaluator._prepare_past,
     b"U": Evaluator._update,
     b"G": Evaluator._dump,
+    b"V": Evaluator._draw,
 }
 
 

@@ -14,14 +14,29 @@ from typing import Any, Final
 from pyoxigraph import Store
 
 from kg.history.curies import thing
+from kg.history.replay.map_state import Categories, present_state, state_after
 from kg.history.replay.past_state import PastStates
 from kg.history.replay.point_in_time import difference
+from kg.history.reports.comparison import compare
 from kg.history.reports.events import history_events
 from kg.history.reports.explanation import explain_fact
 from kg.history.reports.prov_export import provenance
-from kg.history.reports.text_report import difference_text, log_text, reasons_text
+from kg.history.reports.text_report import (
+    comparison_text,
+    difference_text,
+    log_text,
+    reasons_text,
+)
+from kg.history.reports.timeline import timeline
 from kg.history.storage.log import HistoryLog
-from kg.serving.client.record_codec import difference_to_json, entry_to_json, reason_to_json
+from kg.history.timestamps import iso
+from kg.serving.client.record_codec import (
+    comparison_to_json,
+    difference_to_json,
+    entry_to_json,
+    reason_to_json,
+    timeline_to_json,
+)
 
 JSON: Final = "application/json"
 TEXT: Final = "text/plain"
@@ -53,10 +68,34 @@ def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
 def _diff(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
     before, after = int(request["before"]), int(request["after"])
     log.check_kept(min(before, after))
-    found = difference(log, before, after)
-    if request["media_type"] == TEXT:
-        return difference_text(found, request["base"])
-    return _dumped(difference_to_json(found, request["base"]))
+    base, is_text = request["base"], request["media_type"] == TEXT
+    if request["facts"]:
+        facts = difference(log, before, after)
+        return difference_text(facts, base) if is_text else _dumped(difference_to_json(facts))
+    found = compare(log, Categories.of(store), base, before, after, request["far"])
+    return comparison_text(found) if is_text else _dumped(comparison_to_json(found))
+
+
+def _timeline(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
+    base = request["base"]
+    state = present_state(store, Categories.of(store), base)
+    there = {base + row["iri"] for row in state["objects"]}
+    return _dumped(timeline_to_json(timeline(log, base, there)))
+
+
+def map_state(store: Store, sequence: int, request: Mapping[str, Any]) -> str:
+    """The state of the map that a page draws: after the transaction ``at``, or of `store`."""
+    categories, base = Categories.of(store), request["base"]
+    head: dict[str, object] = {"sequence": request.get("at", sequence)}
+    if "at" in request:
+        with _frozen(request) as log:
+            state = state_after(log, int(request["at"]), categories, base)
+            head["time"] = iso(log.time_of(int(request["at"])))
+    else:
+        state = present_state(store, categories, base)
+    if not request["objects"]:
+        del state["objects"]
+    return _dumped(head | state)
 
 
 def _why(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
@@ -71,6 +110,7 @@ def _why(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
 _REPORTS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]] = {
     "log": _log,
     "diff": _diff,
+    "timeline": _timeline,
     "why": _why,
 }
 

@@ -197,6 +197,15 @@ class QueryPool:
         request = {"what": what, "media_type": media_type, **options}
         return await self._in_thread(self._call(request, None, at_least, None, b"T", asker))
 
+    async def state_async(
+        self, request: dict[str, Any], *, at: int | None, at_least: int, asker: Asker
+    ) -> Answer:
+        """What a page draws of the map now, or right after the transaction `at`, as JSON.
+
+        Raises as `run_async`; HistoryError for a past that is not kept.
+        """
+        return await self._in_thread(self._call(request, None, at_least, at, b"V", asker))
+
     def _queued(self, call: QueryCall) -> Answer:
         turn = self._queue.enter(call.asker.client, call.lane)
         try:
@@ -368,7 +377,7 @@ def _history_of(semantic_map: SemanticMap, home: Path | None) -> HistoryFile | N
 
 def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
     """The answer of a worker; a past state is replayed first, with a time limit of its own."""
-    if call.at is not None:
+    if call.at is not None and call.kind == b"Q":
         worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
         worker.past = call.at
     return worker.ask(request, call.timeout, call.kind)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Final, Literal, cast
 
+from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
@@ -18,7 +19,6 @@ from planner.search.goals.search_goals import resolve_target
 
 Value = Literal["present", "gone", "hidden", "never looked"]
 
-PRESENT: Final = 0.5  # existence from which on an object counts as present
 _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
 
 

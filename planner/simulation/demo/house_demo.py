@@ -30,7 +30,7 @@ from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
 from planner.display.plots.search_plot import plot_search
 from planner.execution.options import Event
-from planner.search.goals.status import PRESENT
+from kg.history.reports.comparison import PRESENT
 from planner.search.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house

@@ -46,11 +46,11 @@ def test_the_past_of_a_map(mapped: Path, prints: Prints) -> None:
     timed = json.loads(prints("ask", mapped, "robot", "--format", "json", "--at", robot[1]["time"]))
     latest = json.loads(prints("ask", mapped, "robot", "--format", "json"))
     assert earlier == timed != latest
-    rows = json.loads(prints("diff", mapped, "#2", "#8", "--json"))
+    rows = json.loads(prints("diff", mapped, "#2", "#8", "--facts", "--json"))
     (moved,) = [r for r in rows if (r["subject"], r["predicate"]) == ("robot", "x")]
     assert float(moved["before"]) == pytest.approx(earlier[0]["x"])
     assert float(moved["after"]) == pytest.approx(latest[0]["x"])
-    table = prints("diff", mapped, "#2", "#8")
+    table = prints("diff", mapped, "#2", "#8", "--facts")
     assert "robot" in table
     cells = next(line for line in table.splitlines() if "floor cells" in line)
     assert cells.rstrip().endswith(" characters")

@@ -1,4 +1,4 @@
-"""`/log`, `/diff`, `/why`: history of a thing, difference of two states, explanation.
+"""`/log`, `/diff`, `/why`, `/timeline`: history of a thing, comparison, explanation, axis of time.
 
 Workers compute them within the limits of queries, since a history can be long.
 """
@@ -6,12 +6,14 @@ Workers compute them within the limits of queries, since a history can be long.
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 from typing import Final
 
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.history.reports.comparison import FAR
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
@@ -29,6 +31,7 @@ from kg.store.sparql_client import SEQUENCE
 TYPES: Final[dict[str, tuple[str, ...]]] = {
     "log": (JSON, "text/plain"),
     "diff": (JSON, "text/plain"),
+    "timeline": (JSON,),
     "why": (JSON, "text/plain", "text/turtle"),
 }
 
@@ -39,8 +42,16 @@ async def log(serving: AppState, request: Request) -> Response:
 
 
 async def diff(serving: AppState, request: Request) -> Response:
-    """Difference of the map between ``?from=`` and ``&to=``."""
+    """Changes of objects between ``?from=`` and ``&to=`` (now), moved at least ``&far=`` metres.
+
+    With ``&facts=1`` all facts instead.
+    """
     return await _response(serving, request, "diff")
+
+
+async def timeline(serving: AppState, request: Request) -> Response:
+    """The times at which things changed."""
+    return await _response(serving, request, "timeline")
 
 
 async def why(serving: AppState, request: Request) -> Response:
@@ -84,9 +95,13 @@ async def _arguments(
     if what == "log":
         return {"iri": _needed(given, "iri"), "last": _last(given)}
     if what == "diff":
-        moments = [_needed(given, name) for name in ("from", "to")]
-        before, after = [await sequence_at(semantic_map, text) for text in moments]
-        return {"before": before, "after": after}
+        before = await sequence_at(semantic_map, _needed(given, "from"))
+        to = given.one("to")
+        after = semantic_map.sequence if to is None else await sequence_at(semantic_map, to)
+        facts, far = given.flag("facts"), _far(given.one("far"))
+        return {"before": before, "after": after, "facts": facts, "far": far}
+    if what == "timeline":
+        return {}
     if ("iri" in given) == ("what" in given):
         raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
     return {"about": given.one("iri") or _needed(given, "what")}
@@ -97,6 +112,16 @@ def _needed(given: RequestParameters, name: str) -> str:
     if not value:
         raise Problem(400, f"needs {name}=")
     return value
+
+
+def _far(text: str | None) -> float:
+    try:
+        far = FAR if text is None else float(text)
+    except ValueError:
+        far = -1.0
+    if not 0 <= far < math.inf:
+        raise Problem(400, f"far must be a distance in metres, such as 0.3, got {text!r:.40}")
+    return far
 
 
 def _last(given: RequestParameters) -> int | None:

@@ -24,7 +24,7 @@ export class Corrections {
 
   /** The form for a thing; null without a token. */
   form(thing) {
-    if (!hasToken() || !byId("corrector")) return null;
+    if (!hasToken() || !byId("corrector") || this._data.past !== null) return null; // the past cannot be written
     const isPlace = this._data.places.has(thing.iri);
     const name = element("input"), category = element("input");
     name.value = thing.label || "";

@@ -1,36 +1,15 @@
-// The data of the page: a present or past state read by SPARQL, updated by the feed of changes.
+// The data of the page: the state of the map at one moment, updated by the feed of changes if that is now.
 import { followChanges } from "/files/change-feed.js";
-import { isNumber, request, select } from "/files/server.js";
+import { isNumber, request, select, stateAt } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
 const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
 const MAP_GRAPH = "https://w3id.org/hereabouts/graph/map";
 
-const QUERIES = {
-  categories: `SELECT ?class ?label ?kind WHERE {
+const CATEGORIES = `SELECT ?class ?label ?kind WHERE {
     VALUES ?kind { here:Object here:Place }
-    GRAPH graph:commonsense { ?class here:isA ?kind } GRAPH graph:ontology { ?class rdfs:label ?label } }`,
-  objects: `SELECT ?iri ?class ?label ?x ?y ?z ?existence ?place ?seen ?deviation ?dx ?dy ?dz ?count WHERE {
-    GRAPH graph:map {
-      ?iri here:existence ?existence ; a ?class ; here:x ?x ; here:y ?y .
-      OPTIONAL { ?iri here:z ?z } OPTIONAL { ?iri rdfs:label ?label } OPTIONAL { ?iri here:inPlace ?place }
-      OPTIONAL { ?iri here:lastSeen ?seen } OPTIONAL { ?iri here:positionDeviation ?deviation }
-      OPTIONAL { ?iri here:observationCount ?count }
-      OPTIONAL { ?iri here:extentX ?dx ; here:extentY ?dy ; here:extentZ ?dz } } }`,
-  places: `SELECT ?iri ?label ?xmin ?xmax ?ymin ?ymax ?outline ?share ?viewed WHERE {
-    GRAPH graph:map { ?iri a here:Place ; here:xMin ?xmin ; here:xMax ?xmax ; here:yMin ?ymin ; here:yMax ?ymax .
-      OPTIONAL { ?iri rdfs:label ?label } OPTIONAL { ?iri here:outline ?outline }
-      OPTIONAL { ?iri here:viewedShare ?share } OPTIONAL { ?iri here:lastViewed ?viewed } } }`,
-  beliefs: `SELECT ?iri ?class ?belief WHERE {
-    GRAPH graph:map { ?iri a here:Place ; here:hasBelief ?held . ?held here:ofCategory ?class ; here:belief ?belief } }`,
-  doors: `SELECT ?x ?y WHERE { GRAPH graph:map { ?door a here:Door ; here:x ?x ; here:y ?y } }`,
-  robot: `SELECT ?iri ?x ?y ?heading ?seen WHERE {
-    GRAPH graph:map { ?iri a here:Robot ; here:x ?x ; here:y ?y ; here:heading ?heading ; here:lastSeen ?seen } }`,
-  floor: `SELECT ?x ?y ?z ?storey ?size ?cells ?viewed WHERE {
-    GRAPH graph:map { ?tile here:floorCells ?cells ; here:x ?x ; here:y ?y ; here:cellSize ?size .
-      OPTIONAL { ?tile here:z ?z } OPTIONAL { ?tile here:storey ?storey } OPTIONAL { ?tile here:viewTimes ?viewed } } }`,
-};
+    GRAPH graph:commonsense { ?class here:isA ?kind } GRAPH graph:ontology { ?class rdfs:label ?label } }`;
 
 /** Field of an object by predicate in the feed. */
 const FIELDS = {
@@ -83,29 +62,60 @@ export class MapData extends EventTarget {
     this.past = null; // number of the shown past transaction; null for the present
     this.labels = new Map(); // of categories
     this.kinds = new Map();
-    this._loading = 0;
+    this.time = null; // ISO 8601, of the shown past state
+    this._loading = new AbortController(); // of the last request
+    this._missed = null;
   }
 
-  /** Read the past state after transaction `past`, or the present state. */
-  async load(past = null) {
-    const number = ++this._loading;
-    if (!this.labels.size) await this._readCategories();
-    const names = ["objects", "places", "beliefs", "doors", "robot", "floor"];
-    const answers = await Promise.all(names.map((name) => select(QUERIES[name], past)));
-    const [objects, places, beliefs, doors, robot, floor] = answers.map((answer) => answer.rows);
-    const tiles = await Promise.all(floor.map((tile) => this._tile(tile)));
-    if (number !== this._loading) return; // meanwhile another state was requested
-    this.past = past;
-    this.sequence = past ?? Math.min(...answers.map((answer) => answer.sequence));
+  /** Read the state at `at` (ISO 8601 or the number of a transaction), or the present state.
+   *
+   * Returns whether it is shown; false if another state was requested meanwhile. What is shown stays until then. */
+  async load(at = null) {
+    this._loading.abort();
+    const { signal } = this._loading = new AbortController();
+    this._missed = []; // changes that arrive while the present is read
+    try {
+      if (!this.labels.size) await this._readCategories();
+      const state = await stateAt(at, { signal });
+      const tiles = await this._tilesOf(state);
+      if (signal.aborted) return false;
+      this._show(state, tiles, at !== null);
+    } catch (error) {
+      if (signal.aborted) return false;
+      throw error;
+    } finally {
+      if (!signal.aborted) this._missed = null;
+    }
+    return true;
+  }
+
+  _show(state, tiles, isPast) {
+    this.past = isPast ? state.sequence : null;
+    this.time = isPast ? state.time : null;
+    this.sequence = state.sequence;
     this.last = Math.max(this.last, this.sequence);
     this.objects = new Map();
-    objects.filter((one) => this._isObject(one)).forEach((one) => this.objects.set(one.iri, one));
-    this._takePlaces(places, beliefs);
-    this.doors = doors;
-    this.floor = tiles.filter(Boolean);
-    this.robot = robot[0] || null;
+    for (const one of state.objects) {
+      const iri = this.base + one.iri;
+      this.objects.set(iri, { ...one, iri, place: one.place && this.base + one.place });
+    }
     this.trail = [];
+    this._takeSurroundings(state, tiles);
+    const missed = this._missed || [];
+    this._missed = null;
+    if (!isPast) missed.filter((change) => change.sequence > state.sequence).forEach((change) => this._take(change));
     this._tell("changed");
+  }
+
+  _takeSurroundings(state, tiles) {
+    this._takePlaces(state.places);
+    this.doors = state.doors;
+    this.floor = tiles;
+    this.robot = state.robot && { ...state.robot, iri: this.base + state.robot.iri };
+  }
+
+  async _tilesOf(state) {
+    return (await Promise.all(state.floor.map((tile) => this._tile(tile)))).filter(Boolean);
   }
 
   /** Follow the feed of changes after the state that was read. */
@@ -162,6 +172,7 @@ export class MapData extends EventTarget {
   _take(change) {
     this.last = Math.max(this.last, change.sequence);
     this._tell("transaction", change);
+    this._missed?.push(change);
     if (this.past !== null) return;
     this.sequence = change.sequence;
     let around = false, back = false;
@@ -207,40 +218,30 @@ export class MapData extends EventTarget {
 
   /** Read places, doors and floor, at most once a second: they change often while a robot drives. */
   _readSurroundings() {
-    if (this._soon) return;
-    this._soon = setTimeout(async () => {
+    this._soon ??= setTimeout(async () => {
       try {
-        const names = ["places", "beliefs", "doors", "floor", "robot"];
-        const [places, beliefs, doors, floor, robot] = (await Promise.all(names.map((name) => select(QUERIES[name])))).map((a) => a.rows);
-        const tiles = await Promise.all(floor.map((tile) => this._tile(tile)));
-        if (this.past === null) {
-          this._takePlaces(places, beliefs);
-          this.doors = doors;
-          this.floor = tiles.filter(Boolean);
-          this.robot = this.robot || robot[0] || null;
-          this._tell("changed");
-        }
-      } finally {
-        this._soon = null;
+        const state = await stateAt(null, { objects: false });
+        const tiles = await this._tilesOf(state);
+        if (this.past === null) this._takeSurroundings({ ...state, robot: this.robot || state.robot }, tiles);
+        this._tell("changed");
+      } catch { /* the next change asks again */ } finally {
+        this._soon = undefined;
       }
     }, 1000);
   }
 
-  _takePlaces(rows, beliefs) {
-    const before = this.places;
+  _takePlaces(rows) {
     this.places = new Map();
     for (const row of rows) {
-      const kept = before.get(row.iri);
+      const iri = this.base + row.iri;
       const rings = row.outline ? ringsOf(row.outline)
         : [[[row.xmin, row.ymin], [row.xmax, row.ymin], [row.xmax, row.ymax], [row.xmin, row.ymax]]];
-      this.places.set(row.iri, { ...kept, ...row, rings, beliefs: [] });
+      this.places.set(iri, { ...row, iri, rings });
     }
-    for (const { iri, class: category, belief } of beliefs) this.places.get(iri)?.beliefs.push([category, belief]);
-    this.places.forEach((place) => place.beliefs.sort((a, b) => b[1] - a[1]));
   }
 
   async _readCategories() {
-    for (const { class: iri, label, kind } of (await select(QUERIES.categories)).rows) {
+    for (const { class: iri, label, kind } of (await select(CATEGORIES)).rows) {
       this.labels.set(iri, label);
       this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");
     }
@@ -249,12 +250,12 @@ export class MapData extends EventTarget {
   /** A tile with its cells and the times of their last views (minutes since 1970); cached by its text. */
   async _tile(row) {
     this._tiles ??= new Map();
-    const key = `${row.cells}|${row.viewed || ""}`;
+    const key = `${row.cells}|${row.views || ""}`;
     if (!this._tiles.has(key)) {
       if (this._tiles.size > 4000) this._tiles.clear();
       try {
         const cells = await inflated(row.cells);
-        const viewed = row.viewed ? new Uint32Array((await inflated(row.viewed)).buffer) : null;
+        const viewed = row.views ? new Uint32Array((await inflated(row.views)).buffer) : null;
         this._tiles.set(key, { cells, viewed, side: Math.sqrt(cells.length) });
       } catch {
         this._tiles.set(key, null); // an invalid tile is not drawn

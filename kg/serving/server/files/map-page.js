@@ -1,4 +1,5 @@
 // The page of the live map: its parts, the selected thing, and the address of that thing.
+import { ChangePanel } from "/files/change-panel.js";
 import { Corrections } from "/files/corrections.js";
 import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
@@ -7,14 +8,15 @@ import { ObjectList } from "/files/object-list.js";
 import { byId, status } from "/files/page-elements.js";
 import { PlanPanel } from "/files/plan-panel.js";
 import { ThingPanel } from "/files/thing-panel.js";
-import { TimeSlider } from "/files/time-slider.js";
+import { TimeAxis } from "/files/time-axis.js";
 
 const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
 const view = new MapView(byId("canvas"), data, shown);
 const corrections = new Corrections(data, () => { if (view.selected) choose(view.selected); });
 const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
-const slider = new TimeSlider(data);
+const axis = new TimeAxis(data, () => changes.compare(changes.from));
+const changes = new ChangePanel(data, view, goToChange);
 new PlanPanel(data, view, goTo);
 let listing = 0;
 let solid = null; // the view in three dimensions, after its first use
@@ -50,6 +52,12 @@ function goTo(iri) {
   if (one) view.goTo(one.x, one.y, undefined, one.z);
   if (place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
   choose(iri);
+}
+
+/** Select a changed thing; one that is gone has only its former position. */
+function goToChange({ iri, was, now }) {
+  if (data.objects.has(data.base + iri)) goTo(data.base + iri);
+  else view.goTo(...(now || was));
 }
 
 function goToAddress() {
@@ -90,7 +98,7 @@ function forgetSolid() {
 function showTransaction({ sequence, cause }) {
   byId("sequence").textContent = sequence;
   byId("cause").textContent = [cause.by, cause.note || cause.kind].filter(Boolean).join(": ");
-  slider.follow();
+  axis.follow();
 }
 
 byId("solid").addEventListener("click", turn);
@@ -104,7 +112,7 @@ document.querySelectorAll("[data-layer]").forEach((box) => box.addEventListener(
 }));
 view.onLost = forgetSolid;
 view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
-data.addEventListener("changed", () => { slider.follow(); refresh(); });
+data.addEventListener("changed", refresh);
 data.addEventListener("on", () => { byId("live").className = "live on"; });
 data.addEventListener("off", () => { byId("live").className = "live off"; });
 data.addEventListener("transaction", ({ detail }) => showTransaction(detail));
@@ -117,5 +125,6 @@ data.load().then(() => {
   corrections.offerCategories();
   goToAddress();
   data.follow();
+  axis.follow();
   document.documentElement.dataset.ready = "true";
 }).catch((error) => status(`the map cannot be read: ${error.message}`));

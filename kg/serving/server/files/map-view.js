@@ -1,6 +1,6 @@
 // The map on a canvas: the visible part, and the order of the layers.
 import { FloorLayer } from "/files/floor-layer.js";
-import { drawHighlights } from "/files/highlight-layer.js";
+import { drawChanges, drawHighlights } from "/files/highlight-layer.js";
 import { drawText, inside, Taken } from "/files/map-drawing.js";
 import { listen } from "/files/map-gestures.js";
 import { ObjectLayer } from "/files/object-layer.js";
@@ -20,6 +20,7 @@ export class MapView {
     this.layers = { floor: true, viewed: false, labels: true, boxes: true, trail: true };
     this.selected = null; // IRI
     this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer; positions in metres
+    this.changes = []; // of `/diff`, drawn as signs
     this.plan = null; // the answer of `/find`
     this.solid = null; // the view in three dimensions while it replaces this one
     this.scale = 40; // [px/m]
@@ -169,6 +170,7 @@ export class MapView {
     drawPlan(c, this, taken);
     this._objects.draw(c, taken);
     drawHighlights(c, this);
+    drawChanges(c, this);
     drawTrail(c, this);
     drawRobot(c, this, taken);
     drawPlaceNames(c, this, taken);

@@ -36,6 +36,12 @@ async function reasonOf(answer) {
   }
 }
 
+/** What a page draws at a moment (ISO 8601 or the number of a transaction), or now; perhaps without objects. */
+export async function stateAt(at, { signal, objects = true } = {}) {
+  const given = new URLSearchParams({ ...(at === null ? {} : { at }), ...(objects ? {} : { objects: "0" }) });
+  return (await request(`/state?${given}`, { accept: "application/json", signal })).json();
+}
+
 /** The answer to a query: {rows, sequence}; `at` is a transaction number, or null for the present. */
 export async function select(query, at = null) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {

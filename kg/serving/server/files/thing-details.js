@@ -28,8 +28,9 @@ function unique(rows) {
   });
 }
 
-/** The explanation, as of `hereabouts why`. */
+/** The explanation, as of `hereabouts why`; only of the present. */
 export async function whyOf(data, iri) {
+  if (data.past !== null) return [element("p", "Reasons are told for the present: choose now.")];
   const answer = await request(`/why?iri=${encodeURIComponent(data.pathOf(iri))}`, { accept: "text/plain" });
   return [element("pre", await answer.text())];
 }
@@ -37,7 +38,7 @@ export async function whyOf(data, iri) {
 /** Its existence over time, and its last changes. */
 export async function historyOf(data, iri) {
   const answer = await request(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`, { accept: "application/json" });
-  const events = await answer.json();
+  const events = (await answer.json()).filter((event) => data.past === null || event.sequence <= data.past);
   const items = events.slice(-8).reverse().map((event) =>
     element("li", `${event.time.slice(0, 19).replace("T", " ")} #${event.sequence} ${event.by || event.kind}: ${event.changes.slice(0, 4).join("; ")}`));
   return [sparkline(events), element("ul", "", ...items)];
@@ -64,7 +65,7 @@ function sparkline(events) {
 /** The picture of an object's best observation, drawn; null where none is kept. */
 export async function pictureOf(data, iri) {
   const number = /^object\/(\d+)$/.exec(data.pathOf(iri));
-  if (!number) return null;
+  if (!number || data.past !== null) return null; // a picture of the present would not belong here
   const answer = await request(`/pictures/${number[1]}`, { accept: "image/jpeg" }).catch(() => null);
   const image = answer?.status === 200 && await createImageBitmap(await answer.blob()).catch(() => null);
   if (!image) return null;

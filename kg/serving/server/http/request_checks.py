@@ -23,7 +23,9 @@ from kg.store.sparql_client import CONFIRM, CONFIRMED
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
 #: paths that links of other sites may not open, since opening them runs a query
-_NO_LINKS: Final = frozenset(("sparql", "subscribe", "changes", "log", "diff", "why"))
+_NO_LINKS: Final = frozenset(
+    ("sparql", "subscribe", "changes", "log", "diff", "why", "state", "timeline")
+)
 _ENTRIES: Final = frozenset(("/", "/console"))
 
 

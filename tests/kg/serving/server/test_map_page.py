@@ -118,11 +118,66 @@ def test_the_past_is_shown_as_it_was(served: Served, open_page: OpenPage) -> Non
     served.put(3, "bowl", 2.0, 2.0)
     page = open_page()
     says(page, "#count", "3 of 3 objects")
-    page.locator("#time").fill(str(first))
-    says(page, "#moment", f"transaction {first}")
+    page.click("#earlier")
     says(page, "#count", "2 of 2 objects")
-    page.locator("#time").fill(str(served.map.sequence))
+    says(page, "#moment", "20")  # a date
+    assert f"transaction {first} of" in page.locator("#moment").get_attribute("title")
+    page.locator("#time").fill("10000")
     says(page, "#count", "3 of 3 objects")
+    says(page, "#moment", "now")
+    page.locator("#time").fill("0")
+    says(page, "#count", "0 of 0 objects")
+
+
+def test_who_drags_through_time_asks_for_one_state_at_a_time(
+    served: Served, open_page: OpenPage
+) -> None:
+    for n in range(20):
+        served.move(1, 1 + n / 10)
+    page = open_page()
+    says(page, "#moment", "now")
+    page.wait_for_selector("#marks text")
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.evaluate("""() => { const time = document.getElementById("time");
+        for (let step = 10000; step >= 0; step -= 40) {
+          time.value = step;
+          time.dispatchEvent(new Event("input")); } }""")
+    says(page, "#count", "0 of 0 objects")
+    states = [url for url in asked if "/state?at=" in url]
+    assert 1 <= len(states) <= 3
+    assert len([url for url in asked if "/sparql" in url]) == 0
+
+
+def test_a_moment_that_cannot_be_shown_leaves_the_label_of_what_is_drawn(
+    served: Served, open_page: OpenPage
+) -> None:
+    page = open_page()
+    page.wait_for_selector("#marks text")
+    page.route("**/state?at=*", lambda route: route.fulfill(status=503, body="too many"))
+    page.locator("#time").fill("0")
+    says(page, "#status", "too many")
+    says(page, "#moment", "now")
+    says(page, "#count", "2 of 2 objects")
+    assert page.input_value("#time") == "10000"
+
+
+def test_two_moments_are_compared(served: Served, open_page: OpenPage) -> None:
+    served.put(3, "bowl", 2.0, 2.0)
+    served.move(1, 3.0)
+    page = open_page()
+    page.click("#earlier")
+    page.click("#earlier")
+    says(page, "#count", "2 of 2 objects")
+    page.click("#compare")
+    says(page, "#changes", "No thing came")
+    page.click("#now")
+    says(page, "#changes", "Appeared (1)")
+    says(page, "#changes", "cup 1 by 2.00 m")
+    page.click("#changes >> text=cup 1")
+    says(page, "#about h2", "cup 1")
+    page.click("#compare")
+    page.wait_for_selector("#changes h3", state="detached")
 
 
 def test_a_correction_lands_in_the_graph_and_on_other_pages(

@@ -13,12 +13,18 @@ import pytest
 import rdflib
 from pyoxigraph import Quad
 
-from kg.history.reports.text_report import difference_text, log_text, reasons_text
+from kg.history.reports.text_report import (
+    comparison_text,
+    difference_text,
+    log_text,
+    reasons_text,
+)
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError, QueryParameterError, QueryTimeoutError
 from kg.model.records import MapUpdate
+from kg.serving.client.record_codec import comparison_from_json
 from kg.serving.opening import open_map
 from kg.serving.server import Limits
 from planner.cli import main
@@ -32,6 +38,7 @@ COMMANDS = (
     ("log", "object/1", "--last", "1", "--json"),
     ("diff", "#2", "#5"),
     ("diff", "#2", "#5", "--json"),
+    ("diff", "#2", "#5", "--facts"),
     ("why", "object/1 here:x"),
     ("why", "object/2", "--format", "ttl"),
     ("ask", "objects", "--at", "#3", "--format", "csv"),
@@ -190,16 +197,29 @@ def test_a_things_history_is_told(moved: Served) -> None:
 
 
 def test_two_moments_are_compared(moved: Served) -> None:
+    here = moved.map.history.compare(2, 5)
+    assert [(one.kind, one.iri) for one in here.changes] == [
+        ("gone", "object/2"),
+        ("moved", "object/1"),
+    ]
+    assert comparison_from_json(moved.get("diff?from=2").json()) == here
+    text = moved.get("diff?from=2&to=5", headers={"Accept": "text/plain"}).text
+    assert text == comparison_text(here)
+    assert "moved object/1 cup: 2.00, 0.50, 0.80 -> 4.00, 0.50, 0.80" in text
+    assert [one["kind"] for one in moved.get("diff?from=2&far=3").json()["changes"]] == ["gone"]
+    for refused in ("diff?to=2", "diff?from=2&far=near", "diff?from=2&far=-1"):
+        assert moved.get(refused).status_code == 400
+
+
+def test_the_facts_of_two_moments_are_compared(moved: Served) -> None:
     here = moved.map.history.diff(2, 5)
-    told = moved.get("diff", params={"from": "2", "to": "#5"}).json()
+    told = moved.get("diff", params={"from": "2", "to": "#5", "facts": "1"}).json()
     assert (told["before"], told["after"]) == (2, 5)
     assert set(told["added"]) == {f"{quad} ." for quad in here.added}
-    assert [tuple(row.values()) for row in told["changes"]] == here.rows(moved.map.base)
-    text = moved.get("diff?from=2&to=5", headers={"Accept": "text/plain"}).text
+    text = moved.get("diff?from=2&to=5&facts=1", headers={"Accept": "text/plain"}).text
     assert text == difference_text(here, moved.map.base)
-    back = moved.get("diff?from=5&to=2").json()
+    back = moved.get("diff?from=5&to=2&facts=1").json()
     assert set(back["removed"]) == set(told["added"])
-    assert moved.get("diff?from=2").status_code == 400
 
 
 def test_a_fact_is_explained(moved: Served) -> None:

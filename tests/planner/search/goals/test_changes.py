@@ -15,7 +15,6 @@ from kg.model.errors import HistoryError
 from kg.model.records import DepartedRecord, MapUpdate
 from kg.serving.opening import create_map, in_memory_map
 from planner.cli import main
-from planner.search.goals.moves import moved_things
 from tests.planner.flat import fill
 
 
@@ -31,19 +30,44 @@ def rearranged(semantic_map: SemanticMap) -> SemanticMap:
     return semantic_map
 
 
-def test_what_stands_elsewhere_moved_and_what_is_gone_or_was_pushed_did_not() -> None:
+def test_what_changed_between_two_moments() -> None:
     with rearranged(in_memory_map()) as semantic_map:
-        (cup,) = moved_things(semantic_map, "#1")
-        assert (cup.category, cup.place) == ("cup", semantic_map.place_iri(2))
-        assert cup.was.tolist() == [3.0, 1.0, 0.8] and cup.now.tolist() == [6.0, 2.0, 0.8]
+        compare = semantic_map.history.compare
+        gone, cup = compare("#1").changes
+        assert (gone.kind, gone.category, gone.now) == ("gone", "banana", None)
+        assert (cup.kind, cup.category, cup.place) == ("moved", "cup", "place/2")
+        assert (cup.was, cup.now) == ((3.0, 1.0, 0.8), (6.0, 2.0, 0.8))
         assert cup.metres == pytest.approx(10**0.5)
-        assert [one.category for one in moved_things(semantic_map, "#1", far=0.05)] == [
-            "cup",
-            "bed",
+        near = compare("#1", far=0.05).changes
+        assert [one.category for one in near] == ["banana", "cup", "bed"]
+        back = compare("#2", "#1").changes
+        assert [(one.kind, one.category) for one in back] == [
+            ("appeared", "banana"),
+            ("moved", "cup"),
         ]
-        assert moved_things(semantic_map, "#1", "#1") == ()
+        assert compare("#1", "#1").changes == ()
         with pytest.raises(HistoryError):
-            moved_things(semantic_map, "#99")
+            compare("#99")
+
+
+def test_a_move_within_its_uncertainty_is_none() -> None:
+    with fill(in_memory_map()) as semantic_map:
+        _, cup, _ = semantic_map.objects()
+        vague = replace(cup, p_map=cup.p_map + np.array([0.9, 0, 0]), deviation=0.5)
+        semantic_map.apply(MapUpdate(objects=(vague,)))
+        assert semantic_map.history.compare("#1").changes == ()
+        sure = replace(vague, deviation=0.1)
+        semantic_map.apply(MapUpdate(objects=(sure,)))
+        (moved,) = semantic_map.history.compare("#1").changes
+        assert moved.metres == pytest.approx(0.9)
+
+
+def test_another_name_is_a_change() -> None:
+    with fill(in_memory_map()) as semantic_map:
+        _, cup, _ = semantic_map.objects()
+        semantic_map.assertions.add(cup.iri, "label", "the blue mug", by="ann")
+        (named,) = semantic_map.history.compare("#1").changes
+        assert (named.kind, named.sides[1]) == ("relabelled", "the blue mug")
 
 
 def test_last_seen_lists_what_left_too() -> None:
@@ -69,17 +93,20 @@ def test_between_two_things_stand_those_on_the_strip_in_order() -> None:
         assert semantic_map.query("between", one=bed, other="object/99", width=50.0).rows == ()
 
 
-def test_the_command_prints_what_moved(tmp_path: Path, capsys) -> None:
+def test_the_command_prints_what_changed(tmp_path: Path, capsys) -> None:
     path = tmp_path / "flat.map"
     rearranged(create_map(path, base="https://example.org/flat/")).close()
     assert main(["diff", str(path), "#1", "#2", "--moved", "--json"]) == 0
     (cup,) = json.loads(capsys.readouterr().out)
     assert cup == {
+        "change": "moved",
         "thing": "object/2",
         "category": "cup",
-        "from": [3.0, 1.0, 0.8],
-        "to": [6.0, 2.0, 0.8],
+        "before": "3.00, 1.00, 0.80",
+        "after": "6.00, 2.00, 0.80",
         "metres": 3.16,
     }
-    assert main(["diff", str(path), "#1", "#2", "--moved"]) == 0
-    assert "6.00, 2.00, 0.80" in capsys.readouterr().out
+    assert main(["diff", str(path), "#1", "#2"]) == 0
+    shown = capsys.readouterr()
+    assert "6.00, 2.00, 0.80" in shown.out and "gone" in shown.out
+    assert "m² of floor seen" in shown.err

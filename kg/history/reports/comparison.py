@@ -1,0 +1,141 @@
+"""Comparison of two moments: objects that appeared, are gone, moved or have another name."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from kg.history.replay.map_state import Categories, Row, State, state_after
+from kg.history.storage.log import HistoryLog
+from kg.history.timestamps import iso
+
+PRESENT: Final = 0.5  # existence from which on an object counts as present
+FAR: Final = 0.3  # [m] from which on an object counts as moved
+SURE: Final = 2.0  # standard deviations of the distance that a move must exceed, too
+_MAX_CELLS: Final = 1 << 20  # of one tile, whatever its text claims
+
+Kind = Literal["appeared", "gone", "moved", "relabelled"]
+Point = tuple[float, float, float]
+_ORDER: Final[tuple[Kind, ...]] = ("appeared", "gone", "moved", "relabelled")
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectChange:
+    """The change of one object between two moments."""
+
+    kind: Kind
+    iri: str  # without the base of the map
+    category: str  # label
+    place: str | None  # IRI without the base: where it is, or was
+    was: Point | None = None  # [m] position at the first moment
+    now: Point | None = None  # [m] position at the second moment
+    before: str | None = None  # former name, of an object that is relabelled
+    after: str | None = None
+
+    @property
+    def metres(self) -> float | None:
+        """[m] from the first to the second position."""
+        return None if self.was is None or self.now is None else math.dist(self.was, self.now)
+
+    @property
+    def sides(self) -> tuple[str, str]:
+        """The two states in words."""
+        if self.kind == "relabelled":
+            return self.before or "", self.after or ""
+        return _at(self.was), _at(self.now)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The difference between two moments as people see it."""
+
+    before: int  # sequence numbers
+    after: int
+    times: tuple[str, str]  # ISO 8601
+    floor: tuple[float, float]  # [m^2] of the floor that had been seen
+    changes: tuple[ObjectChange, ...]
+
+    @property
+    def floor_words(self) -> str:
+        """The floor in one line."""
+        before, after = self.floor
+        if before == after:
+            return f"{after:.1f} m² of floor seen"
+        return f"{before:.1f} m² of floor seen, then {after:.1f} m²"
+
+
+def compare(
+    log: HistoryLog, categories: Categories, base: str, before: int, after: int, far: float = FAR
+) -> Comparison:
+    """The changes between the states after two transactions, by kind; moves the farthest first.
+
+    An object is there if its existence is at least `PRESENT`. It has moved if it stands at least
+    `far` [m] away, and farther than the uncertainty of both positions, so that a bed that is seen
+    from another side has not moved. Raises HistoryError if a moment is not kept.
+    """
+    first, second = (state_after(log, number, categories, base) for number in (before, after))
+    old, new = ({row["iri"]: row for row in _present(state)} for state in (first, second))
+    changes = [
+        *(_change("appeared", row, categories.label) for iri, row in new.items() if iri not in old),
+        *(_change("gone", row, categories.label) for iri, row in old.items() if iri not in new),
+        *(one for iri in old.keys() & new.keys() for one in _kept(old[iri], new[iri], categories)),
+    ]
+    found = [one for one in changes if one.kind != "moved" or (one.metres or 0.0) >= far]
+    found.sort(key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), _natural(one.iri)))
+    floors = _floor_area(first), _floor_area(second)
+    times = iso(log.time_of(before)), iso(log.time_of(after))
+    return Comparison(before, after, times, floors, tuple(found))
+
+
+def _present(state: State) -> Iterator[Row]:
+    return (row for row in state["objects"] if row["existence"] >= PRESENT)
+
+
+def _change(kind: Kind, row: Row, label: Callable[[str], str]) -> ObjectChange:
+    was, now = (_point(row), None) if kind == "gone" else (None, _point(row))
+    return ObjectChange(kind, row["iri"], label(row["class"]), row.get("place"), was, now)
+
+
+def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
+    """The changes of an object that is there at both moments; its move may be short."""
+    was, now, place = _point(old), _point(new), new.get("place")
+    deviation = math.hypot(old.get("deviation", 0.0), new.get("deviation", 0.0))
+    category = categories.label(new["class"])
+    if was != now and math.dist(was, now) >= SURE * deviation:
+        yield ObjectChange("moved", new["iri"], category, place, was, now)
+    names = [row.get("label") or categories.label(row["class"]) for row in (old, new)]
+    if names[0] != names[1] or old["class"] != new["class"]:
+        kinds = [categories.label(row["class"]) for row in (old, new)]
+        texts = names if names[0] != names[1] else kinds
+        yield ObjectChange("relabelled", new["iri"], category, place, was, now, *texts)
+
+
+def _point(row: Row) -> Point:
+    return row["x"], row["y"], row.get("z", 0.0)
+
+
+def _at(point: Point | None) -> str:
+    return "" if point is None else ", ".join(f"{value:.2f}" for value in point)
+
+
+def _natural(iri: str) -> tuple[str, int]:
+    head, _, number = iri.rpartition("/")
+    return (head, int(number)) if number.isascii() and number.isdigit() else (iri, 0)
+
+
+def _floor_area(state: State) -> float:
+    """[m^2] of the cells that have been seen."""
+    return round(sum(_known_cells(row["cells"]) * row["size"] ** 2 for row in state["floor"]), 2)
+
+
+def _known_cells(text: str) -> int:
+    try:
+        data = zlib.decompressobj().decompress(base64.b64decode(text), _MAX_CELLS)
+    except (binascii.Error, ValueError, zlib.error):
+        return 0
+    return len(data) - data.count(0)

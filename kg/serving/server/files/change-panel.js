@@ -1,0 +1,67 @@
+// What changed from one moment to the shown one: a list, and signs on the map.
+import { button, byId, element } from "/files/page-elements.js";
+import { request } from "/files/server.js";
+import { clock } from "/files/time-axis.js";
+
+const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names" };
+const MAX_ENTRIES = 100; // of each kind
+
+export class ChangePanel {
+  /** `choose(change)` selects a changed thing, or goes to where it was. */
+  constructor(data, view, choose) {
+    this._data = data;
+    this._view = view;
+    this._choose = choose;
+    this.from = null; // ISO 8601 or a number: the first of the two moments
+    this._asked = new AbortController();
+    byId("compare").addEventListener("click", () => this.compare(this.from === null ? this._data.time ?? String(this._data.last) : null));
+  }
+
+  /** Compare a moment with what is shown; null ends it. */
+  async compare(from) {
+    this.from = from;
+    this._asked.abort();
+    const { signal } = this._asked = new AbortController();
+    byId("compare").setAttribute("aria-pressed", String(from !== null));
+    if (from === null) return this._clear();
+    const to = this._data.past, given = new URLSearchParams({ from, ...(to === null ? {} : { to }) });
+    try {
+      const found = await (await request(`/diff?${given}`, { accept: "application/json", signal })).json();
+      if (to === this._data.past) this._show(found); // else the moment has changed meanwhile
+    } catch (error) {
+      if (!signal.aborted) this._clear(element("p", error.message));
+    }
+    return undefined;
+  }
+
+  _clear(...content) {
+    byId("changes").replaceChildren(...content);
+    this._view.changes = [];
+    this._view.draw();
+  }
+
+  _show(found) {
+    this._view.changes = found.changes;
+    this._view.draw();
+    const [before, after] = found.times.map((time) => clock(time));
+    const lists = Object.entries(TITLES).flatMap(([kind, title]) => this._list(title, found.changes.filter((one) => one.kind === kind)));
+    const [first, second] = found.floor.map((area) => `${area.toFixed(1)} m²`);
+    byId("changes").replaceChildren(
+      element("h3", `From ${before} to ${this._data.past === null ? "now" : after}`),
+      ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name.")]),
+      element("p", first === second ? `${second} of floor seen` : `floor seen: ${first}, then ${second}`),
+    );
+  }
+
+  _list(title, changes) {
+    if (!changes.length) return [];
+    const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", button(`${one.category} ${one.iri.replace(/^.*\//, "")}`, () => this._choose(one)), wordsOf(one)));
+    const more = changes.length - entries.length;
+    return [element("h4", `${title} (${changes.length})`), element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
+  }
+}
+
+function wordsOf(one) {
+  if (one.kind === "moved") return ` by ${one.metres.toFixed(2)} m`;
+  return one.kind === "relabelled" ? `: ${one.before} is ${one.after} now` : "";
+}

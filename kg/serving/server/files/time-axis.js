@@ -1,0 +1,185 @@
+// The clock axis: the times of the map without quiet times, with marks where things changed. It selects what is shown.
+import { byId, status } from "/files/page-elements.js";
+import { request } from "/files/server.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const STEPS = 10000; // of the range input; the last one is now
+const FRAMES = 120; // from the first moment to the last when playing
+const BREAK = 0.015; // of the axis, for a quiet time
+const RENEWAL = 5000; // [ms] between two requests for the marks
+const SPAN = 1000; // [ms] of a span with a single moment
+
+/** A time as people write it: date, clock time, and milliseconds of neighbours that share a second. */
+export function clock(time, parts = { dateStyle: "medium", timeStyle: "medium" }) {
+  return new Intl.DateTimeFormat(document.documentElement.lang || "en", parts).format(new Date(time));
+}
+
+export class TimeAxis {
+  /** `shown()` is called after another moment is shown. */
+  constructor(data, shown) {
+    this._data = data;
+    this._shown = shown;
+    this._input = byId("time");
+    this._line = null; // the answer of `/timeline`
+    this._parts = []; // spans: beginning and end [ms], and on the axis [0..1]
+    this._wanted = undefined; // the moment to show next: ISO 8601, or null for now
+    this._timer = null;
+    this._asked = 0; // [ms]
+    this._input.max = STEPS;
+    this._input.addEventListener("input", () => this.show(this._timeAt(Number(this._input.value))));
+    byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
+    byId("earlier").addEventListener("click", () => this._step(-1));
+    byId("later").addEventListener("click", () => this._step(1));
+    byId("now").addEventListener("click", () => this.show(null));
+    new ResizeObserver(() => this._draw()).observe(byId("marks"));
+    data.addEventListener("changed", () => this._label());
+  }
+
+  /** Read the marks, at most every few seconds. */
+  async follow() {
+    if (this._waiting) return;
+    this._waiting = true;
+    await new Promise((done) => setTimeout(done, Math.max(this._asked + RENEWAL - performance.now(), 0)));
+    this._asked = performance.now();
+    this._waiting = false;
+    try {
+      this._line = await (await request("/timeline", { accept: "application/json" })).json();
+      this._lay();
+      this._draw();
+    } catch (error) {
+      this._line = null;
+      byId("past").title = `no past: ${error.message}`; // a map without a history
+    }
+    byId("past").classList.toggle("empty-past", !this._line);
+    for (const one of [this._input, byId("play"), byId("earlier"), byId("later"), byId("compare")]) one.disabled = !this._line;
+    this._label();
+  }
+
+  /** Show a moment (ISO 8601 or a number), or now (null). One state is read at a time: the last one that was wanted. */
+  async show(at) {
+    this._wanted = at;
+    byId("past").setAttribute("aria-busy", "true");
+    if (this._busy) return this._busy;
+    this._busy = this._showWanted();
+    await this._busy;
+    this._busy = null;
+    byId("past").removeAttribute("aria-busy");
+    this._label();
+    return undefined;
+  }
+
+  async _showWanted() {
+    while (this._wanted !== undefined) {
+      const at = this._wanted;
+      this._wanted = undefined;
+      try {
+        if (await this._data.load(at)) this._shown();
+        status("");
+      } catch (error) {
+        status(`${at === null ? "the present" : at} cannot be shown: ${error.message}`);
+      }
+    }
+  }
+
+  /** Name the state that is drawn, and no other. */
+  _label() {
+    const { time, past, last } = this._data;
+    byId("moment").textContent = past === null ? "now" : clock(time);
+    byId("moment").title = past === null ? "" : `${time}, after transaction ${past} of ${last}`;
+    this._input.setAttribute("aria-valuetext", byId("moment").textContent);
+    byId("now").disabled = past === null;
+    if (!this._busy) this._input.value = past === null ? STEPS : this._placeOf(Date.parse(time)) * STEPS;
+  }
+
+  /** Lay the spans side by side, in proportion to their length. */
+  _lay() {
+    const spans = this._line.spans.map(([start, end]) => [Date.parse(start), Math.max(Date.parse(end), Date.parse(start) + SPAN)]);
+    const gap = spans.length > 1 ? Math.min(BREAK, 0.3 / spans.length) : 0;
+    const total = spans.reduce((sum, [start, end]) => sum + end - start, 0);
+    const least = Math.min(0.04, 0.5 / spans.length), free = 1 - gap * (spans.length - 1) - least * spans.length;
+    let at = 0;
+    this._parts = spans.map(([start, end]) => {
+      const width = least + free * (end - start) / total, part = { start, end, from: at, to: at + width };
+      at += width + gap;
+      return part;
+    });
+  }
+
+  _placeOf(time) {
+    const part = this._parts.find((one) => time <= one.end) || this._parts.at(-1);
+    if (!part) return 0;
+    return part.from + Math.min(Math.max((time - part.start) / (part.end - part.start), 0), 1) * (part.to - part.from);
+  }
+
+  /** The moment at a step of the range input; null for now. */
+  _timeAt(step) {
+    const at = step / STEPS, part = this._parts.find((one) => at <= one.to) || this._parts.at(-1);
+    if (step >= STEPS || !part) return null;
+    const share = Math.max((at - part.from) / (part.to - part.from), 0);
+    return new Date(part.start + share * (part.end - part.start)).toISOString();
+  }
+
+  _draw() {
+    const svg = byId("marks"), width = svg.clientWidth;
+    if (!this._line || !width) return;
+    svg.setAttribute("viewBox", `0 0 ${width} 26`);
+    const parts = this._parts.map((one) => drawn("rect", { x: one.from * width, y: 3, width: (one.to - one.from) * width, height: 3, class: "span" }));
+    const marks = this._line.marks.map((mark) => this._mark(mark, width));
+    svg.replaceChildren(...parts, ...marks, ...this._times(width));
+  }
+
+  _mark(mark, width) {
+    const x = this._placeOf(Date.parse(mark.time)) * width, height = Math.min(3 + 2 * Math.log2(1 + mark.objects), 9);
+    const made = mark.edits ? drawn("circle", { cx: x, cy: 5, r: 3.5, class: "edit" }) : drawn("rect", { x: x - 0.75, y: 9 - height, width: 1.5, height });
+    const words = [mark.objects && `${mark.objects} things came or went`, mark.edits && `${mark.edits} edits`].filter(Boolean).join(", ");
+    made.append(drawn("title", {}, `${clock(mark.time)}: ${words}`));
+    return made;
+  }
+
+  /** The times of the beginnings of spans, where there is room. */
+  _times(width) {
+    let free = 0, day = "";
+    const made = [];
+    for (const { start, from } of this._parts) {
+      const date = clock(start, { dateStyle: "medium" }), text = `${date === day ? "" : `${date}, `}${clock(start, { timeStyle: "short" })}`;
+      const x = from * width, long = 6.2 * text.length;
+      if (x < free || x + long > width) continue;
+      made.push(drawn("text", { x, y: 22 }, text));
+      free = x + long + 12;
+      day = date;
+    }
+    return made;
+  }
+
+  /** Show the state before or after the next mark. */
+  _step(direction) {
+    const marks = this._line?.marks || [], at = this._data.past ?? Infinity;
+    const next = direction > 0 ? marks.find((mark) => mark.sequence > at) : marks.filter((mark) => mark.sequence < at).at(-1);
+    if (next) return this.show(String(next.sequence));
+    return direction > 0 ? this.show(null) : this.show(String(this._line.first.sequence));
+  }
+
+  _play() {
+    let step = this._data.past === null ? 0 : Number(this._input.value);
+    byId("play").textContent = "stop";
+    this._timer = setInterval(async () => {
+      if (this._busy) return;
+      step = Math.min(step + STEPS / FRAMES, STEPS);
+      await this.show(this._timeAt(step));
+      if (step >= STEPS) this._stop();
+    }, 120);
+  }
+
+  _stop() {
+    clearInterval(this._timer);
+    this._timer = null;
+    byId("play").textContent = "play";
+  }
+}
+
+function drawn(name, attributes, text = "") {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.textContent = text;
+  return made;
+}

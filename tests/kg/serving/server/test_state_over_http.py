@@ -1,0 +1,98 @@
+"""`/state` and `/timeline`: what a page draws at one moment, and the times of changes."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from kg.model.records import FREE, FloorTile, MapUpdate
+from kg.serving.server import Limits
+
+if TYPE_CHECKING:
+    from conftest import Served
+
+
+def test_a_state_has_all_that_a_page_draws(served: Served) -> None:
+    tile = FloorTile(0, 0, 0, 0.0, 0.1, np.full((32, 32), FREE, np.uint8), 0.0)
+    served.map.apply(MapUpdate(floor=(tile,)))
+    state = served.get("state").json()
+    assert state["sequence"] == served.map.sequence
+    assert [one["label"] for one in state["objects"]] == ["cup 1", "chair 2"]
+    cup = state["objects"][0]
+    assert (cup["iri"], cup["x"], cup["existence"]) == ("object/1", 1.0, 0.8)
+    assert cup["place"] == "place/1"
+    (place,) = state["places"]
+    assert place["beliefs"][0][0].endswith("Kitchen")
+    (floor,) = state["floor"]
+    assert (floor["size"], floor["storey"]) == (0.1, 0.0)
+    assert "objects" not in served.get("state?objects=0").json()
+
+
+def test_a_past_state_is_that_of_its_moment(served: Served) -> None:
+    for x in (2.0, 3.0):
+        served.move(1, x)
+    xs = [
+        [one["x"] for one in served.get("state", params={"at": at}).json()["objects"]]
+        for at in (0, 1, 2, 3)
+    ]
+    assert xs == [[], [1.0, 2.0], [2.0, 2.0], [3.0, 2.0]]
+    now = served.get("state").json()
+    last = served.get("state?at=3").json()
+    assert last.pop("time") <= "2100"
+    assert last == now
+    assert served.get("state?at=%234").status_code == 404
+    assert served.get("state?at=noon").status_code == 400
+
+
+def test_a_state_is_compressed_and_not_sent_again(served: Served) -> None:
+    first = served.get("state?at=1", headers={"Accept-Encoding": "gzip"}, stream=True)
+    assert first.headers["Content-Encoding"] == "gzip"
+    assert json.loads(gzip.decompress(first.raw.read(decode_content=False)))["sequence"] == 1
+    plain = served.get("state?at=1", headers={"Accept-Encoding": "identity"})
+    assert "Content-Encoding" not in plain.headers
+    assert plain.json()["sequence"] == 1
+    tag = {"If-None-Match": first.headers["ETag"]}
+    assert served.get("state?at=1", headers=tag).status_code == 304
+    assert served.get("state", headers=tag).status_code == 200
+    served.move(1, 2.0)
+    assert served.get("state?at=1", headers=tag).status_code == 304
+
+
+def test_states_do_not_count_as_queries_and_one_is_made_for_all(
+    serve: Callable[..., Served],
+) -> None:
+    served = serve(limits=Limits(query_seconds=120.0, rate=0.001, burst=1))
+    with ThreadPoolExecutor(8) as clients:
+        answers = list(clients.map(lambda _: served.get("state?at=1"), range(40)))
+    assert {answer.status_code for answer in answers} == {200}
+    assert len({answer.content for answer in answers}) == 1
+    assert len(served.server.serving.states.answers) == 1
+    assert served.get("health").status_code == 200
+    assert served.get("health").status_code == 429
+
+
+def test_a_timeline_has_marks_where_things_came_and_went(served: Served) -> None:
+    served.move(1, 2.0)
+    served.put(3, "bowl", 2.0, 2.0)
+    served.map.apply(MapUpdate(removed=(f"{served.map.base}object/3",)))
+    served.map.assertions.add(f"{served.map.base}object/1", "label", "mug", by="ann")
+    told = served.get("timeline").json()
+    assert (told["first"]["sequence"], told["last"]["sequence"]) == (0, 5)
+    assert [(one["sequence"], one["objects"], one["edits"]) for one in told["marks"]] == [
+        (1, 2, 0),
+        (3, 1, 0),
+        (4, 1, 0),
+        (5, 0, 1),
+    ]
+    assert told["spans"][0][0] == told["first"]["time"]
+
+
+def test_long_answers_are_compressed(served: Served) -> None:
+    query = {"query": "SELECT * { ?s ?p ?o } LIMIT 100"}
+    assert served.get("sparql", params=query).headers["Content-Encoding"] == "gzip"
+    assert "Content-Encoding" not in served.get("health").headers
