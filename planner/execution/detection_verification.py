@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.history.reports.comparison import PRESENT
 from mapping.reference.settings import ReferenceSettings
 from planner.execution.object_updates import AssociatedDetection
 from planner.execution.protocol import Detected
-from kg.history.reports.comparison import PRESENT
 from planner.search.goals.targets import Target
 
 SURE: Final = 0.6  # score from which on a single detection can be certain

@@ -130,7 +130,8 @@ def _natural(iri: str) -> tuple[str, int]:
 
 def _floor_area(state: State) -> float:
     """[m^2] of the cells that have been seen."""
-    return round(sum(_known_cells(row["cells"]) * row["size"] ** 2 for row in state["floor"]), 2)
+    area: float = sum(_known_cells(row["cells"]) * row["size"] ** 2 for row in state["floor"])
+    return round(area, 2)
 
 
 def _known_cells(text: str) -> int:

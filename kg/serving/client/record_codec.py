@@ -25,7 +25,6 @@ from kg.model.records import Assertion
 from kg.model.transactions import Cause, ChangeSet, Kind
 
 Json = dict[str, Any]
-_WORDS = ("kind", "iri", "category", "place", "before", "after")  # of an `ObjectChange`
 A = TypeVar("A")
 T = TypeVar("T")
 _COUNTS = (
@@ -158,12 +157,10 @@ def comparison_to_json(found: Comparison) -> Json:
 def comparison_from_json(data: Mapping[str, Any]) -> Comparison:
     """The inverse of `comparison_to_json`."""
     changes = []
-    for one in data["changes"]:
+    for told in data["changes"]:
+        one = {name: value for name, value in told.items() if name != "metres"}
         points = {name: one[name] and tuple(one[name]) for name in ("was", "now")}
-        words = {
-            name: one[name] for name in ("kind", "iri", "category", "place", "before", "after")
-        }
-        changes.append(ObjectChange(**words, **points))
+        changes.append(ObjectChange(**{**one, **points}))
     times, floor = tuple(data["times"]), tuple(data["floor"])
     return Comparison(data["before"], data["after"], times, floor, tuple(changes))
 

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from kg.export.serialization import export_map
+from kg.history.reports.comparison import PRESENT
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
@@ -30,7 +31,6 @@ from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
 from planner.display.plots.search_plot import plot_search
 from planner.execution.options import Event
-from kg.history.reports.comparison import PRESENT
 from planner.search.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house

@@ -23,8 +23,9 @@ export class TimeAxis {
     this._line = null; // the answer of `/timeline`
     this._parts = []; // spans: beginning and end [ms], and on the axis [0..1]
     this._wanted = undefined; // the moment to show next: ISO 8601, or null for now
+    this._target = null; // number of the transaction that a step leads to
     this._timer = null;
-    this._asked = 0; // [ms]
+    this._asked = -Infinity; // [ms]
     this._input.max = STEPS;
     this._input.addEventListener("input", () => this.show(this._timeAt(Number(this._input.value))));
     byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
@@ -62,7 +63,7 @@ export class TimeAxis {
     if (this._busy) return this._busy;
     this._busy = this._showWanted();
     await this._busy;
-    this._busy = null;
+    this._busy = this._target = null;
     byId("past").removeAttribute("aria-busy");
     this._label();
     return undefined;
@@ -153,10 +154,10 @@ export class TimeAxis {
 
   /** Show the state before or after the next mark. */
   _step(direction) {
-    const marks = this._line?.marks || [], at = this._data.past ?? Infinity;
+    const marks = this._line?.marks || [], at = this._target ?? this._data.past ?? this._data.last;
     const next = direction > 0 ? marks.find((mark) => mark.sequence > at) : marks.filter((mark) => mark.sequence < at).at(-1);
-    if (next) return this.show(String(next.sequence));
-    return direction > 0 ? this.show(null) : this.show(String(this._line.first.sequence));
+    this._target = next ? next.sequence : direction > 0 ? null : this._line.first.sequence;
+    return this.show(this._target === null ? null : String(this._target));
   }
 
   _play() {

@@ -154,9 +154,9 @@ def test_a_moment_that_cannot_be_shown_leaves_the_label_of_what_is_drawn(
 ) -> None:
     page = open_page()
     page.wait_for_selector("#marks text")
-    page.route("**/state?at=*", lambda route: route.fulfill(status=503, body="too many"))
+    page.route("**/state?at=*", lambda route: route.fulfill(status=404, body="too old"))
     page.locator("#time").fill("0")
-    says(page, "#status", "too many")
+    says(page, "#status", "too old")
     says(page, "#moment", "now")
     says(page, "#count", "2 of 2 objects")
     assert page.input_value("#time") == "10000"
