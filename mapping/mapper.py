@@ -30,7 +30,7 @@ from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
-from mapping.picture_keeper import PictureKeeper
+from mapping.picture_keeper import PictureKeeper, people_in
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.place_mapper import PlaceMapper
@@ -41,6 +41,7 @@ from mapping.progress_report import StageTimer
 from mapping.projection import map_points
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
+from mapping.surface.surface_mapper import SurfaceMapper
 from perception.frames import Detections, Frame, SceneScores
 
 ROOMS_INTERVAL: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
@@ -130,6 +131,9 @@ class Mapper:
         self._checks = FrameChecks(check_poses=options.check_poses)
         self._monitor = PoseMonitor(recording) if options.check_poses else None
         self._pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
+        self._surface: SurfaceMapper | None = None
+        if options.surface is not None:
+            self._surface = SurfaceMapper(semantic_map, options.surface, recording)
         self._reporter = DetectionReporter(semantic_map, self._objects, options.objects)
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
@@ -170,9 +174,15 @@ class Mapper:
         if self._occupancy is not None:
             with self.timer.stage("floor"):
                 self._occupancy.add(frame)
+        if self._surface is not None:
+            with self.timer.stage("surface"):
+                self._surface.add(frame, people_in(detections))
         self._observed = self._viewed = None
         update = self._apply(lambda: self._frame_change(self._next, frame, detections))
         self._next += 1
+        if self._surface is not None:
+            with self.timer.stage("surface"):
+                self._surface.accept()
         if self._pictures is not None:
             self._pictures.keep(update, frame, detections)
         self._reporter.keep()
@@ -222,6 +232,8 @@ class Mapper:
             self._apply(self._rest_of_occupancy)
         if self._rooms is not None:
             self._apply(self._rest_of_rooms)
+        if self._surface is not None:
+            self._surface.finish()
         if self._pictures is not None:
             self._pictures.finish()
         self._reporter.finish()
@@ -252,9 +264,10 @@ class Mapper:
         return self._objects.looked_from
 
     @property
-    def pose_problems(self) -> tuple[str, ...]:
-        """Problems of the poses so far, one line for each kind."""
-        return () if self._monitor is None else tuple(self._monitor.problems.values())
+    def problems(self) -> tuple[str, ...]:
+        """Problems of the poses and of the surface so far, one line for each kind."""
+        poses = () if self._monitor is None else tuple(self._monitor.problems.values())
+        return poses + (() if self._surface is None else self._surface.problems)
 
     @property
     def unplaced(self) -> int:
@@ -346,6 +359,9 @@ class Mapper:
                 return MapUpdate()
             changes, update = changed
             try:
+                if self._surface is not None:
+                    with self.timer.stage("surface"):
+                        self._surface.save(self._map.sequence + 1)
                 with self.timer.stage("graph"):
                     self._objects.save(self._map.sequence + 1)
                     written = self._map.apply(update)

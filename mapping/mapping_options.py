@@ -35,6 +35,9 @@ class MappingOptions:
             (`mapping.frame_checks`).
         pictures: whether a small picture of each object is kept in the map's folder
             (`mapping.picture_keeper`). Pictures of people are never kept.
+        surface: side [m] of the voxels that keep the surface of the room beside the map
+            (`mapping.surface`), without people; None: no surface. A map that has voxels keeps
+            their side. A map on a server keeps none.
     """
 
     mode: Mode = "bayes"
@@ -47,6 +50,7 @@ class MappingOptions:
     same_frame: bool = False
     check_poses: bool = True
     pictures: bool = True
+    surface: float | None = 0.025
 
     @property
     def min_score(self) -> float:

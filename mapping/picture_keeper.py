@@ -39,7 +39,7 @@ class PictureKeeper:
         """Keep pictures of the objects in `update` whose best observation a recent frame is."""
         if self._pictures is None:
             return
-        self._recent[frame.id] = frame.rgb, _people(detections)
+        self._recent[frame.id] = frame.rgb, people_in(detections)
         if len(self._recent) > RECENT:
             del self._recent[next(iter(self._recent))]
         try:
@@ -68,7 +68,8 @@ class PictureKeeper:
             self._pictures.limit()
 
 
-def _people(detections: Detections) -> Boxes:
+def people_in(detections: Detections) -> Boxes:
+    """Boxes (n, 4) [px] of the people in an image, who are left out of pictures."""
     chosen = [
         n
         for n, (label, score) in enumerate(zip(detections.label, detections.score, strict=True))

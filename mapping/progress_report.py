@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from mapping.detection_report import DoubtedThing
 
-STAGES: Final = ("read", "detect", "scene", "map", "floor", "graph")
+STAGES: Final = ("read", "detect", "scene", "map", "floor", "surface", "graph")
 _MAX_DOUBTED: Final = 20  # things that are seen but not believed, in JSON
 
 
@@ -44,7 +44,7 @@ class MappingReport:
     unplaced: int  # detections without usable depth
     unknown_labels: Mapping[str, int]  # network labels without a category -> how often
     provisional: tuple[str, ...] = ()  # labels of provisional categories in the recording
-    problems: tuple[str, ...] = ()  # errors of the poses, found by depth
+    problems: tuple[str, ...] = ()  # errors of the poses, found by depth; a full surface
     fit: str = ""  # fit into the map's other recordings, in one line
     doubted: int = 0  # things that were seen but exist with less than 0.5
     most_probable: tuple[DoubtedThing, ...] = ()  # the same things, the most probable first

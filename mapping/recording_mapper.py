@@ -187,7 +187,7 @@ class _Run:
             unplaced=mapper.unplaced,
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
-            problems=mapper.pose_problems,
+            problems=mapper.problems,
             fit=self.fit,
             doubted=detected.doubted,
             most_probable=detected.things[: detected.doubted],

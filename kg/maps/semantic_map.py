@@ -25,6 +25,8 @@ from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.parameter_resolution import ParameterResolver
 from kg.maps.query.query_files import ParameterizedQuery, resolve_query
 from kg.maps.subscriptions import MapSubscriptions
+from kg.maps.surface.surface_store import SurfaceStore
+from kg.maps.surface.voxels import Surface
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.records import (
@@ -80,6 +82,9 @@ class SemanticMap(ABC):
 
     subscriptions: MapSubscriptions
     """Listeners to transactions, and to changes of a query's result."""
+
+    surface_store: SurfaceStore | None = None
+    """Where the surface is written; None for a map on a server or of the past."""
 
     def __init__(self, store: TransactionalStore, base: str, categories: StoredCatalogue) -> None:
         self.store, self.base, self._categories = store, base, categories
@@ -252,6 +257,15 @@ class SemanticMap(ABC):
     def place_iri(self, number: int) -> str:
         """``<base>place/N``."""
         return f"{self.base}place/{number}"
+
+    @abstractmethod
+    def surface(self, *, min_count: int = 1) -> Surface:
+        """The coloured voxels of what depth images showed, from `min_count` frames on.
+
+        Centres (n, 3) [m] in the map frame, colours (n, 3), counts and times, all of length n; n is
+        0 for a map without a surface. A past map (`at`) has the voxels that had been seen by then
+        and were not gone yet, with the present colours. Raises GraphError for a damaged file.
+        """
 
     @abstractmethod
     def new_object_iri(self) -> str:

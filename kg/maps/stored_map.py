@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from kg.history.replay.past_state import background_changes
@@ -20,6 +21,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_history import StoredHistory
 from kg.maps.stored_ontology import StoredOntology
 from kg.maps.subscriptions import StoredSubscriptions
+from kg.maps.surface.surface_store import SurfaceStore
+from kg.maps.surface.voxels import Surface
 from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.completion import complete_change
 from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
@@ -72,6 +75,9 @@ class StoredMap(SemanticMap):
             guard=self._guard,
         )
         self.subscriptions = StoredSubscriptions(self.query, store)
+        if store.path is not None or not (store.read_only or store.shared):
+            self.surface_store = SurfaceStore(store.path, store.sequence, read_only=store.read_only)
+        self.read_surface: Callable[[int], Surface] | None = None  # of a past state, or of a copy
 
     @property
     def next_object(self) -> int:
@@ -186,6 +192,19 @@ class StoredMap(SemanticMap):
             removed, added = changed_description(self.engine, self.base, title, licence)
             return self.store.commit(removed, added, Cause("update", by, "description"))
 
+    def surface(self, *, min_count: int = 1) -> Surface:
+        """The coloured voxels of what depth images showed."""
+        if self.read_surface is not None:
+            return self.read_surface(min_count)
+        store = self.surface_store
+        return Surface.empty() if store is None else store.surface(min_count=min_count)
+
+    def close(self) -> None:
+        """Flush and close the store; a second call does nothing."""
+        super().close()
+        if self.surface_store is not None:
+            self.surface_store.close()
+
     @contextmanager
     def hold(self) -> Iterator[None]:
         """Lock the map against writes of other threads."""
@@ -195,14 +214,22 @@ class StoredMap(SemanticMap):
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""
         with self.hold():
-            return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
+            copy = StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
+            return self._with_surface(copy, self.sequence)
 
     def at(self, when: Instant) -> SemanticMap:
         """The map as believed at `when`, replayed into memory; the last ones are cached."""
         log = self.history.log
         sequence = sequence_of(log, when)
         known = None if background_changes(log, sequence) else self._categories.known
-        return StoredMap(self.history.store_at(sequence), base=self.base, catalogue=known)
+        past = StoredMap(self.history.store_at(sequence), base=self.base, catalogue=known)
+        return self._with_surface(past, sequence)
+
+    def _with_surface(self, other: StoredMap, sequence: int) -> StoredMap:
+        """`other`, with the surface of this map at a transaction."""
+        if self.surface_store is not None:
+            other.read_surface = partial(self.surface_store.surface, sequence)
+        return other
 
     def _update_by_rdflib(self, sparql: str, /, *, confirmed: bool = False) -> None:
         self.update(sparql, by="rdflib", allow=("commonsense",), confirmed=confirmed)

@@ -89,6 +89,9 @@ def correct_poses(
             correction = _Correction(recording, previous, semantic_map, temporary)
             update = correction.update(progress, options.layout)
             semantic_map.apply(update)
+            here, new = semantic_map.surface_store, temporary.surface_store
+            if here is not None and new is not None:
+                here.replace(recording.name, new, semantic_map.sequence)
     if options.find_places:
         with Mapper(semantic_map, options, recording=recording.name):
             pass  # at its end it finds the rooms of all floor

@@ -26,6 +26,7 @@ MODES: Final[tuple[Mode, ...]] = ("bayes", "reference")
 #: values of `--places` beside files: the rooms of the mapped floor, and a single place
 FOUND: Final = "found"
 ONE: Final = "one"
+DEFAULT_SURFACE: Final = 0.025  # [m] side of a voxel
 _REFERENCE_THRESHOLD: Final = 0.4  # minimum score of a detection in reference mode
 
 
@@ -109,6 +110,7 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         same_frame=arguments.same_frame,
         check_poses=not arguments.no_check,
         pictures=not arguments.no_pictures,
+        surface=arguments.surface,
     )
 
 
@@ -176,7 +178,30 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         help="map free floor, walls and furniture from depth (default: yes)",
     )
     group.add_argument(
+        "--surface",
+        type=_voxel_side,
+        default=DEFAULT_SURFACE,
+        metavar="CM|none",
+        help="side of the coloured voxels that keep the surface of the room beside the map, 1 to "
+        "20 cm (default: 2.5, or that of the map); none: no surface",
+    )
+    group.add_argument(
         "--no-pictures",
         action="store_true",
         help="store no pictures of objects in the map's folder (those of people are never stored)",
     )
+
+
+def _voxel_side(text: str) -> float | None:
+    """Side of a voxel [m] from `--surface`."""
+    if text == "none":
+        return None
+    try:
+        side = float(text)
+    except ValueError:
+        side = 0.0
+    if not 1 <= side <= 20:
+        raise argparse.ArgumentTypeError(
+            f"must be the side of a voxel of 1 to 20 cm, or none, got {text!r}"
+        )
+    return side / 100

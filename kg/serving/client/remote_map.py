@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Collection, Iterable, Iterator
 from datetime import datetime
+from functools import partial
 from typing import Never
 
 from pyoxigraph import NamedNode, Quad
@@ -23,6 +24,7 @@ from kg.maps.map_metadata import changed_description, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap, frame_cause
 from kg.maps.stored_ontology import ontology_quads
+from kg.maps.surface.voxels import Surface
 from kg.maps.update.ground_update import update_text
 from kg.maps.update.restoration import Restored
 from kg.model.errors import GraphError, HistoryError
@@ -74,6 +76,10 @@ class RemoteMap(SemanticMap):
         """A read-only copy in memory of the current state, read from the server."""
         with self.hold():
             return StoredMap(TransactionalStore.in_memory(self.engine, read_only=True))
+
+    def surface(self, *, min_count: int = 1) -> Surface:
+        """The coloured voxels of what depth images showed, from the server."""
+        return self._served.surface(None, min_count)
 
     def dump(self, *, seconds: float, max_bytes: int) -> bytes:
         """All quads of one state, as N-Quads; raises QueryTooLargeError beyond `max_bytes`."""
@@ -277,10 +283,12 @@ def _past_map(served: ServedClient, when: Instant) -> SemanticMap:
         lock=None,
     )
     try:
-        return StoredMap(store)
+        past = StoredMap(store)
     except BaseException:
         store.close()
         raise
+    past.read_surface = partial(served.surface, number)
+    return past
 
 
 def text_of(when: Instant) -> str:

@@ -19,6 +19,8 @@ from kg.history.reports.comparison import Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.maps.facts.assertions import is_unicode
+from kg.maps.surface.voxels import Surface
+from kg.maps.surface.wire_format import MEDIA_TYPE, decoded
 from kg.maps.update.restoration import Restored
 from kg.model import errors
 from kg.model import vocabulary as v
@@ -60,6 +62,8 @@ from kg.store.transactional import TransactionalStore
 _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
 _CHUNK: Final = 1 << 16
+_SURFACE_SECONDS: Final = 60.0  # [s] to wait for a surface
+_SURFACE_BYTES: Final = 1 << 24  # of a surface
 _N_TRIPLES: Final = "application/n-triples"
 #: requests the change set in the response to a write (RFC 7240)
 _WHOLE: Final = {"Prefer": "return=representation"}
@@ -214,6 +218,18 @@ class ServedClient:
         return self._decoded(
             lambda data: tuple(map(reason_from_json, data)), "GET", "why", {"what": what}
         )
+
+    def surface(self, sequence: int | None, min_count: int) -> Surface:
+        """The surface at a transaction, or now; a large one in larger voxels."""
+        params = [("count", str(min(min_count, 999)))]
+        params += [] if sequence is None else [("at", str(sequence))]
+        _, body = self.fetch(
+            "surface", params, MEDIA_TYPE, seconds=_SURFACE_SECONDS, max_bytes=_SURFACE_BYTES
+        )
+        try:
+            return decoded(body)
+        except (ValueError, KeyError, TypeError) as error:
+            raise RemoteError(f"{self.where} sent no surface: {error}") from error
 
     def fetch(
         self,

@@ -32,6 +32,7 @@ from kg.serving.server.endpoints.room_endpoint import rooms
 from kg.serving.server.endpoints.sparql_protocol import sparql
 from kg.serving.server.endpoints.state_endpoint import state
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
+from kg.serving.server.endpoints.surface_endpoint import surface
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
 from kg.serving.server.http.bodies import json_response
 from kg.serving.server.http.middleware import RequestGuard
@@ -80,6 +81,7 @@ def application(serving: AppState) -> ASGIApp:
         ("/timegate/{address:path}", timegate, get),
         ("/find", find, get),
         ("/pictures/{number:str}", picture, get),
+        ("/surface", surface, get),
         ("/changes", changes, get),
         ("/subscribe", subscribe, get),
         ("/health", _health, get),

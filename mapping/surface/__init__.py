@@ -1,0 +1,1 @@
+"""Surface: depth and colour of frames to coloured voxels, beside the map."""
