@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +21,8 @@ _TURNS: Final = 8  # frames in which each chunk in view is once looked through
 _MARGIN: Final = (2.0, 0.03)  # voxels, and share of its depth, that a voxel is in front at least
 _AROUND: Final = 0.05  # of its side: a person's box is wider by this
 
-Floats = NDArray[np.float64]
 Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
+_T = TypeVar("_T", bound=np.generic)
 
 
 class SurfaceMapper:
@@ -128,7 +128,8 @@ def passed_voxels(grid: VoxelGrid, frame: Frame, step: int, turn: int) -> Keys:
         return np.empty(0, np.int64)
     parts = [(c << LOCAL_BITS) | _there(grid, c).astype(np.int64) for c in sorted(chunks)]
     keys = np.concatenate(parts)
-    p_cam = to_camera(frame.T_map_cam, (cells_of(keys).T + 0.5) * grid.size)
+    centres = np.asarray((cells_of(keys).T + 0.5) * grid.size, np.float64)
+    p_cam = to_camera(frame.T_map_cam, centres)
     near = np.flatnonzero(p_cam[:, 2] > _SETTINGS.near / 2)
     x, y, z = p_cam[near].T
     measured = _least_around(_sampled(frame.depth, step))
@@ -140,7 +141,8 @@ def passed_voxels(grid: VoxelGrid, frame: Frame, step: int, turn: int) -> Keys:
     near, z = near[inside], z[inside]
     behind = measured[v[inside].astype(np.intp), u[inside].astype(np.intp)]
     voxels, share = _MARGIN
-    return keys[near[behind > (1 + share) * z + voxels * grid.size]]
+    passed: Keys = keys[near[behind > (1 + share) * z + voxels * grid.size]]
+    return passed
 
 
 def _there(grid: VoxelGrid, chunk: int) -> NDArray[np.uint32]:
@@ -156,7 +158,7 @@ def _in_view(grid: VoxelGrid, frame: Frame) -> list[int]:
     chunks = np.fromiter(grid.chunks, np.int64, len(grid.chunks))
     side = SIDE * grid.size
     corner = cells_of(chunks << LOCAL_BITS).T * grid.size
-    x, y, z = to_camera(frame.T_map_cam, corner + side / 2).T
+    x, y, z = to_camera(frame.T_map_cam, np.asarray(corner + side / 2, np.float64)).T
     radius = side * np.sqrt(3) / 2
     rows, columns = frame.depth.shape
     wide = np.hypot(columns, frame.K[0, 0] * 2) / frame.K[0, 0] / 2
@@ -167,13 +169,13 @@ def _in_view(grid: VoxelGrid, frame: Frame) -> list[int]:
     return [int(key) for key in chunks[ahead]]
 
 
-def _sampled(image: NDArray[np.generic], step: int) -> NDArray[np.generic]:
+def _sampled(image: NDArray[_T], step: int) -> NDArray[_T]:
     """Image at the pixels that `frame_points` takes."""
     first = step // 2
     return image[first:-1:step, first:-1:step]
 
 
-def _least_around(depth: NDArray[np.generic]) -> NDArray[np.float32]:
+def _least_around(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """Least depth of the 3 x 3 samples around each; 0 where one is unknown."""
     least = np.pad(np.nan_to_num(depth, nan=0.0, posinf=0.0), 1)
     least = np.minimum(np.minimum(least[:-2], least[1:-1]), least[2:])
