@@ -111,8 +111,8 @@ def timed(ask: Callable[[], object], rounds: int) -> str:
         ask()
         for clock, start, each in zip(clocks, began, spent, strict=True):
             each.append((clock() - start) * 1000)
-    told = ((statistics.median(each), sorted(each)[int(len(each) * 0.95)]) for each in spent)
-    return " | ".join(f"{number:.2f}" for pair in told for number in pair)
+    figures = ((statistics.median(each), sorted(each)[int(len(each) * 0.95)]) for each in spent)
+    return " | ".join(f"{number:.2f}" for pair in figures for number in pair)
 
 
 def asked(log: HistoryLog, engine: QuadStore, sparql: str, sequence: int) -> Table:

@@ -1,10 +1,12 @@
-"""Count the modules that run in three walks: a frame, an HTTP query, a find.
+"""Count the modules and rooms that run in four walks: a frame, an HTTP query, a find, an ask.
 
     python -m benchmarks.modules_passed RECORDING [--list]
 
 RECORDING is any recording that `hereabouts map` reads. A module is counted when one of its
 functions is called during the walk, in this process: not when it is only imported, and not in the
-process that evaluates an HTTP query. To count another checkout, run this file with the Python of
+process that evaluates an HTTP query. Modules are listed in the order of their first calls. A room
+is a package or module directly below `kg`, `perception`, `mapping` or `planner`. A return is a step
+in this order from one room into another one that an earlier module was in. To count another checkout, run this file with the Python of
 its environment.
 """
 
@@ -21,6 +23,7 @@ import threading
 import urllib.parse
 import urllib.request
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -52,6 +55,11 @@ class ModuleCounter:
         if self.on:
             self.modules.setdefault(module)
 
+    def rooms_and_returns(self) -> tuple[int, int]:
+        """Numbers of the rooms, and of the steps into a room that the walk had left."""
+        steps = [room for room, _ in groupby(".".join(m.split(".")[:2]) for m in self.modules)]
+        return len(set(steps)), len(steps) - len(set(steps))
+
     def start(self) -> None:
         """Count in this thread, and in threads started from now on."""
         threading.setprofile(self)
@@ -78,16 +86,16 @@ def frame_walk(recording: str, into: Path) -> ModuleCounter:
     return counter
 
 
-def find_walk(semantic_map: Path) -> ModuleCounter:
-    """Plan a search; count from the command's `run` on, behind the parsing of arguments."""
+def command_walk(name: str, *words: str) -> ModuleCounter:
+    """Run a command; count from its `run` on, behind the parsing of arguments."""
     counter = ModuleCounter()
 
     def watch(module: str, function: str) -> None:
-        if module.endswith(".find") and function == "run":
+        if module.endswith(f".{name}") and function == "run":
             counter.on = True
 
     counter.watch = watch
-    _command(counter, ["find", str(semantic_map), "banana", "--from", "0,0"])
+    _command(counter, [name, *words])
     return counter
 
 
@@ -146,7 +154,7 @@ def _first(*names: str) -> object:
 
 
 def main() -> None:
-    """Walk, and print a line a walk."""
+    """Walk, and print a line for each walk."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("recording")
     parser.add_argument("--list", action="store_true", help="name the modules, in order")
@@ -155,9 +163,11 @@ def main() -> None:
         path = Path(folder) / "walk.map"
         walks = {"a frame": frame_walk(arguments.recording, path)}
         walks["an HTTP query"] = query_walk(path)
-        walks["a find"] = find_walk(path)
+        walks["a find"] = command_walk("find", str(path), "banana", "--from", "0,0")
+        walks["an ask"] = command_walk("ask", str(path), "objects")
     for name, counter in walks.items():
-        print(f"{name}: {len(counter.modules)} modules")  # noqa: T201
+        rooms, returns = counter.rooms_and_returns()
+        print(f"{name}: {len(counter.modules)} modules, {rooms} rooms, {returns} returns")  # noqa: T201
         if arguments.list:
             print("    " + " ".join(counter.modules))  # noqa: T201
 

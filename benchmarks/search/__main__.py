@@ -82,18 +82,18 @@ def run(arguments: argparse.Namespace) -> int:
     if settings.calibration:
         _print_calibration(searched, as_json=arguments.json)
         return 0
-    told = report(searched, settings)
+    scores = report(searched, settings)
     if arguments.json:
-        write_json(told.to_json())
+        write_json(scores.to_json())
         return 0
-    _print(told.methods)
-    if told.parts:
+    _print(scores.methods)
+    if scores.parts:
         heading("ours without some of its parts")
-        _print(told.parts)
-    if told.robustness:
+        _print(scores.parts)
+    if scores.robustness:
         heading("ours with beliefs that mislead")
-        _print(told.robustness)
-    for line in told.ratios():
+        _print(scores.robustness)
+    for line in scores.ratios():
         note(line)
     return 0
 
@@ -126,11 +126,11 @@ def _settings(arguments: argparse.Namespace) -> TrialSettings:
 def _print_calibration(searched: Sequence[Searched], *, as_json: bool) -> None:
     from benchmarks.search.plan_calibration import PARTS, reliability
 
-    told = reliability([one.planned for one in searched if one.planned is not None])
+    scores = reliability([one.planned for one in searched if one.planned is not None])
     if as_json:
-        write_json({"parts": PARTS, **{name: asdict(one) for name, one in told.items()}})
+        write_json({"parts": PARTS, **{name: asdict(one) for name, one in scores.items()}})
         return
-    for name, one in told.items():
+    for name, one in scores.items():
         heading(f"{name}: {one.plans} plans")
         rows = zip(PARTS, one.predicted, one.found, strict=True)
         print_table(

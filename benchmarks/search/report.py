@@ -1,4 +1,4 @@
-"""A whole trial told: scores of every way of searching, as a table or as JSON."""
+"""Report of a trial: scores of each search method, as a table or as JSON."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class Report:
 
     def to_json(self) -> dict[str, object]:
         """The four ways at the top level, then variants and settings; plain values."""
-        told: dict[str, object] = {name: _plain(s) for name, s in self.methods.items()}
-        told["variants"] = {name: _plain(s) for name, s in self.parts.items()}
+        values: dict[str, object] = {name: _plain(s) for name, s in self.methods.items()}
+        values["variants"] = {name: _plain(s) for name, s in self.parts.items()}
         if self.robustness:
-            told["robustness"] = {name: _plain(s) for name, s in self.robustness.items()}
-        told["settings"] = _settings(self.settings)
-        return told
+            values["robustness"] = {name: _plain(s) for name, s in self.robustness.items()}
+        values["settings"] = _settings(self.settings)
+        return values
 
     def ratios(self) -> Iterator[str]:
         """Ratios of the mean times, in sentences."""

@@ -49,8 +49,8 @@ class TrialRobot:
     ) -> bool:
         """Go to where the distance `field` (nx, ny) [m] is zero; whether something was seen.
 
-        Pictures are taken on the way where `hidden` is given. `seen(cell, heading)` is told of each
-        that shows nothing and may stop the drive there by returning True.
+        Pictures are taken on the way where `hidden` is given. `seen(cell, heading)` is called after
+        each picture without the target; it returns True to stop the drive there.
         """
         path = shortest_path(self.space, field, self.cell)
         left = field.reshape(-1)

@@ -60,12 +60,12 @@ def main() -> None:
         rows = [{"object": one.target, "proven": one.proven, **one.seconds} for one in found]
         sys.stdout.write(json.dumps({"rows": rows, "means": means, "ratios": ratios}, indent=1))
         return
-    told = ["| way | world | mean t [s] | mean t_b / t |", "|---|---|---|---|"]
+    text = ["| way | world | mean t [s] | mean t_b / t |", "|---|---|---|---|"]
     for way, mean in means.items():
         world, _, name = way.partition(": ")
-        told.append(f"| {name} | {world} | {mean:.1f} | {ratios[way]:.2f} |")
-    told.append(f"\n{sum(line.proven for line in found)} of {len(found)} orders proven optimal")
-    sys.stdout.write("\n".join(told) + "\n")
+        text.append(f"| {name} | {world} | {mean:.1f} | {ratios[way]:.2f} |")
+    text.append(f"\n{sum(line.proven for line in found)} of {len(found)} orders proven optimal")
+    sys.stdout.write("\n".join(text) + "\n")
 
 
 def _ratio(found: Sequence[HomesRow], way: str) -> float:

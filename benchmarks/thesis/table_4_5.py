@@ -165,9 +165,9 @@ def table_4_5(data: Path = DATA, *, travel: Travel | None = None) -> tuple[Table
 def _search(world: SemanticMap, scenario: Scenario, travel: Travel | None) -> TableRow:
     hidden = in_place(world.place_iri(scenario.object_place))
     goals = derive_goals(world, scenario.target)
-    told = nearest_first(scenario.start, goals, target=scenario.target, travel=travel)
-    untold = brute_force(scenario.start, world.places(), target=scenario.target, travel=travel)
-    return TableRow(scenario, follow(told, hidden), follow(untold, hidden))
+    planned = nearest_first(scenario.start, goals, target=scenario.target, travel=travel)
+    swept = brute_force(scenario.start, world.places(), target=scenario.target, travel=travel)
+    return TableRow(scenario, follow(planned, hidden), follow(swept, hidden))
 
 
 def summarise(rows: Sequence[TableRow]) -> Summary:

@@ -9,7 +9,7 @@ ontology an OWL 2 DL document without imports. The same map gives the same text.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -125,15 +125,19 @@ def _statements(
 
 
 def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
-    writers: dict[str, Callable[[list[Quad], _Prefixes], str]] = {
-        "ttl": lambda quads, prefixes: _tidy(_triples(quads), RdfFormat.TURTLE, prefixes),
-        "trig": lambda quads, prefixes: _tidy(quads, RdfFormat.TRIG, prefixes),
-        "nq": lambda quads, _: serialised(quads, RdfFormat.N_QUADS, {}),
-        "nt": lambda quads, _: serialised(_triples(quads), RdfFormat.N_TRIPLES, {}),
-        "jsonld": lambda quads, prefixes: to_jsonld(_triples(quads), prefixes) + "\n",
-        "rdfxml": lambda quads, prefixes: serialised(_triples(quads), RdfFormat.RDF_XML, prefixes),
-    }
-    return writers[_known(form)](quads, prefixes)
+    name = _known(form)
+    if name == "trig":
+        return _tidy(quads, RdfFormat.TRIG, prefixes)
+    if name == "nq":
+        return serialised(quads, RdfFormat.N_QUADS, {})
+    triples = _triples(quads)
+    if name == "ttl":
+        return _tidy(triples, RdfFormat.TURTLE, prefixes)
+    if name == "nt":
+        return serialised(triples, RdfFormat.N_TRIPLES, {})
+    if name == "rdfxml":
+        return serialised(triples, RdfFormat.RDF_XML, prefixes)
+    return to_jsonld(triples, prefixes) + "\n"
 
 
 def is_format(form: str) -> bool:

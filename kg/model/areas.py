@@ -188,24 +188,24 @@ def _open(ring: Sequence[tuple[float, float]]) -> Ring:
 def _problem(rings: Outline) -> str | None:
     """The fault of an outline, and a remedy; None for a valid outline."""
     if not rings:
-        return "an outline without corners; a ring of (x, y) would work"
+        return "the outline has no ring; one ring of (x, y) in metres would work"
     count = sum(len(ring) for ring in rings)
     if count > MAX_CORNERS:
-        return f"an outline of {count} corners; up to {MAX_CORNERS} would work"
+        return f"the outline has {count} corners; up to {MAX_CORNERS} would work"
     if not np.isfinite([*chain.from_iterable(rings)]).all():
-        return "an outline with a corner that is not finite; metres would work"
+        return "a corner of the outline is not finite; metres in the map frame would work"
     corners = chain.from_iterable(chain.from_iterable(rings))
     if max(map(abs, corners), default=0.0) > MAX_COORDINATE:
-        return f"an outline with a corner beyond {MAX_COORDINATE:g} m; metres of the map would work"
+        return f"a corner lies beyond {MAX_COORDINATE:g} m; metres in the map frame would work"
     for ring in rings:
         if len(ring) < 3 or abs(_signed_area(ring)) < _MIN_AREA:
-            return "an outline that encloses nothing; three corners or more around it would work"
+            return "the outline encloses no area; three or more corners around the place would work"
     import shapely
 
     reason = shapely.is_valid_reason(shapely.Polygon(rings[0], rings[1:]))
     # rings may touch in points
     if not reason.startswith(("Valid Geometry", "Ring Self-intersection")):
-        return "an outline that crosses itself; corners in their order around it would work"
+        return "the outline crosses itself; corners in order around the place would work"
     return None
 
 

@@ -27,16 +27,17 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.sources.recording import FolderRecording
 
-FITS: Final = 0.9  # `Match.quality` of a floor that is taken for the map's
-ALIGNED: Final = 0.6  # ... of one whose place was searched, and ...
-RIVAL: Final = 0.8  # ... share of its score that any other place may have
+FITS: Final = 0.9  # minimum `Match.quality` of a floor in poses that were not aligned
+ALIGNED: Final = 0.6  # minimum `Match.quality` of a floor after alignment
+RIVAL: Final = 0.8  # maximum score of the second best alignment, as a share of the best score
 CONTRADICTS: Final = 0.0  # `Match.quality` below which a floor contradicts the given transform
-OBJECTS: Final = 5  # matched objects that suffice where the floors hardly overlap
-CHECKED: Final = 24  # frames, spread evenly
-SEARCHED: Final = 80
+OBJECTS: Final = 5  # matched objects that are enough where the floors hardly overlap
+CHECKED: Final = 24  # frames whose floor is compared, spread evenly over the recording
+SEARCHED: Final = 80  # frames for an alignment, spread evenly over the recording
 
 _WAYS: Final = (
-    "--align searches it, --transform FILE gives it, --same-frame takes poses as the map's own"
+    "--align searches the transform, --transform FILE gives it, --same-frame says that the poses "
+    "are in the map frame"
 )
 _log = logging.getLogger(__name__)
 
@@ -49,7 +50,7 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
     must fit.
 
     Raises:
-        LayoutError: neither is given, and the floor does not fit or is too small to tell.
+        LayoutError: neither is given, and the floor does not fit or hardly overlaps.
     """
     others = [r.name for r in semantic_map.recordings() if r.frames_applied]
     if not isinstance(recording, FolderRecording) or not others or recording.name in others:
@@ -57,25 +58,25 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
     match = _floor_match(recording, semantic_map)
     is_given = same_frame or recording.transform_given
     if match is not None and match.enough():
-        found = f"{match.share:.0%} of what stands on its floor lies on what stands in the map"
+        found = f"{match.share:.0%} of its furniture and walls lie on those of the map"
         if match.quality >= FITS:
             return f"{recording.name} fits the map: {found}"
         if is_given and match.quality < CONTRADICTS:
             _log.warning(
-                "%s does not fit where it is said to be: only %s; --align would search its place",
+                "%s does not fit the map with the given transform: only %s; --align searches one",
                 recording.name,
                 found,
             )
-        problem = f"its floor does not fit the map's as it is (only {found})"
+        problem = f"without a transform its floor does not fit the map: only {found}"
         if match.share > 0.8:
-            problem = "its floor fits the map's too loosely to tell"
+            problem = "without a transform its floor fits the map, but too loosely to be sure"
     else:
-        problem = "its floor and the map's hardly overlap as it is"
+        problem = "without a transform its floor hardly overlaps the map's"
     if is_given:
         return ""
     raise LayoutError(
-        f"how the world of {recording.name!r} sits in this map, which holds {', '.join(others)}, "
-        f"is not known, and {problem}; {_WAYS}"
+        f"the transform from {recording.name!r} to this map of {', '.join(others)} is unknown; "
+        f"{problem}; {_WAYS}"
     )
 
 
@@ -86,11 +87,11 @@ def aligned(
     *,
     labels: LabelTable | None = None,
 ) -> tuple[FolderRecording, str]:
-    """A recording new to the map by the transform that lays it on the map, and what was found.
+    """Align a recording with the map; returns the moved recording, and a line about the fit.
 
-    Its floor and objects, of a sample of frames mapped for it, are laid on the map's
-    (`mapping.alignment.search`). As it is, with "", where it is in the map already or is the
-    first. Raises LayoutError where no transform fits, or several do.
+    Some of its frames are mapped, and their floor and objects are matched with the map's
+    (`mapping.alignment.search`). The first recording of a map, and one that is in the map already,
+    are returned unchanged with "". Raises LayoutError where no transform fits, or several do.
     """
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
     if not known or recording.name in known:
@@ -113,8 +114,8 @@ def aligned(
     found = search.best()
     if found is None:
         raise LayoutError(
-            f"{recording.name!r} cannot be aligned: neither floor nor objects are in both it and "
-            "the map; --transform FILE would work"
+            f"{recording.name!r} cannot be aligned: it has neither floor nor objects in common "
+            "with the map; --transform FILE would work"
         )
     _check_certain(recording.name, found)
     T = found.T @ recording.T_map_world
@@ -126,15 +127,15 @@ def _check_certain(name: str, found: Alignment) -> None:
     by_objects = found.objects >= OBJECTS and found.floor.quality >= CONTRADICTS
     if not (by_floor or by_objects):
         raise LayoutError(
-            f"{name!r} cannot be aligned: at the best place {found.floor.judged} cells of its "
-            f"floor meet the map's, worth {found.floor.quality:.2f} each ({ALIGNED} wanted), and "
-            f"{found.objects} objects ({OBJECTS} wanted); more in common, or --transform FILE, "
-            "would work"
+            f"{name!r} cannot be aligned: the best alignment matches {found.floor.judged} cells of "
+            f"floor with quality {found.floor.quality:.2f} (needs {ALIGNED}) and {found.objects} "
+            f"objects (needs {OBJECTS}); a larger overlap or --transform FILE would work"
         )
     if found.rival > RIVAL * found.score:
         raise LayoutError(
-            f"{name!r} cannot be aligned: another place fits {found.rival / found.score:.0%} as "
-            "well as the best; more in common, or --transform FILE, would work"
+            f"{name!r} cannot be aligned: the second best alignment scores "
+            f"{found.rival / found.score:.0%} of the best (at most {RIVAL:.0%}); a larger overlap "
+            "or --transform FILE would work"
         )
 
 
@@ -143,8 +144,9 @@ def _summary(name: str, found: Alignment) -> str:
     turn = np.degrees(np.arctan2(found.T[1, 0], found.T[0, 0]))
     return (
         f"{name} aligned: turned by {turn:.1f} degrees, moved by {x:.2f}, {y:.2f}, {z:.2f} m; "
-        f"{found.floor.share:.0%} of what stands on its floor and {found.objects} objects lie on "
-        f"the map's, the next best place fits {max(found.rival, 0.0) / found.score:.0%} as well"
+        f"{found.floor.share:.0%} of its furniture and walls and {found.objects} objects lie on "
+        f"those of the map; the second best alignment scores "
+        f"{max(found.rival, 0.0) / found.score:.0%} of the best"
     )
 
 

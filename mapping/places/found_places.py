@@ -66,30 +66,23 @@ class FoundPlaces:
         floor = mapped_floor(self._map.floor())
         if floor is None:
             return FoundChanges()
-        return self._put(segmented(floor, self._settings))
+        return self._match(segmented(floor, self._settings))
 
-    def _put(self, found: Segmentation) -> FoundChanges:
-        before = self._places.places()
-        drawn = areas_asserted(self._map)
-        grown = {self._recording, *(known.name for known in self._map.recordings())}
-        changing = [
-            place
-            for place in before
-            if place.iri not in drawn and (place.from_floor or place.label in grown)
-        ]
-        found = _without(found, [place.area for place in before if place.iri in drawn])
-        given = [place.area for place in before if place not in changing]
+    def _match(self, found: Segmentation) -> FoundChanges:
+        """Match the rooms with the changeable places, and write the result to the registry.
+
+        A room that fixed places cover becomes no place.
+        """
         asserted = {assertion.subject for assertion in self._map.assertions.all()}
-        asserted_places = [place for place in changing if place.iri in asserted]
-        kept = _in_one_room(found.areas, asserted_places)
-        changing = [place for place in changing if place.iri not in kept]
-        given += [place.area for place in asserted_places if place.iri in kept]
+        drawn = areas_asserted(self._map)
+        found = _without(found, [p.area for p in self._places.places() if p.iri in drawn])
+        changing, fixed = self._changeable(found, asserted, drawn)
+        given = [place.area for place in fixed]
         rooms = [k for k, area in enumerate(found.areas) if not _is_covered(area, given)]
         shared = _shared_area([found.areas[k] for k in rooms], [p.area for p in changing])
         matched = _matches(shared, found, rooms, changing, asserted)
         records = self._records(found, rooms, changing, matched)
         merged = self._merged(records, shared, rooms, changing, matched, asserted)
-        fixed = [place for place in self._places.places() if place not in changing]
         iris = _holders(found.areas, fixed) | {k: record.iri for k, record in records.items()}
         doors = self._with_marked(_doors(found, iris, self._map.base))
         adjacent = _adjacent(doors)
@@ -99,6 +92,25 @@ class FoundPlaces:
         known = {door.iri for door in self._map.doors()}
         gone = known - {door.iri for door in doors}
         return FoundChanges(doors, (*merged, *sorted(gone)))
+
+    def _changeable(
+        self, found: Segmentation, asserted: set[str], drawn: Collection[str]
+    ) -> tuple[list[PlaceRecord], list[PlaceRecord]]:
+        """Places that may change their areas, and all other places.
+
+        Changeable are places found in the floor, and the growing places of recordings; not those
+        that persons have `drawn`, and not places with assertions that share one room.
+        """
+        places = self._places.places()
+        grown = {self._recording, *(known.name for known in self._map.recordings())}
+        changing = [
+            place
+            for place in places
+            if place.iri not in drawn and (place.from_floor or place.label in grown)
+        ]
+        kept = _in_one_room(found.areas, [p for p in changing if p.iri in asserted])
+        changing = [place for place in changing if place.iri not in kept]
+        return changing, [place for place in places if place not in changing]
 
     def _with_marked(self, doors: Sequence[DoorRecord]) -> tuple[DoorRecord, ...]:
         """The doors found, and those that persons marked, with one of each IRI and spot."""

@@ -88,8 +88,8 @@ def check_complete(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> 
     if missing:
         names = ", ".join(f"<{iri}>" for iri in missing)
         raise OntologyError(
-            f"the ontology is refused: it leaves out {names} of the map; give the folder, a file "
-            "that imports them, or say that it is the whole (--whole) if they are to go"
+            f"the ontology is refused: it leaves out {names} of the map; a folder or file that has "
+            "or imports them would work, or --whole, which removes them"
         )
 
 

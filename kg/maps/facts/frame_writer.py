@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -69,7 +70,20 @@ _OWN = {
 }
 
 
-_Quads = dict[Quad, None]  # an ordered set
+@dataclass(slots=True)
+class _Draft:
+    """Quads of an update before the comparison; dicts serve as ordered sets."""
+
+    wanted: dict[Quad, None] = field(default_factory=dict)  # quads after the update
+    stored: dict[Quad, None] = field(default_factory=dict)  # quads that the update replaces
+
+    def want(self, quads: Iterable[Quad]) -> None:
+        """Add quads that hold after the update."""
+        self.wanted.update(dict.fromkeys(quads))
+
+    def replace(self, quads: Iterable[Quad]) -> None:
+        """Add stored quads, which are deleted unless they are wanted."""
+        self.stored.update(dict.fromkeys(quads))
 
 
 class FrameWriter:
@@ -124,68 +138,79 @@ class FrameWriter:
     def _change(
         self, update: MapUpdate, cause: Cause, asserted: Mapping[str, PropertyAssertions]
     ) -> ChangeSet | None:
-        wanted: _Quads = {}
-        stored: _Quads = {}
+        draft = _Draft()
         for record in update.objects:
             kept = self._assertions_of(record.iri, without=update.removed)
-            self._object(record, wanted, stored, kept)
+            self._object(record, draft, kept)
         for place in update.places:
-            self._place(place, wanted, stored, asserted.get(place.iri))
+            self._place(place, draft, asserted.get(place.iri))
+        self._doors_and_floor(update, draft)
+        self._robot_and_recording(update, draft)
+        self._searches(update, draft)
+        for iri in update.removed:
+            draft.replace(self.all_quads_of(iri))
+        for departed in update.departed:
+            self._departed(departed, draft)
+        self._advance_number(update.objects, draft)
+        return self._commit(draft, cause)
+
+    def _doors_and_floor(self, update: MapUpdate, draft: _Draft) -> None:
         for door in update.doors:
-            _put(wanted, facts_of_door(door))
-            before = self._recent.of(_node(door.iri))
-            _put(stored, (quad for quad in before if quad.predicate.value in OWN_OF_DOORS))
+            draft.want(facts_of_door(door))
+            draft.replace(_with(OWN_OF_DOORS, self._recent.of(_node(door.iri))))
+        for tile in update.floor:
+            draft.want(facts_of_tile(self._facts.base, tile))
+            node = NamedNode(iri_of(self._facts.base, tile))
+            draft.replace(_with(OWN_OF_TILES, self._recent.of(node)))
+
+    def _robot_and_recording(self, update: MapUpdate, draft: _Draft) -> None:
         if update.robot is not None:
-            _put(wanted, robot_quads(update.robot, self._facts.base))
-            stored |= self._recent.of(NamedNode(self._facts.base + "robot"))
+            draft.want(robot_quads(update.robot, self._facts.base))
+            draft.replace(self._recent.of(NamedNode(self._facts.base + "robot")))
         if update.recording is not None:
-            _put(wanted, recording_quads(update.recording, self._facts.base))
+            draft.want(recording_quads(update.recording, self._facts.base))
             recording = NamedNode(recording_iri(update.recording.name, self._facts.base))
             quads = self._store.engine.quads_for_pattern(recording, None, None, v.DATASET_GRAPH)
-            _put(stored, filter(self._owns, quads))
-        for tile in update.floor:
-            _put(wanted, facts_of_tile(self._facts.base, tile))
-            before = self._recent.of(NamedNode(iri_of(self._facts.base, tile)))
-            _put(stored, (quad for quad in before if quad.predicate.value in OWN_OF_TILES))
+            draft.replace(filter(self._owns, quads))
+
+    def _searches(self, update: MapUpdate, draft: _Draft) -> None:
+        draft.want(facts_of(update))
         for iri in subjects_of(update):
             quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
-            _put(stored, (quad for quad in quads if quad.predicate.value in OWN_OF_SEARCHES))
-        _put(wanted, facts_of(update))
-        for iri in update.removed:
-            _put(stored, self.all_quads_of(iri))
-        for departed in update.departed:
-            self._departed(departed, wanted, stored)
-        self._advance_number(update.objects, wanted, stored)
-        return self._commit(wanted, stored, cause)
+            draft.replace(_with(OWN_OF_SEARCHES, quads))
 
     def restate(
         self, record: ObjectRecord | PlaceRecord, assertions: PropertyAssertions, cause: Cause
     ) -> ChangeSet | None:
         """Replace the assertions about an object or place; `record` is perception's estimate."""
-        stored, wanted = self.restatement(((record, assertions),))
-        return self._commit(dict.fromkeys(wanted), dict.fromkeys(stored), cause)
+        return self._commit(self._restated(((record, assertions),)), cause)
 
     def restatement(
         self, asserted: Iterable[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]]
     ) -> tuple[tuple[Quad, ...], tuple[Quad, ...]]:
         """Quads to delete and to insert so that each subject has exactly the given assertions."""
+        draft = self._restated(asserted)
+        return tuple(draft.stored), tuple(draft.wanted)
+
+    def _restated(
+        self, asserted: Iterable[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]]
+    ) -> _Draft:
         self._synchronise()
-        wanted: _Quads = {}
-        stored: _Quads = {}
+        draft = _Draft()
         for record, assertions in asserted:
             if isinstance(record, ObjectRecord):
-                self._object(record, wanted, stored, assertions)
+                self._object(record, draft, assertions)
             else:
-                self._place(record, wanted, stored, assertions)
+                self._place(record, draft, assertions)
         self._synchronised_at = None  # quads of the author may be stored already
-        return tuple(stored), tuple(wanted)
+        return draft
 
-    def _commit(self, wanted: _Quads, stored: _Quads, cause: Cause) -> ChangeSet | None:
-        deleted = [quad for quad in stored if quad not in wanted]
-        inserted = [quad for quad in wanted if quad not in stored]
+    def _commit(self, draft: _Draft, cause: Cause) -> ChangeSet | None:
+        deleted = [quad for quad in draft.stored if quad not in draft.wanted]
+        inserted = [quad for quad in draft.wanted if quad not in draft.stored]
         if not deleted and not inserted:
             return None
-        # with assertions present, some quads of `wanted` may be stored already
+        # with assertions present, some wanted quads may be stored already
         exact = None if self._has_assertions else self._synchronised_at
         change = self._store.commit(deleted, inserted, cause, exact_at=exact)
         if change is not None:
@@ -210,8 +235,7 @@ class FrameWriter:
     def _object(
         self,
         record: ObjectRecord,
-        wanted: _Quads,
-        stored: _Quads,
+        draft: _Draft,
         assertions: PropertyAssertions,
     ) -> None:
         previous = self._assertions_of(record.iri)
@@ -227,50 +251,47 @@ class FrameWriter:
             # a label is written once, for a new object: persons may have edited it since
             before = {quad: None for quad in before if quad not in labels}
             facts = [q for q in facts if q.predicate != _LABEL]
-        _put(wanted, facts)
-        stored |= before
-        stored |= self._recent.of(NamedNode(observation_iri(self._facts.base, record.iri)))
+        draft.want(facts)
+        draft.replace(before)
+        draft.replace(self._recent.of(NamedNode(observation_iri(self._facts.base, record.iri))))
         if assertions or previous:
-            _put(stored, self._assertions.stored(self._store.engine, record.iri))
+            draft.replace(self._assertions.stored(self._store.engine, record.iri))
             for assertion in assertions.values():
                 about = about_object(assertion, record, time.time())
-                _put(wanted, self._assertions.quads(about))
+                draft.want(self._assertions.quads(about))
 
-    def _departed(self, record: DepartedRecord, wanted: _Quads, stored: _Quads) -> None:
+    def _departed(self, record: DepartedRecord, draft: _Draft) -> None:
         """Facts of a departed object, with its former label."""
         self._facts.known_category(record.category, f"departed object {record.iri}", "object")
-        _put(wanted, departed_quads(record))
+        draft.want(departed_quads(record))
         node = NamedNode(record.iri)
-        labels = [quad for quad in stored if quad.subject == node and quad.predicate == _LABEL]
-        _put(
-            wanted,
-            labels or [Quad(node, _LABEL, Literal(self._facts.object_label(record)), v.MAP_GRAPH)],
-        )
+        labels = [q for q in draft.stored if q.subject == node and q.predicate == _LABEL]
+        own = Quad(node, _LABEL, Literal(self._facts.object_label(record)), v.MAP_GRAPH)
+        draft.want(labels or [own])
 
     def _place(
         self,
         record: PlaceRecord,
-        wanted: _Quads,
-        stored: _Quads,
+        draft: _Draft,
         assertions: PropertyAssertions | None = None,
     ) -> None:
         previous = self._assertions_of(record.iri)
         assertions = previous if assertions is None else assertions
-        _put(wanted, self._facts.of_place(believed_place(record, assertions)))
+        draft.want(self._facts.of_place(believed_place(record, assertions)))
         for quad in self._recent.of(NamedNode(record.iri)):
-            stored[quad] = None
+            draft.replace([quad])
             if quad.predicate == _HAS_BELIEF and isinstance(quad.object, NamedNode):
-                stored |= self._recent.of(quad.object)
+                draft.replace(self._recent.of(quad.object))
         if "category" in assertions:  # even if no view has given the place a type yet
             kind = NamedNode(assertions["category"].value)
-            wanted[Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)] = None
+            draft.want([Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)])
         if assertions or previous:
-            _put(stored, self._assertions.stored(self._store.engine, record.iri))
+            draft.replace(self._assertions.stored(self._store.engine, record.iri))
             for assertion in assertions.values():
                 about = about_place(assertion, record, time.time())
-                _put(wanted, self._assertions.quads(about))
+                draft.want(self._assertions.quads(about))
 
-    def _with_parts(self, node: NamedNode, record: ObjectRecord) -> _Quads:
+    def _with_parts(self, node: NamedNode, record: ObjectRecord) -> dict[Quad, None]:
         """Stored facts that `record` replaces: of the object, its relations and alternatives."""
         before = self._recent.of(node)
         if record.relations is None:
@@ -312,21 +333,19 @@ class FrameWriter:
         quads = self._store.engine.quads_for_pattern(base, _NEXT, None, v.DATASET_GRAPH)
         return max((int(quad.object.value) for quad in quads), default=1)  # type: ignore[union-attr]
 
-    def _advance_number(
-        self, objects: Iterable[ObjectRecord], wanted: _Quads, stored: _Quads
-    ) -> None:
+    def _advance_number(self, objects: Iterable[ObjectRecord], draft: _Draft) -> None:
         numbers = (record.iri.removeprefix(self._prefix) for record in objects)
         used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
         before = self._stored_next()
         self._next = max(self._next, before, used + 1)
         if self._next != before:
             base = NamedNode(self._facts.base)
-            stored[Quad(base, _NEXT, Literal(before), v.DATASET_GRAPH)] = None
-            wanted[Quad(base, _NEXT, Literal(self._next), v.DATASET_GRAPH)] = None
+            draft.replace([Quad(base, _NEXT, Literal(before), v.DATASET_GRAPH)])
+            draft.want([Quad(base, _NEXT, Literal(self._next), v.DATASET_GRAPH)])
 
 
-def _put(quads: _Quads, more: Iterable[Quad]) -> None:
-    quads.update(dict.fromkeys(more))
+def _with(predicates: Collection[str], quads: Iterable[Quad]) -> Iterator[Quad]:
+    return (quad for quad in quads if quad.predicate.value in predicates)
 
 
 def _kind(node: NamedNode, category: str) -> set[Quad]:

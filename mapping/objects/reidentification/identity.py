@@ -62,43 +62,56 @@ class IdentityResolver:
         departed: Departed,
         now: float,
     ) -> tuple[list[Track], list[Track]]:
-        """Let things that appeared take over the identity of objects that left elsewhere.
+        """Match the things that appeared with objects that left another spot.
 
-        Returns the other tracks to be written, and the tracks whose identity others took over;
-        changes the IRIs that are `removed`. `now` is the frame's stamp [s].
+        A matched thing gets the IRI of the object that left.
+
+        Args:
+            tracks: all tracks of the mapper.
+            new: tracks that are believed since this frame.
+            touched: tracks that this frame gave evidence about.
+            lost: tracks whose objects are no longer believed.
+            removed: IRIs that leave the map with this frame; updated in place.
+            departed: probability that an object has left, by track and time.
+            now: stamp of the frame [s].
+
+        Returns:
+            Tracks to write beside the touched ones, and tracks that lost their IRI to another.
         """
         self.departures.add(
             [t for t in lost if not self._fixed(t) and not self._objects.asserted_absent(t.iri)]
         )
-        also = self._returned(new, tracks)
-        old = list[Track]()
+        to_write = self._returned(new, tracks)
         gone = {id(track) for track in lost}
-        least = self._settings.left
-        left = [t for t in touched if t.iri and t.absent >= least and id(t) not in gone]
+        min_absence = self._settings.left
+        left = [t for t in touched if t.iri and t.absent >= min_absence and id(t) not in gone]
         if not (new or lost or left) or not (left or self.departures):
-            return also, []
+            return to_write, []
         objects = [t for t in tracks if t.iri and id(t) not in gone]
-        free = [t for t in objects if not self._fixed(t)]
+        absentees = [
+            Absentee(t, t.absent, looked=t.absent >= min_absence)
+            for t in objects
+            if not self._fixed(t)
+        ]
         appeared = [
             t for t in objects if t.existence >= 0.5 and not self._objects.has_assertions(t.iri)
         ]
         appeared += [t for t in new if t.iri is None]
         count = Counter(track.category for track in objects)
-        perhaps = [Absentee(track, track.absent, looked=track.absent >= least) for track in free]
-        for move in self.departures.found(perhaps, appeared, departed, now, count.__getitem__):
-            iri = move.old.iri
-            assert iri is not None
-            removed.discard(iri)
+        replaced = list[Track]()
+        for move in self.departures.found(absentees, appeared, departed, now, count.__getitem__):
+            assert move.old.iri is not None
+            removed.discard(move.old.iri)
             if move.former_iri is not None:
                 removed.add(move.former_iri)
-            old.append(move.old)
-            also.append(move.track)
-        return also, old
+            replaced.append(move.old)
+            to_write.append(move.track)
+        return to_write, replaced
 
     def _returned(self, new: Sequence[Track], tracks: Sequence[Track]) -> list[Track]:
-        """Undo moves of things that stand in their old spots; returns the tracks of these moves.
+        """Undo moves whose object appears at its old spot; returns the tracks of these moves.
 
-        Such a track is an object of its own again.
+        Each of these tracks gets its former IRI again, or a new one.
         """
         others, present = list[Track](), {id(track) for track in tracks}
         for track in new:

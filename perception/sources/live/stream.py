@@ -43,8 +43,8 @@ from perception.sources.ros.headers import NANOSECONDS
 from perception.sources.ros.transform_tree import TransformTree
 
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
-SETTLING: Final = 1.0  # [s] between the first choice of topics that is possible and the choice ...
-SILENT: Final = 3.0  # ... where there are topics without a message
+SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
+SILENT: Final = 3.0  # [s] the same wait while an advertised topic has had no message
 TICK: Final = 0.02  # [s] between two checks of the transforms
 MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
 TRANSFORMS_KEPT: Final = 4000  # of a link
@@ -79,21 +79,21 @@ class FrameStream:
     `depth_scale` [units a metre] of 16-bit depth, by default the intrinsics', else millimetres.
     """
 
-    address: str
+    address: str  # of the connection, for messages
     options: RecordingOptions = DEFAULT_OPTIONS
-    problem: str = ""  # why there are no frames yet
+    problem: str = ""  # the reason why there are no frames yet
     _counts: StreamCounts = field(default_factory=StreamCounts)
-    _came: Counter[str] = field(default_factory=Counter)  # images of a topic
-    _index: BagIndex = field(init=False)
-    _choice: Choice | None = None
-    _possible: Choice | RecordingError | None = None  # of what there is, ...
-    _judged: tuple[str, ...] | None = None  # ... which is this
-    _choosable: float | None = None  # [s] since when topics could be chosen
-    _advertised: set[str] = field(default_factory=set)
-    _held: dict[str, HeldImages] = field(default_factory=dict)
-    _camera: FolderRecording | None = None
-    _warned: set[str] = field(default_factory=set)
-    _changed: threading.Condition = field(default_factory=threading.Condition)
+    _received: Counter[str] = field(default_factory=Counter)  # number of images, by topic
+    _index: BagIndex = field(init=False)  # stamps, cameras and transforms of the topics
+    _choice: Choice | None = None  # the topics that frames are made of
+    _tried_choice: Choice | RecordingError | None = None  # the choice among `_tried_names`
+    _tried_names: tuple[str, ...] | None = None  # topics and tf frames at the last try
+    _choosable_since: float | None = None  # [s] when a choice became possible
+    _advertised: set[str] = field(default_factory=set)  # topics that the stream subscribes to
+    _held: dict[str, HeldImages] = field(default_factory=dict)  # waiting images, by topic
+    _camera: FolderRecording | None = None  # decodes images; made for the first frame
+    _warned: set[str] = field(default_factory=set)  # topics that had their one warning
+    _changed: threading.Condition = field(default_factory=threading.Condition)  # and the lock
 
     def __post_init__(self) -> None:
         self._index = BagIndex(self.address, tree=TransformTree(TRANSFORMS_KEPT))
@@ -102,10 +102,8 @@ class FrameStream:
     def counts(self) -> StreamCounts:
         """Counts of the images so far."""
         with self._changed:
-            choice = self._choice
-            received = (
-                sum(self._came.values()) if choice is None else self._came[choice.colour.topic]
-            )
+            by_topic, choice = self._received, self._choice
+            received = by_topic.total() if choice is None else by_topic[choice.colour.topic]
             return replace(self._counts, received=received)
 
     @property
@@ -181,7 +179,7 @@ class FrameStream:
             add_poses(index, raw.topic, chosen.colour.frame)
             self._trim(raw.topic, poses=0)
         if raw.type in IMAGES and self._is_used(raw.topic):
-            self._came[raw.topic] += 1
+            self._received[raw.topic] += 1
             stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
             image = LiveImage(raw, decoder, stamp, time.monotonic())
             self._held.setdefault(raw.topic, HeldImages()).add(image)
@@ -234,16 +232,17 @@ class FrameStream:
             colour, depth = colours.images[i], depths.images[j]
             waited = now - max(colour.came, depth.came) >= PATIENCE
             apart = abs(c[i] - d[j])
-            sure = d.max() >= c[i] + apart and c.max() >= d[j] + apart
-            if not (sure or waited):
+            # later images are farther apart than this pair
+            nearest = d.max() >= c[i] + apart and c.max() >= d[j] + apart
+            if not (nearest or waited):
                 continue
-            known, T = self._pose(colour.seconds, waited=waited)
+            final, T = self._pose(colour.seconds, waited=waited)
             if T is not None:
                 for held, last in ((colours, colour), (depths, depth)):
                     for image in [one for one in held.images if one.stamp <= last.stamp]:
                         held.drop(image)
                 return FrameEntry(colour.id, colour, depth, T, colour.seconds)
-            if known:
+            if final:
                 self._counts.without_pose += 1
                 colours.drop(colour)
                 depths.drop(depth)
@@ -251,7 +250,7 @@ class FrameStream:
         return None
 
     def _pose(self, stamp: float, *, waited: bool) -> tuple[bool, Pose | None]:
-        """Whether the pose at `stamp` [s] is known for good, and the pose; None: there is none."""
+        """Whether the pose at `stamp` [s] is final, and the pose, or None without transforms."""
         assert self._choice is not None
         tree, names = self._index.tree, (self._choice.map_frame, self._choice.colour.frame)
         try:
@@ -279,25 +278,25 @@ class FrameStream:
         """Choose the topics once they are there; returns whether they are chosen."""
         index, now = self._index, time.monotonic()
         there = (*index.streams, *index.tree.frames)
-        if there != self._judged:
-            self._judged, self._possible = there, self._judge()
-        if not isinstance(self._possible, Choice):
-            self.problem, self._choosable = str(self._possible), None
+        if there != self._tried_names:
+            self._tried_names, self._tried_choice = there, self._try_choice()
+        if not isinstance(self._tried_choice, Choice):
+            self.problem, self._choosable_since = str(self._tried_choice), None
             return False
-        self._choosable = self._choosable or now
+        self._choosable_since = self._choosable_since or now
         silent = self._advertised - index.streams.keys()
-        if now < self._choosable + (SILENT if silent else SETTLING):
+        if now < self._choosable_since + (SILENT if silent else SETTLING):
             return False
-        choice = self._judge()  # by all that has come since
+        choice = self._try_choice()  # by all that has come since
         if not isinstance(choice, Choice):
-            self._judged = None
+            self._tried_names = None
             return False
         self.problem, self._choice = "", choice
         self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
         _log.warning("%s: %s", self.address, _description(choice))
         return True
 
-    def _judge(self) -> Choice | RecordingError:
+    def _try_choice(self) -> Choice | RecordingError:
         """The choice by the messages so far, or an error that names the missing topic."""
         try:
             choice = choose(self._index, self.options.streams)

@@ -57,9 +57,9 @@ def test_four_corners_along_the_axes_are_a_rectangle():
 @pytest.mark.parametrize(
     ("rings", "says"),
     [
-        ([], "without corners"),
-        ([[]], "encloses nothing"),
-        ([[(0, 0), (1, 1), (2, 2)]], "encloses nothing"),
+        ([], "has no ring"),
+        ([[]], "encloses no area"),
+        ([[(0, 0), (1, 1), (2, 2)]], "encloses no area"),
         ([[(0, 0), (4, 4), (4, 0), (0, 3)]], "crosses itself"),
         ([[(0, 0), (1e300, 0), (1e300, 1e300)]], "beyond 1e\\+06 m"),
         ([[(0, 0), (1, 0), (float("nan"), 1)]], "not finite"),

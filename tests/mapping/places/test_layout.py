@@ -132,7 +132,7 @@ def degrees(ring):
         (collection({"type": "Feature", "geometry": None}), "feature without a shape"),
         (collection(feature([[[0, 0], [4, 4], [4, 0], [0, 3]]])), "crosses itself"),
         (collection(feature([[[0, 0], ["a", 1], [2, 0]]])), "no rings of"),
-        (collection(feature([[[0, 0], [1, 0], [2, 0]]])), "encloses nothing"),
+        (collection(feature([[[0, 0], [1, 0], [2, 0]]])), "encloses no area"),
         (collection(feature("x" * 9)), "no rings of"),
         (collection(feature([RING], id="a")), "'a'"),
         (collection(7), "feature 1 is no Feature"),

@@ -81,9 +81,7 @@ def test_one_with_a_world_of_its_own_is_refused_and_the_map_untouched(
     other, _ = _elsewhere(sessions[1], tmp_path / "other")
     before = _state(into)
     message = fails("map", *_words(other, into))
-    assert "how the world of 'other' sits in this map, which holds session-1, is not known" in (
-        message
-    )
+    assert "the transform from 'other' to this map of session-1 is unknown" in message
     assert all(way in message for way in ("--align", "--transform FILE", "--same-frame"))
     assert _state(into) == before
     prints("map", *_words(other, into), "--same-frame")
