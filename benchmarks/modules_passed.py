@@ -6,8 +6,8 @@ RECORDING is any recording that `hereabouts map` reads. A module is counted when
 functions is called during the walk, in this process: not when it is only imported, and not in the
 process that evaluates an HTTP query. Modules are listed in the order of their first calls. A room
 is a package or module directly below `kg`, `perception`, `mapping` or `planner`. A return is a step
-in this order from one room into another one that an earlier module was in. To count another checkout, run this file with the Python of
-its environment.
+in this order from one room into another one that an earlier module was in. To count another
+checkout, run this file with its folder as PYTHONPATH.
 """
 
 from __future__ import annotations
