@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad
 
-from benchmarks.kills.frames import NOTES, expected, facts
+from benchmarks.kills.frames import NOTES, expected, facts, note_update
 from kg.history.storage.log import BACKGROUND
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -32,6 +33,7 @@ class Finding:
     known: Known
     digest: str
     wrong: tuple[str, ...]
+    seconds: float = 0.0  # that the map took to open
 
 
 def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) -> Finding:
@@ -40,7 +42,9 @@ def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) 
     `before` is what an earlier examination found, `acknowledged` what the killed process said it
     had done since.
     """
+    started = time.monotonic()
     with open_map(path, read_only=read_only) as semantic_map:
+        seconds = time.monotonic() - started
         known = _known(semantic_map)
         wrong = [
             *_lost(known, acknowledged),
@@ -48,7 +52,29 @@ def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) 
             *_misnumbered(semantic_map, known, before),
             *_retold(semantic_map, known, before),
         ]
-        return Finding(known, digest(semantic_map.engine), tuple(wrong))
+        return Finding(known, digest(semantic_map.engine), tuple(wrong), seconds)
+
+
+def examine_after_cut(path: Path, told: Known, *, power_safe: bool) -> Finding:
+    """Open a map whose power was cut, and look at it.
+
+    With `power_safe` all that was `told` is there; else a whole earlier state of the map.
+    """
+    started = time.monotonic()
+    with open_map(path) as semantic_map:
+        seconds = time.monotonic() - started
+        known = _known(semantic_map)
+        now = set(semantic_map.engine)
+        with semantic_map.at(known.sequence) as then:
+            wrong = _differs(f"the history at #{known.sequence}", set(then.engine), now)
+        wrong += _torn(semantic_map, known)
+        if power_safe:
+            wrong += _lost(known, told)
+        number = known.frames + known.notes + 1
+        semantic_map.update(note_update(number))
+        if known.frames and semantic_map.sequence != known.sequence + 1:
+            wrong.append(f"an update after #{known.sequence} is #{semantic_map.sequence}")
+        return Finding(known, digest(semantic_map.engine), tuple(wrong), seconds)
 
 
 def replay(path: Path) -> tuple[str, tuple[str, ...]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from statistics import median
 
 
 @dataclass(slots=True)
@@ -15,6 +16,7 @@ class Tally:
     unheard: int = 0  # transactions that were kept although a kill came before they were told of
     early: int = 0  # kills before the first acknowledgement: while opening and catching up
     checks: int = 0
+    opened: list[float] = field(default_factory=list)  # [s] that the map took to open, each time
     notes: list[str] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
 
@@ -22,11 +24,30 @@ class Tally:
         """One line of a Markdown table."""
         counts = self.kills, self.acknowledged, self.unheard, self.early, self.checks
         told = "; ".join(self.notes) or "-"
-        cells = (self.what, *(f"{count:,}" for count in counts), told, str(len(self.wrong)))
+        cells = (
+            self.what,
+            *(f"{count:,}" for count in counts),
+            self._opening(),
+            told,
+            str(len(self.wrong)),
+        )
         return f"| {' | '.join(cells)} |"
 
+    def _opening(self) -> str:
+        if not self.opened:
+            return "-"
+        return f"{1e3 * median(self.opened):.0f} / {1e3 * max(self.opened):.0f}"
 
-HEAD = (
-    "| killed | kills | acknowledged | kept unheard | early | checks | besides | violations |\n"
-    "|---|---|---|---|---|---|---|---|"
+
+_TITLES = (
+    "killed",
+    "rounds",
+    "acknowledged",
+    "kept unheard",
+    "early",
+    "checks",
+    "opened again, median / longest [ms]",
+    "besides",
+    "violations",
 )
+HEAD = f"| {' | '.join(_TITLES)} |\n{'|---' * len(_TITLES)}|"

@@ -52,7 +52,7 @@ def examined(path: Path, before: Known, acknowledged: Known, rng: random.Random)
         told(asdict(examine(path, before, acknowledged, read_only=read_only)))
 
     children = [Child(work) for _ in range(2 if read_only and beside else 1)]
-    return [_finding(child) for child in children]
+    return [finding_of(child) for child in children]
 
 
 def replayed(path: Path) -> tuple[str, list[str]]:
@@ -100,12 +100,14 @@ def settle(
     tally.wrong += [f"{where}: {line}" for finding in findings for line in finding.wrong]
     if len({finding.digest for finding in findings}) > 1:
         tally.wrong.append(f"{where}: two readers of the same moment saw different graphs")
+    tally.opened += [finding.seconds for finding in findings]
     found = findings[0]
     tally.unheard += found.known.sequence - acknowledged.frames - acknowledged.notes
     return found
 
 
-def _finding(child: Child) -> Finding:
+def finding_of(child: Child) -> Finding:
+    """The finding that a child tells of; one of a map that cannot be opened where it ended."""
     try:
         found = child.hear(120.0)
     except EOFError:
@@ -115,4 +117,6 @@ def _finding(child: Child) -> Finding:
     finally:
         child.end()
         child.close()
-    return Finding(Known(**found["known"]), found["digest"], tuple(found["wrong"]))
+    return Finding(
+        Known(**found["known"]), found["digest"], tuple(found["wrong"]), found["seconds"]
+    )

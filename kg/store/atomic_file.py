@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
+from contextlib import suppress
 from pathlib import Path
 
 from kg.model.errors import GraphError
@@ -30,7 +31,21 @@ def write_atomically(path: Path, text: str | bytes) -> None:
             out.flush()
             os.fsync(out.fileno())
         beside.replace(path)
+        sync_folder(path.parent)
     except OSError as error:
         raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         beside.unlink(missing_ok=True)
+
+
+def sync_folder(folder: Path) -> None:
+    """Let the names in `folder` survive a power cut: new, renamed and removed ones.
+
+    Does nothing where the file system cannot sync a folder.
+    """
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

@@ -60,6 +60,13 @@ def check_is_map(path: Path) -> None:
         raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
 
 
+def made_folder(folder: Path) -> list[Path]:
+    """Create a folder and those above it; gives the folders that got a new name in them."""
+    new = [at for at in (folder, *folder.parents) if not at.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    return [at.parent for at in new]
+
+
 def remove_abandoned(path: Path, kind: str = "new") -> None:
     """Remove the folders ``.<name>.<kind>-*`` beside `path` that killed processes left behind.
 

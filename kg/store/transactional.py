@@ -27,10 +27,12 @@ from kg.model.transactions import Cause, ChangeSet, Listener
 from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
+from kg.store.atomic_file import sync_folder
 from kg.store.folder import (
     check_is_map,
     check_vacant,
     locked,
+    made_folder,
     reason_of,
     remove_abandoned,
 )
@@ -94,12 +96,12 @@ class TransactionalStore:
         """A new store of `quads` at `path`, open for writing.
 
         The store is built beside `path` and then renamed, so that a killed process leaves no
-        incomplete map. Raises GraphError if `path` exists.
+        incomplete map, and its name is on the disk. Raises GraphError if `path` exists.
         """
         check_vacant(path)
         building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            above = made_folder(path.parent)
             remove_abandoned(path)
             building.mkdir()
             lock = locked(building / "lock", path, shared=False)
@@ -108,7 +110,10 @@ class TransactionalStore:
                 engine.bulk_extend(quads)
                 engine.flush()
                 del engine  # releases its files
+                sync_folder(building)
                 building.rename(path)
+                for folder in (path.parent, *above):
+                    sync_folder(folder)
                 engine = Store(str(path / "store"))
                 return cls(engine, where=str(path), read_only=False, lock=lock)
             except BaseException:
