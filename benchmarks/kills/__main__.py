@@ -18,7 +18,9 @@ from pathlib import Path
 from typing import Final
 
 from benchmarks.kills.asking import kill_workers
+from benchmarks.kills.commands import kill_compact, kill_export, kill_live, kill_mapping
 from benchmarks.kills.cutting import cut_plain, cut_power_safe
+from benchmarks.kills.publishing import kill_publishing
 from benchmarks.kills.serving import kill_servers
 from benchmarks.kills.tally import HEAD, Tally
 from benchmarks.kills.writing import kill_writers
@@ -28,6 +30,11 @@ KINDS: Final[dict[str, Round]] = {
     "writer": kill_writers,
     "server": kill_servers,
     "worker": kill_workers,
+    "map": kill_mapping,
+    "live": kill_live,
+    "compact": kill_compact,
+    "export": kill_export,
+    "publish": kill_publishing,
     "power-safe": cut_power_safe,
     "power": cut_plain,
 }

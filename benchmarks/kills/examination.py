@@ -8,10 +8,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad
+from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad, RdfFormat, parse
 
-from benchmarks.kills.frames import NOTES, expected, facts, note_update
+from benchmarks.kills.frames import BASE, NOTES, expected, facts, note_update
 from kg.history.storage.log import BACKGROUND
+from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.serving.opening import open_map
@@ -66,15 +67,43 @@ def examine_after_cut(path: Path, told: Known, *, power_safe: bool) -> Finding:
         known = _known(semantic_map)
         now = set(semantic_map.engine)
         with semantic_map.at(known.sequence) as then:
-            wrong = _differs(f"the history at #{known.sequence}", set(then.engine), now)
+            wrong = differs(f"the history at #{known.sequence}", set(then.engine), now)
         wrong += _torn(semantic_map, known)
         if power_safe:
             wrong += _lost(known, told)
-        number = known.frames + known.notes + 1
-        semantic_map.update(note_update(number))
+        semantic_map.update(note_update(known.notes + 1))
         if known.frames and semantic_map.sequence != known.sequence + 1:
             wrong.append(f"an update after #{known.sequence} is #{semantic_map.sequence}")
         return Finding(known, digest(semantic_map.engine), tuple(wrong), seconds)
+
+
+def examine_mapped(path: Path, commits: int) -> Finding:
+    """Open a map that a mapper wrote, whose log had so many transactions, and look at it."""
+    started = time.monotonic()
+    with open_map(path) as semantic_map:
+        seconds = time.monotonic() - started
+        number, now = semantic_map.sequence, set(semantic_map.engine)
+        with semantic_map.at(number) as then:
+            wrong = differs(f"the history at #{number}", set(then.engine), now)
+        if number < commits:
+            wrong.append(f"#{commits} was in the log, the map is at #{number}")
+        if bool(semantic_map.recordings()) != (semantic_map.robot() is not None):
+            wrong.append(f"#{number} has a recording without a robot, or the other way round")
+        wrong += [f"{found.focus}: {found.message}" for found in check_map(semantic_map.engine)]
+        return Finding(Known(), "", tuple(wrong), seconds)
+
+
+def examine_export(file: Path, frames: int) -> Finding:
+    """An exported map is whole: that of now, or an older one."""
+    started = time.monotonic()
+    quads = set(parse(path=str(file), format=RdfFormat.TRIG))
+    seconds = time.monotonic() - started
+    last = {int(q.object.value) for q in quads if q.predicate.value == v.SEQUENCE}
+    there = max((number for number in last), default=0)
+    wrong = differs(f"the export at #{there}", own_facts(quads), own_facts(expected(there, 0)))
+    if there > frames:
+        wrong.append(f"the export is at #{there}, the map at #{frames}")
+    return Finding(Known(there), "", tuple(wrong), seconds)
 
 
 def replay(path: Path) -> tuple[str, tuple[str, ...]]:
@@ -85,7 +114,7 @@ def replay(path: Path) -> tuple[str, tuple[str, ...]]:
         for change in semantic_map.history.changes(0):
             graph -= set(change.removed)
             graph |= set(change.added)
-        wrong = _differs("the history from 0 on", graph, set(semantic_map.engine))
+        wrong = differs("the history from 0 on", graph, set(semantic_map.engine))
         return isomorphic_digest(semantic_map.engine), tuple(wrong)
 
 
@@ -131,7 +160,7 @@ def _lost(known: Known, acknowledged: Known) -> list[str]:
 def _torn(semantic_map: SemanticMap, known: Known) -> list[str]:
     wanted = expected(known.frames, known.notes)
     name = f"the graph after {known.frames} frames and {known.notes} notes of {NOTES} facts"
-    return _differs(name, facts(semantic_map), wanted)
+    return differs(name, facts(semantic_map), wanted)
 
 
 def _misnumbered(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]:
@@ -151,21 +180,27 @@ def _misnumbered(semantic_map: SemanticMap, known: Known, before: Known) -> list
 def _retold(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]:
     now = set(semantic_map.engine)
     with semantic_map.at(known.sequence) as told:
-        wrong = _differs(f"the history at #{known.sequence}", set(told.engine), now)
+        wrong = differs(f"the history at #{known.sequence}", set(told.engine), now)
     with semantic_map.at(before.sequence) as then:
         graph = set(then.engine)
     for change in semantic_map.history.changes(before.sequence):
         graph -= set(change.removed)
         graph |= set(change.added)
-    return wrong + _differs(f"the changes since #{before.sequence}", graph, now)
+    return wrong + differs(f"the changes since #{before.sequence}", graph, now)
 
 
-def _differs(name: str, graph: set[Quad], wanted: set[Quad]) -> list[str]:
+def differs(name: str, graph: set[Quad], wanted: set[Quad]) -> list[str]:
+    """A line that says how a graph differs from the wanted one, or none."""
     graph, wanted = _uncounted(graph), _uncounted(wanted)
     if graph == wanted:
         return []
     example = min(map(str, graph ^ wanted))
     return [f"{name}: {len(wanted - graph)} facts lack, {len(graph - wanted)} too many: {example}"]
+
+
+def own_facts(quads: Iterable[Quad]) -> set[Quad]:
+    """Facts about the things of a map."""
+    return {quad for quad in quads if str(quad.subject).startswith(f"<{BASE}object/")}
 
 
 def _uncounted(quads: set[Quad]) -> set[Quad]:

@@ -51,10 +51,18 @@ class Child:
             except EOFError:
                 return
 
+    def ended(self) -> bool:
+        """Whether it is gone."""
+        if self.code is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.code = os.waitstatus_to_exitcode(status) if pid else None
+        return self.code is not None
+
     def kill(self) -> None:
         """SIGKILL, and wait until it is gone."""
-        os.kill(self.pid, signal.SIGKILL)
-        self.end()
+        if not self.ended():
+            os.kill(self.pid, signal.SIGKILL)
+            self.end()
 
     def end(self) -> int:
         """Wait until it is gone; its exit code, negative for the signal that ended it."""

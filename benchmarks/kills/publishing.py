@@ -1,0 +1,113 @@
+"""`hereabouts publish` killed: the copy on the server is of one transaction, and catches up."""
+
+from __future__ import annotations
+
+import random
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.kills.commands import A_STEP, LONGEST, killed, written
+from benchmarks.kills.examination import Finding, Known, differs, own_facts
+from benchmarks.kills.frames import BASE, expected
+from benchmarks.kills.processes import Child
+from benchmarks.kills.tally import Tally
+from benchmarks.kills.writing import create, finding_of
+from kg.maps.semantic_map import SemanticMap
+from kg.serving.opening import open_map
+from kg.serving.publishing.target import PublishTarget
+from planner.cli import main
+
+A_SERVER = 50  # kills
+WITHIN = 60.0  # [s] that the server has to start
+
+
+def kill_publishing(
+    folder: Path, kills: int, rng: random.Random, on_kill: Callable[[], None]
+) -> Tally:
+    """So many kills of a publisher, the frames before each unpublished."""
+    tally = Tally("publish")
+    if not _oxigraph().is_file():
+        tally.notes = ["not run: there is no oxigraph server in this environment"]
+        return tally
+    while tally.kills < kills:
+        path = folder / f"published-{tally.kills}.map"
+        create(path)
+        with _server(folder / f"server-{tally.kills}") as url:
+            frames = 0
+            for _ in range(min(A_SERVER, kills - tally.kills)):
+                frames = written(path, frames)
+                words = ["publish", str(path), "--to", url, "--once"]
+                tally.early += not killed(partial(main, words), rng, 2 * LONGEST)
+                _look(tally, partial(_published, url, frames))
+                tally.kills += 1
+                tally.acknowledged += A_STEP
+                on_kill()
+            _look(tally, partial(_caught_up, url, path, frames))
+    tally.notes = [f"{tally.early} ended before the kill"]
+    tally.early = 0
+    return tally
+
+
+def _look(tally: Tally, look: Callable[[], Finding]) -> None:
+    finding = finding_of(Child(lambda told: told(asdict(look()))))
+    tally.checks += 1
+    tally.opened.append(finding.seconds)
+    tally.wrong += [f"kill {tally.kills + 1}: {line}" for line in finding.wrong]
+
+
+def _published(url: str, frames: int) -> Finding:
+    """The copy is of one transaction; before the first copy is complete it has no number."""
+    target, started = PublishTarget(url), time.monotonic()
+    number = target.acknowledged(BASE)
+    target.close()
+    wrong = []
+    if number is not None:
+        if number > frames:
+            wrong.append(f"the copy is at #{number}, the map at #{frames}")
+        with open_map(url, read_only=True) as copy:
+            wrong += _differences(copy, number)
+    return Finding(Known(), "", tuple(wrong), time.monotonic() - started)
+
+
+def _caught_up(url: str, path: Path, frames: int) -> Finding:
+    if main(["publish", str(path), "--to", url, "--once"]) != 0:
+        return Finding(Known(), "", ("the map could not be published after the kills",))
+    with open_map(url, read_only=True) as copy:
+        return Finding(Known(), "", tuple(_differences(copy, frames)))
+
+
+def _differences(copy: SemanticMap, number: int) -> list[str]:
+    name = f"the copy at #{number}"
+    return differs(name, own_facts(copy.engine), own_facts(expected(number, 0)))
+
+
+@contextmanager
+def _server(folder: Path) -> Iterator[str]:
+    """A server of another maker; gives its address."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    words = [str(_oxigraph()), "serve", "-l", str(folder), "-b", f"127.0.0.1:{port}"]
+    silent: Any = subprocess.DEVNULL
+    with subprocess.Popen(words, stdout=silent, stderr=silent) as server:
+        try:
+            end = time.monotonic() + WITHIN
+            while time.monotonic() < end:
+                with socket.socket() as attempt:
+                    if attempt.connect_ex(("127.0.0.1", port)) == 0:
+                        break
+                time.sleep(0.02)
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            server.kill()
+
+
+def _oxigraph() -> Path:
+    return Path(sys.executable).with_name("oxigraph")
