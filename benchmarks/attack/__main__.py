@@ -1,6 +1,6 @@
 """Attack a served map on this machine, and count what got out, broke, stopped or was lost.
 
-    python -m benchmarks.attack [--family NAME ...]
+    python -m benchmarks.attack [--family NAME ...] [--seed N]
 
 Run it from the repository's root. Everything happens on the loopback, in bounded numbers. A family
 is a module with a function `attack(target) -> Outcome`. It exits 1 where a count is not 0.
@@ -16,7 +16,7 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Final
 
-from benchmarks.attack import exhaustion, network, strangers
+from benchmarks.attack import exhaustion, files, iris, network, ontologies, strangers
 from benchmarks.attack.outcome import HEAD, Outcome
 from benchmarks.attack.target import Target
 
@@ -24,6 +24,9 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "network": network.attack,
     "exhaustion": exhaustion.attack,
     "strangers": strangers.attack,
+    "ontologies": ontologies.attack,
+    "iris": iris.attack,
+    "files": files.attack,
 }
 
 
@@ -31,11 +34,16 @@ def main() -> int:
     """Run the families; 1 where one of them got anywhere."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.attack", description=__doc__)
     parser.add_argument("--family", action="append", choices=FAMILIES, help="only this (again)")
-    names = parser.parse_args().family or list(FAMILIES)
+    parser.add_argument("--seed", default="1", help="of the spellings: another makes others (1)")
+    arguments = parser.parse_args()
+    names = arguments.family or list(FAMILIES)
     total = Outcome()
     _line("family", *HEAD)
     for name in names:
-        with tempfile.TemporaryDirectory() as folder, Target(Path(folder)) as target:
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            Target(Path(folder), arguments.seed) as target,
+        ):
             outcome = FAMILIES[name](target)
         _line(name, *astuple(outcome))
         total += outcome

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import signal
 import subprocess
 import sys
@@ -22,13 +23,21 @@ MIXED = "\n".join(
     for k in range(800)
     for value in [(k, f"'{k}a'", k / 3, f"'{k}'")[k % 4]]
 )
+MAX_MEMORY = 2 << 20  # [kB] of the server's process
+TRACEBACK = "Traceback (most recent call last)"
 KEPT = "<urn:kept> <urn:says> 'kept' ."
 
 
 class Target:
-    """A running server; a context manager that ends it."""
+    """A running server; a context manager that ends it.
 
-    def __init__(self, folder: Path) -> None:
+    Families draw their spellings from `rng`, so that another seed makes other attacks.
+    """
+
+    def __init__(self, folder: Path, seed: str = "1") -> None:
+        self.rng = random.Random(seed)
+        self._shown = 0
+        self.folder = folder
         self.map = folder / "attacked.map"
         with create_map(self.map) as made:
             made.update(f"INSERT DATA {{ GRAPH <urn:g> {{ {MIXED} {KEPT} }} }}")
@@ -44,7 +53,7 @@ class Target:
         assert self._process.stderr is not None
         line = self._process.stderr.readline()
         self.url = next(word for word in line.split() if word.startswith("http://"))
-        threading.Thread(target=_drain, args=(self._process.stderr,), daemon=True).start()
+        threading.Thread(target=self._drain, args=(self._process.stderr,), daemon=True).start()
 
     def request(self, method: str, path: str, **given: Any) -> requests.Response | None:
         """The response; None where the server hung up, or did not answer in time."""
@@ -93,14 +102,38 @@ class Target:
         self._start()
         return True
 
+    def restarted(self) -> int:
+        """1 where the killed server does not start again with its map, else 0."""
+        self._process.kill()
+        self._process.wait()
+        try:
+            self._start()
+        except StopIteration:  # it ended with an error
+            return 1
+        return self.hangs()
+
+    def greedy(self) -> int:
+        """1 where the server's process took more than `MAX_MEMORY` since it began, else 0."""
+        try:
+            text = Path(f"/proc/{self._process.pid}/status").read_text(encoding="ascii")
+        except OSError:
+            return 0
+        peaks = [int(line.split()[1]) for line in text.splitlines() if line.startswith("VmHWM")]
+        return int(max(peaks, default=0) > MAX_MEMORY)
+
+    def shown(self, *replies: requests.Response | None) -> int:
+        """Tracebacks in these replies, and on the server's stderr since the last call."""
+        shown, self._shown = self._shown, 0
+        return shown + sum(TRACEBACK in reply.text for reply in replies if reply is not None)
+
+    def _drain(self, stream: IO[str]) -> None:
+        with stream:
+            for line in stream:
+                self._shown += TRACEBACK in line
+
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._process.kill()
         self._process.wait()
-
-
-def _drain(stream: IO[str]) -> None:
-    with stream:
-        stream.read()

@@ -161,7 +161,12 @@ def _examined(tally: Tally, path: Path, look: Callable[[], Any]) -> None:
 
 def _run(words: list[str]) -> None:
     """A command from its beginning to its end; raises RuntimeError where it fails."""
-    child = Child(lambda told: told([main(words), *sys.modules]))
+
+    def work(told: Told) -> None:
+        os.dup2(2, 1)
+        told([main(words), *sys.modules])
+
+    child = Child(work)
     done, *modules = child.hear(600.0)
     child.end()
     child.close()

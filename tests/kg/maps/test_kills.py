@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import random
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +15,13 @@ from pyoxigraph import Quad
 
 from kg.serving.opening import create_map, open_map
 
+KINDS = {
+    "writer": "writer of frames",
+    "server": "server, with a follower",
+    "worker": "query worker",
+    "compact": "compact",
+    "export": "export",
+}
 ROOT = Path(__file__).resolve().parents[3]
 
 
@@ -27,7 +36,8 @@ def kills(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_nothing_is_lost_to_kills() -> None:
-    words = ["--writer", "3", "--server", "2", "--worker", "2", "--seed", "5"]
+    words = ["--rounds", str(2 * len(KINDS)), "--seed", "5"]
+    words += [word for kind in KINDS for word in ("--kind", kind)]
     run = subprocess.run(
         [sys.executable, "-m", "benchmarks.kills", *words],
         cwd=ROOT,
@@ -39,11 +49,7 @@ def test_nothing_is_lost_to_kills() -> None:
     )
     assert run.returncode == 0, run.stderr
     rows = [row.split(" | ") for row in run.stdout.splitlines() if row.startswith("| ")][1:]
-    assert [(row[0].strip("| "), row[1]) for row in rows] == [
-        ("writer of frames", "3"),
-        ("server, with a follower", "2"),
-        ("query worker", "2"),
-    ]
+    assert [(row[0].strip("| "), row[1]) for row in rows] == [(row, "2") for row in KINDS.values()]
 
 
 def test_an_examination_notices_what_is_missing(kills: Any, tmp_path: Path) -> None:
@@ -70,3 +76,41 @@ def test_an_examination_notices_what_is_missing(kills: Any, tmp_path: Path) -> N
     assert "the graph after 3 frames and 1 notes of 5 facts: 1 facts lack, 0 too many" in found
     assert "the history at #4: 0 facts lack, 1 too many" in found
     assert "the changes since #0: 0 facts lack, 1 too many" in found
+
+
+def test_a_cut_of_the_power_loses_what_was_not_synced(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from benchmarks.kills.disk import Disk, File
+
+    def after(kept: float) -> dict[str, bytes]:
+        disk, folder = Disk(Path("/d")), tmp_path / str(kept)
+        synced, unsynced = disk.create("/d/synced"), disk.create("/d/unsynced")
+        synced.write(0, b"one")
+        disk.sync(synced, 1, disk.entries)
+        synced.write(3, b"two")
+        unsynced.write(0, b"three")
+        disk.rename("/d/synced", "/d/renamed")
+        assert isinstance(disk.at("/d/renamed"), File)
+        disk.after_cut(folder, random.Random(1), kept)
+        return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+    assert after(0.0) == {"synced": b"one", "unsynced": b""}
+    assert after(1.0) == {"renamed": b"onetwo", "unsynced": b"three"}
+
+
+def test_the_recorded_writer_outlives_cuts_of_the_power() -> None:
+    if shutil.which("strace") is None:
+        pytest.skip("strace is not installed")
+    words = ["--rounds", "6", "--kind", "power-safe", "--kind", "power"]
+    run = subprocess.run(
+        [sys.executable, "-m", "benchmarks.kills", *words],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=800,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
