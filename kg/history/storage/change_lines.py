@@ -15,7 +15,10 @@ from typing import Final, NamedTuple
 from pyoxigraph import Quad, RdfFormat, parse, serialize
 
 from kg.model import vocabulary as v
+from kg.model.errors import HistoryError, InvalidFactError
 
+MAX_TEXT: Final = 1 << 29  # [bytes] of a row, decompressed
+_REMEDY: Final = "move history.sqlite away to begin a new one"
 _SPACE: Final = ord(" ")
 _DOUBLES: Final = (v.Y_MIN, v.X_MAX, v.X_MIN, v.BELIEF, v.HEADING, v.SCORE, v.Z, v.Y, v.X)
 _INTEGERS: Final = (v.NEXT_OBJECT, v.VIEW_COUNT, v.FRAMES_APPLIED, v.OBSERVATION_COUNT)
@@ -35,16 +38,26 @@ class ChangeLines(NamedTuple):
 
 
 class LineCodec:
-    """Compresses and decompresses blocks of lines with a preset dictionary."""
+    """Compresses and decompresses blocks of lines with a preset dictionary.
+
+    Reading raises HistoryError for what is damaged or larger than `MAX_TEXT`.
+    """
 
     def __init__(self, dictionary: bytes) -> None:
         self._dictionary = dictionary
 
     def encode(self, *blocks: Iterable[bytes]) -> bytes:
-        """Blocks of lines, sorted and compressed."""
+        """Blocks of lines, sorted and compressed.
+
+        Raises InvalidFactError for more than `MAX_TEXT` bytes.
+        """
         # the highest level and memory; negative window bits leave out zlib's header
         deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS, 9, zdict=self._dictionary)
         text = b"\n\n".join(_packed(block) for block in blocks)
+        if len(text) > MAX_TEXT:
+            raise InvalidFactError(
+                f"a transaction of {len(text):,} bytes as N-Quads; at most {MAX_TEXT:,} would work"
+            )
         return deflate.compress(text) + deflate.flush()
 
     def state(self, data: bytes) -> list[bytes]:
@@ -62,7 +75,16 @@ class LineCodec:
         return ChangeLines(_about(removed, subject), _about(added, subject))
 
     def _text(self, data: bytes) -> bytes:
-        return zlib.decompressobj(-zlib.MAX_WBITS, zdict=self._dictionary).decompress(data)
+        inflate = zlib.decompressobj(-zlib.MAX_WBITS, zdict=self._dictionary)
+        try:
+            text = inflate.decompress(data, MAX_TEXT)
+        except zlib.error as error:
+            raise HistoryError(f"the history is damaged ({error}); {_REMEDY}") from error
+        if inflate.unconsumed_tail:
+            raise HistoryError(f"a row of the history has more than {MAX_TEXT:,} bytes; {_REMEDY}")
+        if not inflate.eof:
+            raise HistoryError(f"the history is damaged (a row is cut off); {_REMEDY}")
+        return text
 
 
 def dictionary_for(base: str) -> bytes:
@@ -87,8 +109,11 @@ def lines_of(quads: Iterable[Quad]) -> list[bytes]:
 
 
 def quads_of(lines: Iterable[bytes]) -> list[Quad]:
-    """The quads of lines; blank nodes keep their labels."""
-    return [*parse(b"\n".join(lines), format=RdfFormat.N_QUADS, lenient=True)]
+    """The quads of lines; blank nodes keep their labels. Raises HistoryError for other lines."""
+    try:
+        return [*parse(b"\n".join(lines), format=RdfFormat.N_QUADS, lenient=True)]
+    except SyntaxError as error:
+        raise HistoryError(f"the history is damaged ({error}); {_REMEDY}") from error
 
 
 def subject_of(line: bytes) -> bytes:
@@ -120,11 +145,11 @@ def _packed(lines: Iterable[bytes]) -> bytes:
 def _unpacked(block: bytes) -> list[bytes]:
     lines, subject = [], b""
     for line in block.splitlines():
-        if line[0] == _SPACE:
+        if line.startswith(b" "):
             lines.append(subject + line)
         else:
             lines.append(line)
-            subject = line[: line.index(b" ")]
+            subject = subject_of(line)
     return lines
 
 

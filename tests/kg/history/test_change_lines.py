@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import zlib
 from itertools import pairwise
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
+from kg.history.storage import change_lines
 from kg.history.storage.change_lines import (
     LineCodec,
     dictionary_for,
@@ -17,6 +20,7 @@ from kg.history.storage.change_lines import (
     subject_of,
 )
 from kg.model import vocabulary as v
+from kg.model.errors import HistoryError, InvalidFactError
 
 _CODEC = LineCodec(dictionary_for("https://example.org/flat/"))
 _TEXT = st.text(
@@ -82,3 +86,22 @@ def test_names_cost_little_in_a_small_change() -> None:
     )
     assert len(before[0]) > 100
     assert len(_CODEC.encode(before, after)) < 40
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"\x99 no such block", b"\x00", zlib.compress(b"x" * 100), _CODEC.encode([b"no quad"])],
+)
+def test_a_damaged_row_is_one_line(data: bytes) -> None:
+    with pytest.raises(HistoryError, match=r"damaged.*history\.sqlite"):
+        quads_of(_CODEC.state(data))
+
+
+def test_a_row_that_unpacks_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = b'<urn:a> <urn:b> "' + b"x" * 5000 + b'" .'
+    data = _CODEC.encode([line])
+    monkeypatch.setattr(change_lines, "MAX_TEXT", 4000)
+    with pytest.raises(HistoryError, match="more than 4,000 bytes"):
+        _CODEC.state(data)
+    with pytest.raises(InvalidFactError, match="at most 4,000"):
+        _CODEC.encode([line])
