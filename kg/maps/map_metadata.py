@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.shipped import CompiledOntology, shipped_ontology
+from kg.maps.facts.coordinate_frames import frame_quads, maps_in
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, InvalidFactError, MapNotFoundError
 from kg.rdf.datetimes import now
@@ -36,7 +37,7 @@ def first_quads(
         Quad(node, NamedNode(predicate), value, v.DATASET_GRAPH) for predicate, value in facts
     ]
     ontology = ontology or shipped_ontology()
-    return [*ontology.quads, *identity]
+    return [*ontology.quads, *identity, *frame_quads(node.value)]
 
 
 def _base_node(base: str | None) -> NamedNode:
@@ -102,11 +103,9 @@ def _checked(title: str | None, licence: str | None) -> Iterator[tuple[str, Lite
 
 
 def identity(store: TransactionalStore) -> str:
-    """IRI of the map in `store`; raises MapNotFoundError where there is none."""
-    kind = NamedNode(v.SEMANTIC_MAP)
-    for quad in store.engine.quads_for_pattern(None, v.RDF_TYPE, kind, v.DATASET_GRAPH):
-        if isinstance(quad.subject, NamedNode):
-            return quad.subject.value
+    """IRI of the map in `store`, of several the first; raises MapNotFoundError where none is."""
+    if maps := maps_in(store.engine):
+        return maps[0]
     raise MapNotFoundError(
         f"no map at {store.where}: its store describes no {v.SEMANTIC_MAP}; create a map"
     )

@@ -160,6 +160,10 @@ class SemanticMap(ABC):
                 return then.objects(
                     category, place=place, near=near, radius=radius, min_existence=min_existence
                 )
+        if near is not None and (view := self.in_one_frame()) is not self:
+            return view.objects(
+                category, place=place, near=near, radius=radius, min_existence=min_existence
+            )
         found = select_objects(
             self.engine,
             self._facts,
@@ -199,7 +203,8 @@ class SemanticMap(ABC):
         """Objects and places as a networkx graph with edges "in" and "near" (within `near` [m])."""
         if not near > 0:
             raise QueryParameterError(f"near must be a distance above 0 m, got {near!r}")
-        return network(self.objects(), self.places(), self.catalogue, near)
+        view = self.in_one_frame()
+        return network(view.objects(), view.places(), view.catalogue, near)
 
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot; None without a robot."""
@@ -232,6 +237,8 @@ class SemanticMap(ABC):
         query that does not parse, would write, or has SERVICE.
         """
         query = resolve_query(question, parameters)
+        if query.measures and (view := self.in_one_frame()) is not self:
+            return view.query(query, **parameters)
         sparql = query.bind(parameters, self.resolve)
         # shipped queries order values of one type, and name here:isA where they mean subclasses
         foreign = not query.shipped
@@ -341,6 +348,16 @@ class SemanticMap(ABC):
         `when` is a sequence number (42 or "#42"), a datetime, or ISO 8601 text, by the clock of the
         machine that wrote the map. Raises HistoryError for a past that is not kept.
         """
+
+    def in_one_frame(self, name: str | None = None) -> SemanticMap:
+        """This map with those of its store whose frames have a known way to its own, in its frame.
+
+        A store of published or merged maps has several, and their coordinates are comparable in one
+        frame only; maps without a known way are left out (`kg.maps.frame_view`). `name`, a title or
+        IRI, chooses another map. The result is this map itself where all coordinates are in its
+        frame, else a read-only copy in memory. Raises QueryParameterError for an unknown name.
+        """
+        return self
 
     @abstractmethod
     def snapshot(self) -> SemanticMap:

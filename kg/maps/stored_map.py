@@ -9,12 +9,16 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from numpy.typing import ArrayLike
+
 from kg.history.replay.past_state import background_changes
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.maps.facts.assertion_service import AssertionService
+from kg.maps.facts.coordinate_frames import frame_removals, maps_in, placed_frame_quads
 from kg.maps.facts.frame_writer import FrameWriter
+from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
@@ -210,6 +214,31 @@ class StoredMap(SemanticMap):
         """Lock the map against writes of other threads."""
         with self._guard:
             yield
+
+    def in_one_frame(self, name: str | None = None) -> SemanticMap:
+        """This map with those of its store that have a known way to its frame, in its frame."""
+        if name is None and len(maps_in(self.engine)) <= 1:
+            return self
+        base = self.base if name is None else chosen_map(self.engine, name)
+        if is_one_frame(self.engine, base):
+            return self if base == self.base else StoredMap(self.store, base=base)
+        with self.hold():
+            quads = quads_in_one_frame(self.engine, base)
+        return StoredMap(TransactionalStore.in_memory(quads, read_only=True), base=base)
+
+    def place_frame(
+        self, relative_to: str, T: ArrayLike, *, by: str | None = None
+    ) -> ChangeSet | None:
+        """State that `T` (4, 4) takes coordinates of this map to the frame with IRI `relative_to`.
+
+        Raises InvalidFactError for a transform that is not rigid or tilts the vertical.
+        """
+        with self._guard:
+            self.store.check_writable()
+            added = placed_frame_quads(self.base, relative_to, T)
+            removed = frame_removals(self.engine, self.base, added)
+            present = [quad for quad in added if quad not in self.store.native]
+            return self.store.commit(removed, present, Cause("update", by, "frame"))
 
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""

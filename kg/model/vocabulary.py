@@ -45,6 +45,7 @@ RECORDING: Final = HERE + "Recording"
 PLACE_BELIEF: Final = HERE + "PlaceBelief"
 LABEL_BELIEF: Final = HERE + "LabelBelief"
 DEPARTED_OBJECT: Final = HERE + "DepartedObject"
+FRAME_CLASS: Final = HERE + "CoordinateFrame"
 LOCATED_AT_RELATION: Final = HERE + "LocatedAtRelation"
 NEAR_BY_RELATION: Final = HERE + "NearByRelation"
 
@@ -178,6 +179,8 @@ NEXT_OBJECT: Final = HERE + "nextObject"
 SEQUENCE: Final = HERE + "sequence"  # of the last transaction; stated of graph:dataset
 FRAMES_APPLIED: Final = HERE + "framesApplied"
 LAST_FRAME: Final = HERE + "lastFrame"
+COORDINATE_FRAME: Final = HERE + "coordinateFrame"  # of a map; here:frame is an image
+RELATIVE_TO: Final = HERE + "relativeTo"  # from frame to frame, by here:transform
 TRANSFORM: Final = HERE + "transform"
 FROM_RECORDING: Final = HERE + "fromRecording"
 SCENE_MODEL: Final = HERE + "sceneModel"

@@ -117,6 +117,7 @@ class ParameterizedQuery:
     cells: tuple[str, ...]  # area and its parameters, e.g. ("disc", "x", "y", "radius"); or empty
     sparql: str
     answer: str = ""  # lookup, listing or survey; empty where the header has none
+    measures: bool = False  # whether it compares coordinates, which need one frame
     shipped: bool = False  # whether it came with hereabouts, and is no text from outside
 
     def bind(self, values: Mapping[str, object], resolve: Resolver) -> str:
@@ -204,6 +205,7 @@ def parse_query_file(text: str, name: str) -> ParameterizedQuery:
         cells=tuple(fields.get("cells", "").split()),
         sparql=text,
         answer=fields.get("answer", ""),
+        measures="cells" in fields or "measures" in fields,
     )
     _check_header(question)
     return question

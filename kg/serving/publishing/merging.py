@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from kg.maps.frame_view import is_one_frame, quads_in_one_frame
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import GraphError
@@ -16,8 +17,9 @@ def merged(addresses: Sequence[str]) -> SemanticMap:
     """The maps at `addresses`, folders or servers, as one read-only map.
 
     IRIs are unique to each map, so their facts stay apart in the same graphs; relative IRIs of a
-    query are those of the first map. Raises GraphError where two are the same map, or one cannot
-    be read.
+    query are those of the first map. Maps with a known transform to the frame of the first are
+    moved into it; the others keep their own coordinates. Raises GraphError where two are the same
+    map, or one cannot be read.
     """
     bases: dict[str, str] = {}
     store = TransactionalStore.in_memory((), read_only=True)
@@ -32,4 +34,8 @@ def merged(addresses: Sequence[str]) -> SemanticMap:
             store.native.bulk_extend(snapshot_of(member).quads)
     if not bases:
         raise GraphError("no map to merge was given")
-    return StoredMap(store, base=next(iter(bases)))
+    home = next(iter(bases))
+    if is_one_frame(store.engine, home):
+        return StoredMap(store, base=home)
+    quads = quads_in_one_frame(store.engine, home, rest=True)
+    return StoredMap(TransactionalStore.in_memory(quads, read_only=True), base=home)
