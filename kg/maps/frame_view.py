@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pyoxigraph import NamedNode, Quad
 
-from kg.maps.facts.coordinate_frames import MapFrame, frame_iri, frames_in, ways_to
+from kg.maps.facts.coordinate_frames import MapFrame, frame_iri, frames_in, maps_in, ways_to
 from kg.maps.facts.moved_facts import moved
 from kg.model import vocabulary as v
-from kg.model.errors import QueryParameterError, did_you_mean
+from kg.model.errors import GraphError, QueryParameterError, did_you_mean
 from kg.rdf.quad_store import QuadStore
 
 #: graphs of facts that belong to one map
@@ -38,6 +38,17 @@ def apart_from(engine: QuadStore, base: str) -> tuple[MapFrame, ...]:
     """The maps of a store without a known way to the frame of the map `base`."""
     ways = ways_to(engine, base)
     return tuple(frame for frame in frames_in(engine) if frame.map not in ways)
+
+
+def check_one_map(engine: QuadStore, where: str) -> None:
+    """Raises GraphError where a store has several maps, which only a query or a plan can choose."""
+    frames = frames_in(engine) if len(maps_in(engine)) > 1 else ()
+    if frames:
+        titles = ", ".join(frame.title for frame in frames)
+        raise GraphError(
+            f"{where} holds {len(frames)} maps ({titles}), each with its own frame; this needs one "
+            "map: give its own folder or its `hereabouts serve`"
+        )
 
 
 def is_one_frame(engine: QuadStore, base: str) -> bool:
@@ -67,7 +78,7 @@ def quads_in_one_frame(engine: QuadStore, base: str, *, rest: bool = False) -> l
 
 
 def in_frame(quads: Iterable[Quad], T: NDArray[np.float64], own: str, base: str) -> Iterator[Quad]:
-    """Facts of the map `own`, moved by `T` (4, 4) into the frame of `base` and stated to be in it."""
+    """Facts of the map `own` by `T` (4, 4) in the frame of `base`, and stated to be in it."""
     if np.array_equal(T, np.eye(4)):
         yield from quads
         return

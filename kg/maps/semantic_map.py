@@ -46,6 +46,7 @@ from kg.store.transactional import TransactionalStore
 if TYPE_CHECKING:
     import networkx as nx
     import rdflib
+    from numpy.typing import ArrayLike
 
     from kg.maps.update.restoration import Restored
 
@@ -309,6 +310,16 @@ class SemanticMap(ABC):
         """Set the title or the licence (an absolute IRI); returns None if nothing changed.
 
         Raises InvalidFactError for an invalid title or IRI.
+        """
+
+    @abstractmethod
+    def place_frame(
+        self, relative_to: str, T: ArrayLike, *, by: str | None = None
+    ) -> ChangeSet | None:
+        """State that `T` (4, 4) takes coordinates of this map to the frame with IRI `relative_to`.
+
+        Replaces an earlier transform; returns None if nothing changed. Raises InvalidFactError for
+        a transform that is not rigid or tilts the vertical, and for the map's own frame.
         """
 
     @abstractmethod

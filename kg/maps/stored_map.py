@@ -16,7 +16,7 @@ from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.maps.facts.assertion_service import AssertionService
-from kg.maps.facts.coordinate_frames import frame_removals, maps_in, placed_frame_quads
+from kg.maps.facts.coordinate_frames import changed_frame, maps_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
 from kg.maps.map_metadata import changed_description, identity
@@ -229,16 +229,11 @@ class StoredMap(SemanticMap):
     def place_frame(
         self, relative_to: str, T: ArrayLike, *, by: str | None = None
     ) -> ChangeSet | None:
-        """State that `T` (4, 4) takes coordinates of this map to the frame with IRI `relative_to`.
-
-        Raises InvalidFactError for a transform that is not rigid or tilts the vertical.
-        """
+        """State the transform to another frame as one transaction."""
         with self._guard:
             self.store.check_writable()
-            added = placed_frame_quads(self.base, relative_to, T)
-            removed = frame_removals(self.engine, self.base, added)
-            present = [quad for quad in added if quad not in self.store.native]
-            return self.store.commit(removed, present, Cause("update", by, "frame"))
+            removed, added = changed_frame(self.engine, self.base, relative_to, T)
+            return self.store.commit(removed, added, Cause("update", by, "frame"))
 
     def snapshot(self) -> SemanticMap:
         """A read-only copy in memory of the current state."""

@@ -8,6 +8,7 @@ from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import attach, one_reader_at_a_time, open_history_read_only
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.shipped import shipped_ontology
+from kg.maps.frame_view import check_one_map
 from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
@@ -134,7 +135,11 @@ def _on_server(store: TransactionalStore) -> SemanticMap:
     from kg.serving.client.remote_map import RemoteMap  # a map in a folder needs no HTTP client
 
     try:
-        return RemoteMap.found_at(store) or StoredMap(store)
+        if (found := RemoteMap.found_at(store)) is not None:
+            return found
+        if not store.read_only:
+            check_one_map(store.engine, store.where)
+        return StoredMap(store)
     except BaseException:
         store.close()
         raise

@@ -117,12 +117,13 @@ def aligned(
             f"{recording.name!r} cannot be aligned: it has neither floor nor objects in common "
             "with the map; --transform FILE would work"
         )
-    _check_certain(recording.name, found)
+    check_certain(recording.name, found)
     T = found.T @ recording.T_map_world
-    return replace(recording.placed(T), transform_given=True), _summary(recording.name, found)
+    return replace(recording.placed(T), transform_given=True), summary_of(recording.name, found)
 
 
-def _check_certain(name: str, found: Alignment) -> None:
+def check_certain(name: str, found: Alignment) -> None:
+    """Raises LayoutError where too little fits, or another place fits as well."""
     by_floor = found.floor.enough() and found.floor.quality >= ALIGNED
     by_objects = found.objects >= OBJECTS and found.floor.quality >= CONTRADICTS
     if not (by_floor or by_objects):
@@ -139,7 +140,8 @@ def _check_certain(name: str, found: Alignment) -> None:
         )
 
 
-def _summary(name: str, found: Alignment) -> str:
+def summary_of(name: str, found: Alignment) -> str:
+    """The transform found, and what it lays on what, in one line."""
     x, y, z = found.T[:3, 3]
     turn = np.degrees(np.arctan2(found.T[1, 0], found.T[0, 0]))
     return (

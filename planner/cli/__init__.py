@@ -51,6 +51,7 @@ COMMANDS = (
     "export",
     "import_maps",
     "describe",
+    "frame",
     "check",
     "ontology",
     "models",

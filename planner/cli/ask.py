@@ -74,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     parameters = name_value(arguments.parameter)
     with ExitStack() as opened:
         semantic_map = opened.enter_context(_opened(arguments))
+        _note_frames(semantic_map)
         answer = _ask(semantic_map, arguments, parameters, opened)
     _print(answer, arguments.format)
     return 0
@@ -88,6 +89,20 @@ def _opened(arguments: argparse.Namespace) -> SemanticMap:
     from kg.serving.publishing.merging import merged
 
     return merged(arguments.member)
+
+
+def _note_frames(semantic_map: SemanticMap) -> None:
+    """Note which maps of several have no known way to the frame of the first."""
+    from kg.maps.facts.coordinate_frames import maps_in
+    from kg.maps.frame_view import apart_from
+
+    if len(maps_in(semantic_map.engine)) > 1:
+        apart = [frame.title for frame in apart_from(semantic_map.engine, semantic_map.base)]
+        if apart:
+            note(
+                f"no way is known from the frame of {semantic_map.description.title} to that of "
+                f"{', '.join(apart)}: coordinates of different maps do not compare"
+            )
 
 
 def _ask(

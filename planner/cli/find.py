@@ -65,6 +65,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
     )
     parser.add_argument(
+        "--in-map",
+        metavar="TITLE",
+        help="on a server with several maps: the map, by title or IRI, in whose frame the robot is "
+        "(default: the first)",
+    )
+    parser.add_argument(
         "--explain", action="store_true", help="print every step, and the facts of each reason once"
     )
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
@@ -74,13 +80,31 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
 
-    with open_map(arguments.map, read_only=True) as semantic_map:
-        if arguments.rule != _RULES[0]:
-            return _by_reference(semantic_map, arguments)
-        state = _planning_state(semantic_map, arguments)
-        if state is None:
-            return _without_floor(semantic_map, arguments)
-        return _by_viewpoints(semantic_map, state, arguments)
+    with open_map(arguments.map, read_only=True) as opened:
+        semantic_map = opened.in_one_frame(arguments.in_map)
+        code = _find(semantic_map, arguments)
+        if not arguments.json:
+            _print_elsewhere(opened, semantic_map, arguments)
+        return code
+
+
+def _find(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    if arguments.rule != _RULES[0]:
+        return _by_reference(semantic_map, arguments)
+    state = _planning_state(semantic_map, arguments)
+    if state is None:
+        return _without_floor(semantic_map, arguments)
+    return _by_viewpoints(semantic_map, state, arguments)
+
+
+def _print_elsewhere(
+    opened: SemanticMap, semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> None:
+    """Print the targets in maps without a known way to the frame of the plan."""
+    from planner.search.goals.other_frames import elsewhere_lines
+
+    for line in elsewhere_lines(opened, semantic_map, arguments.object, arguments.map):
+        write(line)
 
 
 def _planning_state(

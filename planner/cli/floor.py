@@ -38,7 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.freespace.map_server import write_grid
 
     output = Path(arguments.output)
-    with open_map(arguments.map, read_only=True) as semantic_map:
+    with open_map(arguments.map, read_only=True) as opened:
+        semantic_map = opened.in_one_frame()
         if arguments.at is None:
             grid = _grid(semantic_map, arguments.storey)
         else:

@@ -62,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
+    from kg.maps.frame_view import check_one_map
     from kg.serving.opening import open_map
     from kg.serving.workers.confinement import hide_memory
     from kg.serving.workers.limited_queries import LimitedQueries
@@ -75,6 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         open_map(arguments.map, read_only=not arguments.write) as semantic_map,
         LimitedQueries(semantic_map) as queries,
     ):
+        check_one_map(semantic_map.engine, arguments.map)
         context = MapContext(semantic_map, author)
         # only this subscription notices that others change the ontology of a served map
         semantic_map.subscriptions.listen(lambda change: None)

@@ -53,7 +53,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     output = Path(arguments.output)
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
-    with open_map(arguments.map, read_only=True) as semantic_map:
+    with open_map(arguments.map, read_only=True) as opened:
+        semantic_map = opened.in_one_frame()
         state = None if arguments.find is None else build_search(semantic_map, [arguments.find])
         if state is not None:
             plan = plan_from(semantic_map, state, arguments.start)

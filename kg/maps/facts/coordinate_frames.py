@@ -6,7 +6,7 @@ stated (graph:dataset) or the map is older than that.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from kg.rdf.literals import by_subject, first, iri_node, subject_quads
 from kg.rdf.quad_store import QuadStore
 
 _TOLERANCE = 1e-4
+#: predicates that tell frames and transforms; recordings have a transform too
 _FRAME_FACTS = (v.COORDINATE_FRAME, v.RELATIVE_TO, v.TRANSFORM, v.DCT_TITLE)
 
 
@@ -39,16 +40,12 @@ def frame_iri(base: str) -> str:
 def frame_quads(base: str) -> list[Quad]:
     """Facts of a map's frame that has no known transform to others."""
     own = frame_iri(base)
-    kind = known = NamedNode(own)
-    facts: list[tuple[str, NamedNode | Literal]] = [(v.COORDINATE_FRAME, known)]
-    described: list[tuple[str, NamedNode | Literal]] = [
+    facts: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE.value, NamedNode(v.FRAME_CLASS)),
         (v.RDFS_LABEL, Literal("map frame")),
     ]
-    return [
-        *subject_quads(base, facts, v.DATASET_GRAPH),
-        *subject_quads(kind.value, described, v.DATASET_GRAPH),
-    ]
+    states = Quad(NamedNode(base), NamedNode(v.COORDINATE_FRAME), NamedNode(own), v.DATASET_GRAPH)
+    return [states, *subject_quads(own, facts, v.DATASET_GRAPH)]
 
 
 def placed_frame_quads(base: str, relative_to: str, T: ArrayLike) -> list[Quad]:
@@ -103,6 +100,16 @@ def frames_in(engine: QuadStore) -> tuple[MapFrame, ...]:
     )
 
 
+def frame_of(engine: QuadStore, base: str) -> str:
+    """IRI of the frame of the map `base`."""
+    return next((f.iri for f in frames_in(engine) if f.map == base), frame_iri(base))
+
+
+def transform_of(engine: QuadStore, frame: str) -> tuple[str, NDArray[np.float64]] | None:
+    """The frame that `frame` is relative to, and the transform (4, 4) to it; None where unknown."""
+    return next(((parent, T) for child, parent, T in _transforms(engine) if child == frame), None)
+
+
 def ways_to(engine: QuadStore, base: str) -> dict[str, NDArray[np.float64]]:
     """T_base_map (4, 4) for each map of a store with a known way to the frame of the map `base`.
 
@@ -142,14 +149,18 @@ def _transforms(engine: QuadStore) -> Iterator[tuple[str, str, NDArray[np.float6
                 continue
 
 
-def frame_removals(engine: QuadStore, base: str, added: Iterable[Quad]) -> list[Quad]:
-    """Facts of the frame of `base` that `added` replace."""
-    new = set(added)
-    about = [NamedNode(base), NamedNode(frame_iri(base))]
-    old = (
+def changed_frame(
+    engine: QuadStore, base: str, relative_to: str, T: ArrayLike
+) -> tuple[list[Quad], list[Quad]]:
+    """Quads to delete and to insert so that `T` (4, 4) takes the map `base` to `relative_to`.
+
+    Raises InvalidFactError as `placed_frame_quads`.
+    """
+    new = placed_frame_quads(base, relative_to, T)
+    old = [
         quad
-        for node in about
-        for predicate in (v.COORDINATE_FRAME, v.RELATIVE_TO, v.TRANSFORM)
+        for node in (NamedNode(base), NamedNode(frame_iri(base)))
+        for predicate in (v.COORDINATE_FRAME, v.RELATIVE_TO, v.TRANSFORM, v.RDFS_LABEL)
         for quad in engine.quads_for_pattern(node, NamedNode(predicate), None, v.DATASET_GRAPH)
-    )
-    return [quad for quad in old if quad not in new]
+    ]
+    return [quad for quad in old if quad not in new], [quad for quad in new if quad not in old]

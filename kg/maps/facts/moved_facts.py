@@ -1,8 +1,7 @@
 """Facts of a map with their coordinates in another frame, turned about the vertical and shifted.
 
-Positions, headings, areas, extents and cells of the index move. The tiles of a floor are moved
-where the turn is none and the shift whole cells; others are left out, since a turned grid has no
-cells of its own.
+Positions, headings, areas, extents and cells of the index move. Tiles of the floor are left out: a
+turned grid fits no other one, and without tiles a planner assumes the areas of the places.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from kg.model import vocabulary as v
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon, polygon_text
 
-_HEADING: Final = {v.HEADING}
 _BOUNDS: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 #: predicates whose values depend on the frame
 _FRAMED: Final = {

@@ -11,6 +11,7 @@ from datetime import datetime
 from functools import partial
 from typing import Never
 
+from numpy.typing import ArrayLike
 from pyoxigraph import NamedNode, Quad
 
 from kg.history.replay.point_in_time import Difference
@@ -20,6 +21,7 @@ from kg.history.reports.explanation import Explanation
 from kg.history.storage.log import BACKGROUND
 from kg.history.timestamps import Instant, moment
 from kg.knowledge.ontology.catalogue import StoredCatalogue
+from kg.maps.facts.coordinate_frames import changed_frame
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap, frame_cause
@@ -103,6 +105,14 @@ class RemoteMap(SemanticMap):
         removed, added = changed_description(self.engine, self.base, title, licence)
         sparql = update_text(removed, added)
         return self._served.update(sparql) if removed or added else None
+
+    def place_frame(
+        self, relative_to: str, T: ArrayLike, *, by: str | None = None
+    ) -> ChangeSet | None:
+        """State the transform to another frame through the server."""
+        self.store.check_writable()
+        removed, added = changed_frame(self.engine, self.base, relative_to, T)
+        return self._served.update(update_text(removed, added)) if removed or added else None
 
     def restore(
         self,

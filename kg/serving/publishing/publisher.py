@@ -116,6 +116,12 @@ class Publisher:
             f"{semantic_map.description.title} is published as of #{snapshot.sequence}: "
             f"{written} triples added or removed"
         )
+        if apart := self._target.apart_from(semantic_map.base):
+            others = ", ".join(frame.title for frame in apart)
+            self._report(
+                f"no way is known from {semantic_map.description.title} to the frame of {others}: "
+                "find and distances keep them apart; `hereabouts frame` states a transform"
+            )
 
     def _apply_all(self, semantic_map: SemanticMap, known: int) -> None:
         self.acknowledged = known

@@ -12,9 +12,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from pyoxigraph import Literal, NamedNode, Quad
+from pyoxigraph import Literal, NamedNode, Quad, Store
 
 from kg.history.storage.log import BACKGROUND
+from kg.maps.facts.coordinate_frames import MapFrame
+from kg.maps.frame_view import apart_from
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet
@@ -71,6 +73,12 @@ class PublishTarget:
         """Apply one transaction of a map whose transactions up to `acknowledged` are published."""
         removed, added = named(change.removed), named(change.added)
         self._write(base, removed, added, acknowledged, change.sequence)
+
+    def apart_from(self, base: str) -> tuple[MapFrame, ...]:
+        """The published maps whose frames have no known way to the frame of the map `base`."""
+        described = Store()
+        described.extend(self._quads(f"BIND({v.DATASET_GRAPH} AS ?g) GRAPH ?g {{ ?s ?p ?o }}"))
+        return apart_from(described, base)
 
     def close(self) -> None:
         """Close the connections."""

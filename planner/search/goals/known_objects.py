@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Final
@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.maps.facts.coordinate_frames import frames_in, maps_in
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
 from planner.freespace.planning_map import number, text_or_none, time_or_none
@@ -85,12 +86,31 @@ def known_objects(
                 place=text_or_none(row, "place"),
                 may_be=tuple(others.get(iri, ())),
             )
+    titles = _other_maps(semantic_map)
     known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
     wanted = len(known) if located is None else located
     return tuple(
-        replace(one, where=whereabouts(semantic_map, one.iri) + one.where if n < wanted else "")
+        replace(
+            one,
+            where=whereabouts(semantic_map, one.iri) + one.where + _of_map(one.iri, titles)
+            if n < wanted
+            else "",
+        )
         for n, one in enumerate(known)
     )
+
+
+def _other_maps(semantic_map: SemanticMap) -> dict[str, str]:
+    """Titles of the other maps of a merged one, by IRI; empty for most maps."""
+    if len(maps_in(semantic_map.engine)) <= 1:
+        return {}
+    others = frames_in(semantic_map.engine)
+    return {frame.map: frame.title for frame in others if frame.map != semantic_map.base}
+
+
+def _of_map(iri: str, titles: Mapping[str, str]) -> str:
+    """The map of a thing in words; "" for the map of the search."""
+    return next((f" of the map {titles[base]}" for base in titles if iri.startswith(base)), "")
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
