@@ -18,6 +18,8 @@ from kg.model.errors import InvalidFactError
 from kg.rdf.literals import by_subject, first, iri_node, subject_quads
 from kg.rdf.quad_store import QuadStore
 
+#: end of the IRI of a map's frame
+FRAME = "crs"
 _TOLERANCE = 1e-4
 #: predicates that tell frames and transforms; recordings have a transform too
 _FRAME_FACTS = (v.COORDINATE_FRAME, v.RELATIVE_TO, v.TRANSFORM, v.DCT_TITLE)
@@ -34,7 +36,7 @@ class MapFrame:
 
 def frame_iri(base: str) -> str:
     """IRI of the frame of the map `base`, which WKT literals name too."""
-    return base + "crs"
+    return base + FRAME
 
 
 def frame_quads(base: str) -> list[Quad]:

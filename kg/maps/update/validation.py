@@ -17,11 +17,13 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Triple
 
 from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
 from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
+from kg.maps.facts.coordinate_frames import FRAME
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError, ShapeError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
+from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
 from kg.store.transactional import TransactionalStore
 
@@ -163,6 +165,8 @@ def _focus(pending: ChangeDraft) -> Iterator[Subject]:
 
 def _is_maintained(quad: Quad) -> bool:
     is_identity = quad.predicate == v.RDF_TYPE and quad.object == NamedNode(v.SEMANTIC_MAP)
+    if quad.predicate.value == v.TRANSFORM and text_of(quad.subject).endswith(FRAME):
+        return False  # persons state transforms between frames, the mapper those of recordings
     return is_identity or quad.predicate.value in _COUNTERS
 
 
