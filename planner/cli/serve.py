@@ -56,6 +56,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="host name of this server for other machines (repeatable)",
     )
     parser.add_argument(
+        "--trusted-proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="address of a reverse proxy, whose X-Forwarded-For names the client (repeatable)",
+    )
+    parser.add_argument(
         "--allow-origin",
         action="append",
         default=[],
@@ -174,6 +181,7 @@ def _settings(arguments: argparse.Namespace) -> Settings:
             else BearerTokens()
         ),
         public_hosts=tuple(arguments.public_host),
+        trusted_proxies=tuple(arguments.trusted_proxy),
         allow_origins=tuple(arguments.allow_origin),
         services=tuple(arguments.allow_service),
         public=arguments.public,

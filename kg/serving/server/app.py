@@ -7,6 +7,7 @@ import logging
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
+from typing import cast
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -16,6 +17,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from kg.model.errors import HereaboutsError
 from kg.serving.server.app_state import AppState
@@ -103,7 +105,9 @@ def application(serving: AppState) -> ASGIApp:
     )
     app.router.redirect_slashes = False
     compressed = GZipMiddleware(app, minimum_size=MIN_COMPRESSED, compresslevel=6)
-    return RequestGuard(compressed, serving.settings, serving.metrics)
+    guarded = RequestGuard(compressed, serving.settings, serving.metrics)
+    proxies = list(serving.settings.trusted_proxies)
+    return cast(ASGIApp, ProxyHeadersMiddleware(guarded, proxies)) if proxies else guarded
 
 
 class _Endpoint:

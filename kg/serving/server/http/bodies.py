@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -15,11 +16,14 @@ from starlette.responses import Response
 
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
+from kg.serving.server.http.uploads import Upload
 
 FORM = "application/x-www-form-urlencoded"
 JSON = "application/json"
 MAX_FIELDS = 200  # parameters of one request
 MAX_LEVELS = 32  # levels of JSON
+DECOMPRESSED_AT_ONCE = 1 << 20  # [bytes]
+_ENCODINGS = ("identity", "gzip", "x-gzip", "deflate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,16 +119,22 @@ def media_type(request: Request) -> str:
 
 
 async def read_body(request: Request, limits: Limits) -> bytes:
-    """The whole body.
+    """The whole body, decompressed.
 
-    Raises Problem: 413 if it is too long, 408 if it does not arrive in time.
+    Raises Problem: 413 if it is too long, 408 if it does not arrive in time, 415 for another
+    encoding than gzip and deflate, 503 if bodies of others fill the memory.
     """
     length = request.headers.get("content-length", "0")
     if length.isdigit() and int(length) > limits.body:
         raise _too_long(limits)
+    encoding = request.headers.get("content-encoding", "identity").strip().lower()
+    if encoding not in _ENCODINGS:
+        works = {"Accept-Encoding": "gzip, deflate"}
+        raise Problem(415, f"content encoding {encoding[:40]!r}; there are gzip, deflate", works)
+    upload: Upload = request.state.upload
     try:
         async with asyncio.timeout(limits.body_seconds):
-            return await _collect(request, limits)
+            body = await _collect(request, upload, limits)
     except TimeoutError as error:
         raise Problem(
             408,
@@ -133,14 +143,41 @@ async def read_body(request: Request, limits: Limits) -> bytes:
         ) from error
     except ClientDisconnect as error:
         raise Problem(400, "the client left before the body was complete") from error
+    if encoding != "identity":
+        body = await _decompressed(body, upload, limits)
+    upload.complete = True
+    return body
 
 
-async def _collect(request: Request, limits: Limits) -> bytes:
+async def _collect(request: Request, upload: Upload, limits: Limits) -> bytes:
     body = bytearray()
     async for chunk in request.stream():
-        body += chunk
-        if len(body) > limits.body:
+        if len(body) + len(chunk) > limits.body:
             raise _too_long(limits)
+        upload.take(len(chunk))
+        body += chunk
+    return bytes(body)
+
+
+async def _decompressed(rest: bytes, upload: Upload, limits: Limits) -> bytes:
+    """A body of one or more members of gzip (RFC 1952), or of zlib (RFC 1950)."""
+    body, compressed = bytearray(), len(rest)
+    try:
+        while rest:
+            inflate = zlib.decompressobj(wbits=zlib.MAX_WBITS + 32)  # detects gzip and zlib
+            while not inflate.eof:
+                part = await run_in_threadpool(inflate.decompress, rest, DECOMPRESSED_AT_ONCE)
+                rest = inflate.unconsumed_tail
+                if not (part or rest or inflate.eof):
+                    raise Problem(400, "the compressed body is incomplete")
+                if len(body) + len(part) > limits.body:
+                    raise _too_long(limits)
+                upload.take(len(part))
+                body += part
+            rest = inflate.unused_data
+    except zlib.error as error:
+        raise Problem(400, f"the body is not compressed as it says: {error}") from error
+    upload.take(-compressed)
     return bytes(body)
 
 

@@ -1,50 +1,68 @@
-"""HTTP connections with time limits, for the head of a request and for a client that does not read.
+"""HTTP connections with limits of time, number and memory; the greediest client loses.
 
-uvicorn has no such limits and accepts any number of clients, so that a few hundred slow clients
-could occupy all connections. Up to `max_clients` clients are served, half as many more get 503
-(`kg.serving.server.http.middleware`), and further connections are closed.
+uvicorn accepts any number of clients and waits for them without a limit, so that a few hundred slow
+clients could occupy all connections. Here a client has to send and to read in time. If there are
+more than `max_connections`, one of the client with the most is closed: the one that waits longest
+for its client, else the one that was answered longest.
 """
 
 from __future__ import annotations
 
 import asyncio
 import socket
+import sys
 from typing import Any
 
 import h11
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
+
+from kg.serving.server.http.client_sessions import client_of_address
+from kg.serving.server.http.shares import greediest
 
 IDLE_SECONDS = 10.0
+MAX_HEADERS = 200  # lines of a request's head; h11 takes 2 ms for a thousand
+_FULL = b"the server is full, and you have most of its connections; come back in a second\n"
+_REFUSAL = (
+    b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain; charset=utf-8\r\n"
+    b"Retry-After: 1\r\nConnection: close\r\nContent-Length: %d\r\n\r\n%s" % (len(_FULL), _FULL)
+)
 
 
 class PatientConnection(H11Protocol):
     """Closes if a head stays incomplete, or the client reads nothing, for `idle_seconds`."""
 
     idle_seconds = IDLE_SECONDS
-    max_clients = 512
+    max_connections = 512
+    max_unread = 256 << 20  # [bytes] of answers that wait for their clients
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
+        self.conn = _LimitedHead(h11.SERVER, self.config.h11_max_incomplete_event_size or 1 << 16)
         # lets an endpoint end the connection, even while a write is blocked
         self.app_state = {**self.app_state, "connection": self}
-        self._head_timer: asyncio.TimerHandle | None = None
+        self.client_name = (
+            ""  # of the address, from the first request on of the token if it has one
+        )
+        self._since = self.loop.time()  # of the last head or answer
+        self._request_timer: asyncio.TimerHandle | None = None
         self._reader_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Start the time limit for the first head of a new connection."""
+        """Start the time limit for the first head; make room if there are too many."""
         super().connection_made(transport)
         # asyncio does not set it on sockets that name no protocol; the second part of a response
         # would wait 40 ms for the client's delayed acknowledgement
         accepted = transport.get_extra_info("socket")
         accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        if len(self.connections) > self.max_clients + self.max_clients // 2:
-            transport.abort()
-            return
-        self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
+        self.client_name = client_of_address(self.client[0] if self.client else "")
+        self._request_timer = self.loop.call_later(self.idle_seconds, self._request_is_late)
+        if len(self.connections) > self.max_connections:
+            crowd = greediest(_patient(self.connections), lambda one: 1)
+            min(crowd, key=lambda one: (not one._awaits_client, one._since)).refuse()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Cancel the time limits of a lost connection."""
-        for timer in (self._head_timer, self._reader_timer):
+        for timer in (self._request_timer, self._reader_timer):
             if timer is not None:
                 timer.cancel()
         super().connection_lost(exc)
@@ -52,17 +70,40 @@ class PatientConnection(H11Protocol):
     def data_received(self, data: bytes) -> None:
         """Receive bytes; the first of a head start its time limit, its end stops it."""
         super().data_received(data)
-        waiting = self.conn.their_state is h11.IDLE
-        if not waiting and self._head_timer is not None:
-            self._head_timer.cancel()
-            self._head_timer = None
-        elif waiting and self._head_timer is None:
-            self._head_timer = self.loop.call_later(self.idle_seconds, self._head_is_late)
+        self._time_request()
+
+    def on_response_complete(self) -> None:
+        """Go on to the next request; the rest of an unread body has to arrive in time."""
+        self._since = self.loop.time()
+        super().on_response_complete()
+        if self.conn.their_state is not h11.IDLE:
+            self._time_request()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is not HTTP; after the begin of a response, hang up."""
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            self.abort()
+            return
+        error = sys.exc_info()[1]
+        hint = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
+        body = f"not a valid HTTP/1.1 request: {error or msg}\n".encode("ascii", "replace")
+        headers = [
+            ("Content-Type", "text/plain; charset=utf-8"),
+            ("Content-Length", str(len(body))),
+            ("Connection", "close"),
+        ]
+        head = h11.Response(status_code=hint, headers=headers, reason=STATUS_PHRASES[hint])
+        for event in (head, h11.Data(data=body), h11.EndOfMessage()):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
 
     def pause_writing(self) -> None:
-        """Start the time limit of a client that reads too slowly."""
+        """Start the time limit of a client that reads too slowly; drop the largest backlogs."""
         super().pause_writing()
         self._watch_reader()
+        while sum(one.unread for one in _patient(self.connections)) > self.max_unread:
+            backlogs = greediest(_patient(self.connections), lambda one: one.unread)
+            max(backlogs, key=lambda one: one.unread).abort()
 
     def resume_writing(self) -> None:
         """Stop the time limit of the reading client."""
@@ -72,26 +113,88 @@ class PatientConnection(H11Protocol):
         super().resume_writing()
 
     @property
-    def crowded(self) -> bool:
-        """Whether there are more clients than `max_clients`."""
-        return len(self.connections) > self.max_clients
+    def unread(self) -> int:
+        """Bytes of the response that wait for the client."""
+        return self.transport.get_write_buffer_size()
 
     def abort(self) -> None:
         """Close the connection at once, without sending the rest."""
-        if not self.transport.is_closing() or self.transport.get_write_buffer_size():
+        self.connections.discard(self)
+        if not self.transport.is_closing() or self.unread:
             self.transport.abort()
 
-    def _head_is_late(self) -> None:
-        self._head_timer = None
-        if self.conn.their_state is h11.IDLE:
+    def refuse(self) -> None:
+        """Close the connection, with 503 for a request that was not received completely."""
+        answered = self._answering and (
+            self.cycle.response_started or self.conn.their_state is not h11.SEND_BODY
+        )
+        if answered or self.unread:
+            self.abort()
+            return
+        self.connections.discard(self)
+        self.transport.write(_REFUSAL)
+        self.transport.close()
+
+    @property
+    def _answering(self) -> bool:
+        return self.cycle is not None and not self.cycle.response_complete
+
+    @property
+    def _awaits_client(self) -> bool:
+        """Whether the client has to send, or to read, before anything happens."""
+        sending = not self._answering or self.conn.their_state is h11.SEND_BODY
+        return sending or self.flow.write_paused
+
+    @property
+    def _awaits_request(self) -> bool:
+        """Whether no endpoint waits for what the client has to send: a head, or an unread body."""
+        unread_body = self.conn.our_state is h11.DONE and self.conn.their_state is h11.SEND_BODY
+        return self.conn.their_state is h11.IDLE or unread_body
+
+    def _time_request(self) -> None:
+        if not self._awaits_request:
+            if self._request_timer is not None:
+                self._since = self.loop.time()
+                self._request_timer.cancel()
+                self._request_timer = None
+        elif self._request_timer is None:
+            self._request_timer = self.loop.call_later(self.idle_seconds, self._request_is_late)
+
+    def _request_is_late(self) -> None:
+        self._request_timer = None
+        if self._awaits_request:
             self.abort()
 
     def _watch_reader(self) -> None:
-        left = self.transport.get_write_buffer_size()
-        self._reader_timer = self.loop.call_later(self.idle_seconds, self._reader_is_late, left)
+        self._reader_timer = self.loop.call_later(
+            self.idle_seconds, self._reader_is_late, self.unread
+        )
 
     def _reader_is_late(self, before: int) -> None:
-        if self.transport.get_write_buffer_size() >= before:
+        if self.unread >= before:
             self.abort()
         else:
             self._watch_reader()
+
+
+class _LimitedHead(h11.Connection):
+    """Refuses heads that are long or have many lines before h11 parses them."""
+
+    def __init__(self, role: type[h11.SERVER], max_head: int) -> None:
+        super().__init__(role, max_head)
+        self._max_head = max_head
+
+    def next_event(self) -> Any:
+        """The next event; raises RemoteProtocolError 431 for such a head."""
+        if self.their_state is h11.IDLE:
+            head, _, _ = self.trailing_data[0].partition(b"\r\n\r\n")
+            if len(head) > self._max_head or head.count(b"\n") > MAX_HEADERS:
+                raise h11.RemoteProtocolError(
+                    f"a head may have {self._max_head} bytes and {MAX_HEADERS} headers",
+                    error_status_hint=431,
+                )
+        return super().next_event()
+
+
+def _patient(connections: set[Any]) -> tuple[PatientConnection, ...]:
+    return tuple(connections)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import resource
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from typing import Self
@@ -16,6 +18,8 @@ from kg.serving.server.http.settings import Limits, Settings
 
 START_WITHIN = 60.0  # [s]
 END_WITHIN = 3  # [s] to complete responses when the server stops
+ACCEPTED_AT_ONCE = 64  # connections, before `PatientConnection` closes those that are too many
+QUEUE = 1024  # connections that wait to be accepted
 
 
 class ServerLifecycle:
@@ -79,6 +83,8 @@ class _Uvicorn(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
+        for listening in sockets or ():
+            listening.listen(QUEUE)  # uvicorn has set it to `ACCEPTED_AT_ONCE`
         self.ready.set()
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -87,7 +93,11 @@ class _Uvicorn(uvicorn.Server):
 
 
 def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
-    bounds = {"idle_seconds": limits.idle_seconds, "max_clients": limits.connections}
+    bounds = {
+        "idle_seconds": limits.idle_seconds,
+        "max_connections": min(limits.connections, _max_files() // 2),
+        "max_unread": limits.unread,
+    }
     patient = type("Connection", (PatientConnection,), bounds)
     return uvicorn.Config(
         app,
@@ -100,14 +110,21 @@ def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
         server_header=False,
         proxy_headers=False,
         h11_max_incomplete_event_size=limits.url,
+        backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=END_WITHIN,
     )
+
+
+def _max_files() -> int:
+    """Files and sockets that this process may open."""
+    soft: int = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
 def _listen(host: str, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        return socket.create_server((host, port), family=family, backlog=1024)
+        return socket.create_server((host, port), family=family, backlog=QUEUE)
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ServerError(

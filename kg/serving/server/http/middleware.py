@@ -14,12 +14,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from kg.serving.server.http.problems import Problem, problem_response
 from kg.serving.server.http.rate_limit import RateLimiter
 from kg.serving.server.http.request_checks import (
+    check_framing,
     check_host,
     check_site,
     check_token,
     client_of,
 )
 from kg.serving.server.http.settings import Settings
+from kg.serving.server.http.uploads import Uploads
 from kg.serving.server.metrics import Metrics
 
 log = logging.getLogger("hereabouts.server")
@@ -54,6 +56,7 @@ class RequestGuard:
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
         self._rates = RateLimiter(settings.limits.rate, settings.limits.burst)
+        self._uploads = Uploads(settings.limits)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Guard a request; pass lifespan messages on."""
@@ -81,13 +84,21 @@ class RequestGuard:
 
         try:
             early = self._answer_early(scope, headers)
-            await (early or self._app)(scope, receive, guarded)
+            await (early or self._with_upload)(scope, receive, guarded)
         except asyncio.CancelledError:
             # the server stops, and this response took too long
             if not begun:
                 await _ENDING(scope, receive, guarded)
         finally:
             count()
+
+    async def _with_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
+        state = scope["state"]
+        upload = state["upload"] = self._uploads.begin(state["connection"], state["client"])
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            self._uploads.end(upload)
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:
@@ -99,18 +110,17 @@ class RequestGuard:
         return None
 
     def _check(self, scope: Scope, headers: Headers) -> None:
+        check_framing(scope["http_version"], headers)
         check_host(self._settings, headers)
-        if scope["state"]["connection"].crowded:
-            # closes this connection, so that it makes room for others
-            leaving = {"Retry-After": "1", "Connection": "close"}
-            raise Problem(503, "too many clients at once; come back in a second", leaving)
         address = scope["client"][0] if scope.get("client") else ""
         client = client_of(self._settings, headers, address)
-        scope["state"]["client"] = client
+        scope["state"]["client"] = scope["state"]["connection"].client_name = client
         # a state comes from a cache, and is made at a cost with a bound
         wait = 0 if scope["path"] == "/state" else self._rates.take(client)
         if wait:
-            raise Problem(429, "too many requests; slow down", {"Retry-After": str(wait)})
+            # closes the connection, on which a thousand further requests may wait
+            later = {"Retry-After": str(wait), "Connection": "close"}
+            raise Problem(429, "too many requests; slow down", later)
         if scope["method"] != "OPTIONS":  # a preflight has no token, and gets no data
             check_site(self._settings, scope["path"], scope["method"], headers)
             check_token(self._settings, scope["path"], headers)

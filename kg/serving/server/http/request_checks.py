@@ -51,6 +51,21 @@ def check_host(settings: Settings, headers: Headers) -> None:
     raise Problem(421, f"{name} is not a name of this server; start it with --public-host {name}")
 
 
+def check_framing(http_version: str, headers: Headers) -> None:
+    """Raise Problem 400, and close, if a proxy could see another end of the body (RFC 9112, 6.3).
+
+    h11 refuses lengths that are invalid or differ.
+    """
+    if "transfer-encoding" not in headers:
+        return
+    if "content-length" in headers or http_version == "1.0":
+        raise Problem(
+            400,
+            "Transfer-Encoding beside Content-Length, or in HTTP/1.0; send one of the two",
+            {"Connection": "close"},
+        )
+
+
 def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
     """Raise Problem 403 for a request of a browser on behalf of another site.
 

@@ -19,7 +19,10 @@ _ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
 class Limits:
     """Limits of requests, so that one client cannot occupy the server."""
 
-    body: int = 8 << 20  # [bytes] of a request
+    body: int = 8 << 20  # [bytes] of a request, also after decompression
+    client_bodies: int = 24 << 20  # [bytes] of the bodies of one client that wait for their answers
+    bodies: int = 64 << 20  # [bytes] of the bodies of all clients that wait for their answers
+    unread: int = 256 << 20  # [bytes] of answers that clients have not read
     result: int = 64 << 20  # [bytes] of an answer
     url: int = 64 << 10  # [bytes] of a request line and its headers
     query_seconds: float = 10.0  # [s] to evaluate one query
@@ -53,6 +56,7 @@ class Settings:
         default_factory=BearerTokens
     )  # if there are any, the map is private
     public_hosts: tuple[str, ...] = ()  # names by which other machines know this server
+    trusted_proxies: tuple[str, ...] = ()  # addresses whose X-Forwarded-For names the client
     limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
@@ -72,6 +76,8 @@ class Settings:
                     f"no origin of web pages: {origin!r}; write it as browsers send it, "
                     "e.g. https://example.org (no path, no slash at the end)"
                 )
+        for address in self.trusted_proxies:
+            _check_address(address)
         for iri in self.services:
             _check_absolute(iri)
 
@@ -95,6 +101,13 @@ class Settings:
         own = f"[{self.host}]" if ":" in self.host else self.host
         names = {"localhost", "127.0.0.1", "[::1]", own, *self.public_hosts}
         return frozenset(name.lower() for name in names)
+
+
+def _check_address(text: str) -> None:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError as error:
+        raise ServerError(f"no address of a proxy: {text!r}; write e.g. 127.0.0.1") from error
 
 
 def _check_absolute(iri: str) -> None:
