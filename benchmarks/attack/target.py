@@ -16,6 +16,7 @@ import requests
 from kg.serving.opening import create_map
 
 TOKEN = "a-token-of-the-attacks-0123"
+ROBOT = "a-token-of-a-robot-besides"
 SECONDS = 2.0  # a query's time limit
 PATIENCE = 8.0  # [s] within which a bystander's `ASK {}` is answered, however busy the server
 MIXED = "\n".join(
@@ -42,7 +43,7 @@ class Target:
         with create_map(self.map) as made:
             made.update(f"INSERT DATA {{ GRAPH <urn:g> {{ {MIXED} {KEPT} }} }}")
         tokens = folder / "tokens.txt"
-        tokens.write_text(f"ann {TOKEN}\n")
+        tokens.write_text(f"ann {TOKEN}\nrobot {ROBOT}\n")
         tokens.chmod(0o600)
         self._words = [sys.executable, "-m", "planner.cli", "serve", str(self.map), "--port", "0",
                        "--token-file", str(tokens), "--timeout", str(SECONDS)]  # fmt: skip
@@ -91,6 +92,11 @@ class Target:
         """1 where what was acknowledged at the start is gone, else 0."""
         reply = self.query(f"ASK {{ GRAPH <urn:g> {{ {KEPT} }} }}")
         return int(reply is None or b"true" not in reply.content)
+
+    def memory(self) -> int:
+        """Present memory of the server's process [MB]."""
+        status = Path(f"/proc/{self._process.pid}/status").read_text()
+        return int(status.partition("VmRSS:")[2].split()[0]) >> 10
 
     def ends_when_told(self, seconds: float) -> bool:
         """Whether SIGTERM ends the server within so many seconds; it is started again."""

@@ -5,18 +5,21 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from starlette.requests import Request
 
 from kg.maps.stored_map import StoredMap
 from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
 from kg.serving.server.http.client_sessions import Sessions
+from kg.serving.server.http.reading_threads import ReadingThreads
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
 from kg.serving.server.running_counts import RunningCounts
 from kg.serving.server.state_cache import StateCache
 from kg.serving.workers.pool import QueryPool
+
+T = TypeVar("T")
 
 #: State of programs beside the server, for `/health`: name -> state.
 Status = Callable[[], Mapping[str, object]]
@@ -61,6 +64,14 @@ class AppState:
     planning: PlanningTurns = field(default_factory=PlanningTurns)
     states: StateCache = field(default_factory=StateCache)
     sessions: Sessions = field(default_factory=Sessions)
+    threads: ReadingThreads = field(default_factory=ReadingThreads)
+
+    async def read(self, request: Request, act: Callable[[], T]) -> T:
+        """The result of `act` in a thread, once it is this client's turn.
+
+        Raises PoolBusyError if too many requests of the client wait.
+        """
+        return await self.threads.run(request.state.client, act)
 
     def author_of(self, request: Request) -> str:
         """The name of the client that writes; raises Problem as `BearerTokens.holder`."""

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Any, Final
 
 from pyoxigraph import NamedNode, Quad
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -54,7 +53,7 @@ async def _list(serving: AppState, request: Request) -> Response:
     headers = {"Vary": "Accept", **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
-    response = await run_in_threadpool(partial(_listed, serving, iri, conflicts, media_type))
+    response = await serving.read(request, partial(_listed, serving, iri, conflicts, media_type))
     response.headers.update(headers)
     return response
 

@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Iterable
 from functools import partial
 from typing import Final
 
-from starlette.concurrency import iterate_in_threadpool, run_in_threadpool
+from starlette.concurrency import iterate_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp
@@ -40,7 +40,7 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
     if kind == JSON:
         if since is None:
             raise Problem(400, "changes as JSON need ?since=, a sequence number")
-        body = await run_in_threadpool(partial(_page_of, feed.since(since), since))
+        body = await serving.read(request, partial(_page_of, feed.since(since), since))
         return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
     queue = Queue(serving.settings.limits.feed_backlog)
     feed.add(queue, request.state.client)

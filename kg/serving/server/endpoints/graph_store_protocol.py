@@ -156,7 +156,7 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
     headers = {"Vary": "Accept", SEQUENCE: str(sequence), **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
-    body = await run_in_threadpool(partial(_serialised, serving, graph, _FORMATS[media_type]))
+    body = await serving.read(request, partial(_serialised, serving, graph, _FORMATS[media_type]))
     return Response(body, media_type=media_type, headers=headers)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import socket
 import sys
+import time
 from typing import Any
 
 import h11
@@ -18,8 +19,11 @@ from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
 
 from kg.serving.server.http.client_sessions import client_of_address
 from kg.serving.server.http.shares import greediest
+from kg.serving.server.http.turns_to_read import TurnsToRead
 
 IDLE_SECONDS = 10.0
+AT_ONCE = 16 << 10  # [bytes] that are parsed before others have their turn
+FIRST_HEAD = 4 << 10  # [bytes] of a new connection that are parsed at once
 MAX_HEADERS = 200  # lines of a request's head; h11 takes 2 ms for a thousand
 _FULL = b"the server is full, and you have most of its connections; come back in a second\n"
 _REFUSAL = (
@@ -34,6 +38,7 @@ class PatientConnection(H11Protocol):
     idle_seconds = IDLE_SECONDS
     max_connections = 512
     max_unread = 256 << 20  # [bytes] of answers that wait for their clients
+    turns = TurnsToRead()
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -46,6 +51,8 @@ class PatientConnection(H11Protocol):
         self._since = self.loop.time()  # of the last head or answer
         self._request_timer: asyncio.TimerHandle | None = None
         self._reader_timer: asyncio.TimerHandle | None = None
+        self._received = bytearray()  # and not parsed yet
+        self._turn: asyncio.TimerHandle | None = None  # when more of it is parsed
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Start the time limit for the first head; make room if there are too many."""
@@ -62,15 +69,36 @@ class PatientConnection(H11Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Cancel the time limits of a lost connection."""
-        for timer in (self._request_timer, self._reader_timer):
+        for timer in (self._request_timer, self._reader_timer, self._turn):
             if timer is not None:
                 timer.cancel()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Receive bytes; the first of a head start its time limit, its end stops it."""
-        super().data_received(data)
-        self._time_request()
+        """Receive bytes, to be parsed in the client's turn."""
+        self._received += data
+        if self._turn is None:
+            self._parse()
+
+    def _parse(self) -> None:
+        self._turn = None
+        if self.transport.is_closing():
+            return
+        # the first head may have a token, which has turns of its own
+        first = self.cycle is None and len(self._received) <= FIRST_HEAD
+        wait = 0.0 if first else self.turns.wait(self.client_name)
+        if not wait:
+            part = bytes(self._received[:AT_ONCE])
+            del self._received[:AT_ONCE]
+            begun = time.perf_counter()
+            super().data_received(part)
+            self.turns.spent(self.client_name, time.perf_counter() - begun)
+            self._time_request()
+        if self._received and not self.transport.is_closing():
+            self.transport.pause_reading()
+            self._turn = self.loop.call_later(wait, self._parse)
+        elif not self.flow.read_paused:
+            self.transport.resume_reading()
 
     def on_response_complete(self) -> None:
         """Go on to the next request; the rest of an unread body has to arrive in time."""

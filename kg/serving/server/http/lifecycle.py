@@ -15,6 +15,7 @@ from starlette.types import ASGIApp
 from kg.model.errors import ServerError
 from kg.serving.server.http.connection import PatientConnection
 from kg.serving.server.http.settings import Limits, Settings
+from kg.serving.server.http.turns_to_read import TurnsToRead
 
 START_WITHIN = 60.0  # [s]
 END_WITHIN = 3  # [s] to complete responses when the server stops
@@ -97,6 +98,7 @@ def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
         "idle_seconds": limits.idle_seconds,
         "max_connections": min(limits.connections, _max_files() // 2),
         "max_unread": limits.unread,
+        "turns": TurnsToRead(),
     }
     patient = type("Connection", (PatientConnection,), bounds)
     return uvicorn.Config(

@@ -8,7 +8,6 @@ from functools import partial
 from importlib.resources import files
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
@@ -47,7 +46,7 @@ async def service_description(serving: AppState, request: Request) -> Response:
 async def dataset_description(serving: AppState, request: Request) -> Response:
     """The map as a VoID and DCAT dataset: metadata, counts and downloads."""
     media_type = negotiate(accept_of(request, query_parameters(request)), tuple(GRAPH_FORMATS))
-    triples = await run_in_threadpool(partial(_dataset, serving, str(request.base_url)))
+    triples = await serving.read(request, partial(_dataset, serving, str(request.base_url)))
     return _answer(triples, media_type, serving)
 
 

@@ -18,7 +18,6 @@ from typing import Final
 from urllib.parse import quote
 
 from pyoxigraph import NamedNode, Quad
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -71,13 +70,13 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     log = serving.semantic_map.history.log
     if moment is None:
         time = _parsed(wanted or "")
-        version = await run_in_threadpool(partial(_closest, log, iri, time))
+        version = await serving.read(request, partial(_closest, log, iri, time))
         if version is None:  # a resource without versions is answered as it is
             return None
     else:
         sequence = await sequence_at(serving.semantic_map, moment)
-        version = await run_in_threadpool(partial(version_at, log, iri, sequence))
-    about = await run_in_threadpool(partial(_facts_of, log, iri, version))
+        version = await serving.read(request, partial(version_at, log, iri, sequence))
+    about = await serving.read(request, partial(_facts_of, log, iri, version))
     if version is None or not about:
         headers = {"Vary": VARY, **links(serving, request, iri)}
         raise Problem(404, f"the map had no facts about {iri[:200]} at that time", headers)
@@ -96,7 +95,7 @@ async def timegate(serving: AppState, request: Request) -> Response:
         find = partial(version_at, log, iri, log.last)
     else:
         find = partial(_closest, log, iri, _parsed(wanted))
-    version = await run_in_threadpool(find)
+    version = await serving.read(request, find)
     headers = {"Vary": "Accept-Datetime", **links(serving, request, iri)}
     if version is None or version.empty:
         raise Problem(404, f"no version of {iri[:200]} at that time is kept", headers)
@@ -111,7 +110,7 @@ async def timemap(serving: AppState, request: Request) -> Response:
     except ValueError as error:
         raise Problem(400, "needs ?iri=, an absolute IRI") from error
     log = serving.semantic_map.history.log
-    found = await run_in_threadpool(partial(versions, log, iri, max_count=MAX_VERSIONS))
+    found = await serving.read(request, partial(versions, log, iri, max_count=MAX_VERSIONS))
     if not any(not version.empty for version in found):
         raise Problem(404, f"no versions of {iri[:200]} are kept")
     body = ",\n".join(_entries(serving, request, iri, found)) + "\n"

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 from pyoxigraph import Literal, NamedNode
@@ -63,7 +64,7 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     state = state_of(serving.semantic_map)
     headers = {"Vary": VARY, **links(serving, request, iri)}
     try:
-        thing = await run_in_threadpool(_look_up, serving, iri)
+        thing = await serving.read(request, partial(_look_up, serving, iri))
     except Problem as problem:
         problem.headers |= headers  # a removed resource may have versions
         raise

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from starlette.concurrency import run_in_threadpool
+from functools import partial
+
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -24,14 +25,14 @@ async def root_page(serving: AppState, request: Request) -> Response:
         if not is_admitted(serving.settings, request.headers):
             raise private_map()
         return await dataset_description(serving, request)
-    head = await run_in_threadpool(_head, serving, request)
+    head = await serving.read(request, partial(_head, serving, request))
     page = front_page(head, writable=bool(serving.settings.tokens))
     return Response(page, media_type=HTML, headers={"Vary": "Accept, Authorization"})
 
 
 async def console_page(serving: AppState, request: Request) -> Response:
     """The page with a SPARQL editor."""
-    page = console_html(await run_in_threadpool(_head, serving, request))
+    page = console_html(await serving.read(request, partial(_head, serving, request)))
     return Response(page, media_type=HTML, headers={"Vary": "Authorization"})
 
 
