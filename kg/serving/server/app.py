@@ -7,7 +7,7 @@ import logging
 import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
@@ -107,7 +107,9 @@ def application(serving: AppState) -> ASGIApp:
     compressed = GZipMiddleware(app, minimum_size=MIN_COMPRESSED, compresslevel=6)
     guarded = RequestGuard(compressed, serving.settings, serving.metrics)
     proxies = list(serving.settings.trusted_proxies)
-    return cast(ASGIApp, ProxyHeadersMiddleware(guarded, proxies)) if proxies else guarded
+    return (
+        cast(ASGIApp, ProxyHeadersMiddleware(cast(Any, guarded), proxies)) if proxies else guarded
+    )
 
 
 class _Endpoint:

@@ -7,6 +7,7 @@ import json
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -22,6 +23,7 @@ FORM = "application/x-www-form-urlencoded"
 JSON = "application/json"
 MAX_FIELDS = 200  # parameters of one request
 MAX_LEVELS = 32  # levels of JSON
+MAX_MEMBERS = 100  # of a body of gzip
 DECOMPRESSED_AT_ONCE = 1 << 20  # [bytes]
 _ENCODINGS = ("identity", "gzip", "x-gzip", "deflate")
 
@@ -161,12 +163,15 @@ async def _collect(request: Request, upload: Upload, limits: Limits) -> bytes:
 
 async def _decompressed(rest: bytes, upload: Upload, limits: Limits) -> bytes:
     """A body of one or more members of gzip (RFC 1952), or of zlib (RFC 1950)."""
-    body, compressed = bytearray(), len(rest)
+    body, compressed, members = bytearray(), len(rest), 0
     try:
         while rest:
+            members += 1
+            if members > MAX_MEMBERS:
+                raise Problem(413, f"a compressed body may have {MAX_MEMBERS} members")
             inflate = zlib.decompressobj(wbits=zlib.MAX_WBITS + 32)  # detects gzip and zlib
             while not inflate.eof:
-                part = await run_in_threadpool(inflate.decompress, rest, DECOMPRESSED_AT_ONCE)
+                part = await upload.run(partial(inflate.decompress, rest, DECOMPRESSED_AT_ONCE))
                 rest = inflate.unconsumed_tail
                 if not (part or rest or inflate.eof):
                     raise Problem(400, "the compressed body is incomplete")

@@ -7,6 +7,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Self
 
 import uvicorn
@@ -14,7 +15,8 @@ from starlette.types import ASGIApp
 
 from kg.model.errors import ServerError
 from kg.serving.server.http.connection import PatientConnection
-from kg.serving.server.http.settings import Limits, Settings
+from kg.serving.server.http.request_checks import holder
+from kg.serving.server.http.settings import Settings
 from kg.serving.server.http.turns_to_read import TurnsToRead
 
 START_WITHIN = 60.0  # [s]
@@ -37,7 +39,7 @@ class ServerLifecycle:
         self._thread: threading.Thread | None = None
 
     def _answer_with(self, app: ASGIApp, end_streams: Callable[[], None]) -> None:
-        self._server = _Uvicorn(_config(app, self.settings.limits), end_streams)
+        self._server = _Uvicorn(_config(app, self.settings), end_streams)
 
     @property
     def url(self) -> str:
@@ -93,12 +95,14 @@ class _Uvicorn(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def _config(app: ASGIApp, limits: Limits) -> uvicorn.Config:
+def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
+    limits = settings.limits
     bounds = {
         "idle_seconds": limits.idle_seconds,
         "max_connections": min(limits.connections, _max_files() // 2),
         "max_unread": limits.unread,
         "turns": TurnsToRead(),
+        "holder": staticmethod(partial(holder, settings)),
     }
     patient = type("Connection", (PatientConnection,), bounds)
     return uvicorn.Config(

@@ -31,9 +31,15 @@ _ENTRIES: Final = frozenset(("/", "/console"))
 
 def client_of(settings: Settings, headers: Headers, address: str) -> str:
     """The client of a request: the holder of its token, else its address."""
-    authorization = headers.get("authorization")
+    return holder(settings, headers.get("authorization")) or client_of_address(address)
+
+
+def holder(settings: Settings, authorization: str | None) -> str | None:
+    """The client that the token of an Authorization header names, or None."""
+    if authorization is None:
+        return None
     name = settings.tokens.find(authorization) or settings.read_tokens.find(authorization)
-    return client_of_address(address) if name is None else f"token {name}"
+    return None if name is None else f"token {name}"
 
 
 def check_host(settings: Settings, headers: Headers) -> None:

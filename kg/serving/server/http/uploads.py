@@ -6,14 +6,17 @@ exempt: the number of connections limits them, and queries pass while others upl
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 from kg.serving.server.http.connection import PatientConnection
 from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.reading_threads import ReadingThreads
 from kg.serving.server.http.settings import Limits
 from kg.serving.server.http.shares import greediest
 from kg.store.process_memory import trim_heap
 
+T = TypeVar("T")
 SMALL = 64 << 10  # [bytes] of a body that does not count
 
 
@@ -23,7 +26,7 @@ class Upload:
     def __init__(self, uploads: Uploads, connection: PatientConnection, client_name: str) -> None:
         self.connection, self.client_name = connection, client_name
         self.held = 0  # [bytes]
-        self.complete = False
+        self.complete = self.refused = False
         self._uploads = uploads
 
     @property
@@ -34,11 +37,17 @@ class Upload:
     def take(self, size: int) -> None:
         """Hold more (or fewer) bytes of the body.
 
-        Raises Problem 503 if there is no room for them.
+        Raises Problem 503 if there is no room for them, or was none for what is held already.
         """
+        if self.refused:
+            raise self._uploads.full()
         self.held += size
         if size > 0 and self.counted:
             self._uploads.make_room(self)
+
+    async def run(self, act: Callable[[], T]) -> T:
+        """The result of `act` in a thread, once it is this client's turn."""
+        return await self._uploads.threads.run(self.client_name, act)
 
 
 class Uploads:
@@ -46,6 +55,7 @@ class Uploads:
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
+        self.threads = ReadingThreads()
         self._all: dict[Upload, None] = {}  # oldest first
 
     def begin(self, connection: PatientConnection, client_name: str) -> Upload:
@@ -73,16 +83,21 @@ class Uploads:
             # a complete body is in use; of the others the newest goes, so that older ones complete
             last = _newest_of_greediest(left)
             if last is growing:
-                raise Problem(
-                    503,
-                    f"bodies that wait for their answers may have {self._limits.client_bodies} "
-                    f"bytes for one client, {self._limits.bodies} for all; send one at a time",
-                    {"Retry-After": "1", "Connection": "close"},
-                )
+                raise self.full()
             left.remove(last)
             excess -= last.counted
             self._all.pop(last, None)
+            last.refused = True
             last.connection.refuse()
+
+    def full(self) -> Problem:
+        """The refusal of a body for which there is no room."""
+        return Problem(
+            503,
+            f"bodies that wait for their answers may have {self._limits.client_bodies} "
+            f"bytes for one client, {self._limits.bodies} for all; send one at a time",
+            {"Retry-After": "1", "Connection": "close"},
+        )
 
 
 def _newest_of_greediest(uploads: list[Upload]) -> Upload:

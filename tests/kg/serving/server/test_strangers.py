@@ -140,23 +140,6 @@ def test_dawdlers_do_not_keep_others_out(serve: Callable[..., Served]) -> None:
         client.close()
 
 
-def test_a_crowd_is_told_to_come_back_and_the_rest_is_hung_up_on(
-    serve: Callable[..., Served],
-) -> None:
-    served = serve(limits=Limits(connections=20, idle_seconds=60.0))
-    crowd = [connect(served) for _ in range(20)]
-    with requests.Session() as late:
-        refused = late.get(served.url + ASK, timeout=120)
-    assert refused.status_code == 503
-    assert int(refused.headers["Retry-After"]) > 0
-    assert refused.headers["Connection"] == "close"
-    beyond = [connect(served) for _ in range(30)]
-    assert said(beyond[-1]) == b""
-    for client in (*crowd, *beyond):
-        client.close()
-    assert answers_in_the_end(served)
-
-
 @pytest.mark.parametrize(
     "sent",
     [
