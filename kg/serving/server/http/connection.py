@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import re
 import socket
+import struct
 import sys
 import time
 from collections.abc import Callable
@@ -148,7 +149,7 @@ class PatientConnection(H11Protocol):
         self._watch_reader()
         while sum(one.unread for one in _patient(self.connections)) > self.max_unread:
             backlogs = greediest(_patient(self.connections), lambda one: one.unread)
-            max(backlogs, key=lambda one: one.unread).abort()
+            max(backlogs, key=lambda one: one.unread)._reset()
 
     def resume_writing(self) -> None:
         """Stop the time limit of the reading client."""
@@ -167,6 +168,12 @@ class PatientConnection(H11Protocol):
         self.connections.discard(self)
         if not self.transport.is_closing() or self.unread:
             self.transport.abort()
+
+    def _reset(self) -> None:
+        """Close the connection, and free what the kernel still holds for the client."""
+        accepted = self.transport.get_extra_info("socket")
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.abort()
 
     def refuse(self) -> None:
         """Close the connection, with 503 for a request that was not received completely."""
@@ -226,7 +233,7 @@ class PatientConnection(H11Protocol):
 
     def _reader_is_late(self, before: int) -> None:
         if self.unread >= before:
-            self.abort()
+            self._reset()
         else:
             self._watch_reader()
 
