@@ -16,7 +16,7 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Final
 
-from benchmarks.attack import exhaustion, files, iris, network, ontologies, strangers
+from benchmarks.attack import connections, exhaustion, files, iris, network, ontologies, strangers
 from benchmarks.attack.outcome import HEAD, Outcome
 from benchmarks.attack.target import Target
 
@@ -27,6 +27,7 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "ontologies": ontologies.attack,
     "iris": iris.attack,
     "files": files.attack,
+    "connections": connections.attack,
 }
 
 

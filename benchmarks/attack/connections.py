@@ -26,12 +26,10 @@ from requests.adapters import HTTPAdapter
 
 from benchmarks.attack.crowding import ADDRESS, KINDS
 from benchmarks.attack.outcome import Outcome
-from benchmarks.attack.target import ROBOT, Target
+from benchmarks.attack.target import PATIENCE, ROBOT, Target
 
 SECONDS: Final = 4.0  # of each kind
 WARM_UP: Final = 2.0  # [s] in which the crowd arrives
-MAX_P99: Final = 0.5  # [s] of a bystander
-_PATIENCE: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +47,8 @@ class Latency:
 
     @property
     def held(self) -> bool:
-        """Whether all was answered, and in time."""
-        return not self.refused and float(np.percentile(self.seconds, 99)) < MAX_P99
+        """Whether all was answered."""
+        return bool(self.seconds) and not self.refused
 
 
 class _FromAddress(HTTPAdapter):
@@ -71,7 +69,7 @@ BYSTANDERS: Final = {
 
 
 def attack(target: Target) -> Outcome:
-    """A bystander who is refused, or waits too long, is a hang."""
+    """A bystander who is refused, or waits longer than `PATIENCE`, is a hang."""
     total = Outcome()
     for kind in KINDS:
         latencies = measure(target, kind.__name__)
@@ -117,7 +115,7 @@ def _ask(url: str, address: str, token: str, anew: bool) -> Latency:
         while time.monotonic() < until:
             begun = time.perf_counter()
             try:
-                reply = session.get(url + "sparql", params={"query": "ASK {}"}, timeout=_PATIENCE)
+                reply = session.get(url + "sparql", params={"query": "ASK {}"}, timeout=PATIENCE)
                 answered = reply.status_code == 200
             except requests.RequestException:
                 answered = False

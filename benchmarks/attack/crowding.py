@@ -87,6 +87,13 @@ async def unread_answers(reader: Reader, writer: Writer) -> None:
     await asyncio.sleep(LINGER)
 
 
+async def compressed_answers(reader: Reader, writer: Writer) -> None:
+    """Requests for the largest document, compressed."""
+    zipped = b"Accept-Encoding: gzip\r\n\r\n"
+    writer.write((b"GET /graphs/ontology HTTP/1.1\r\n" + _HOST + zipped) * 20)
+    await reader.read()
+
+
 async def pipelines(reader: Reader, writer: Writer) -> None:
     """Thousands of requests at once on a connection."""
     writer.write(_ASK * 4000)
@@ -192,6 +199,7 @@ KINDS: Final[dict[Kind, int]] = {
     unasked_bodies: CONNECTIONS,
     large_bodies: FEWER,
     unread_answers: FEWER,
+    compressed_answers: FEWER,
     pipelines: FEWER,
     idle: 2 * CONNECTIONS,
     feeds: CONNECTIONS,
