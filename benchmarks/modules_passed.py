@@ -99,24 +99,15 @@ def command_walk(name: str, *words: str) -> ModuleCounter:
     return counter
 
 
-def _open(path: Path) -> Any:
-    """The map at `path`, opened by this version of the packages or an earlier one."""
-    try:
-        return importlib.import_module("kg.serving.opening").open_map(path)
-    except ModuleNotFoundError:
-        return importlib.import_module("kg.semantic_map").SemanticMap.open(path)
-
-
 def query_walk(path: Path) -> ModuleCounter:
     """Serve the map and ask it twice over HTTP; count the second query."""
-    from kg.serving.server import MapServer, Settings
-
+    server_module = _first("kg.serving.server", "kg.server")
     counter = ModuleCounter()
     counter.start()
     try:
         with (
-            _open(path) as served,
-            MapServer(served, Settings(port=0)) as server,
+            _first("kg.serving.opening", "kg.opening").open_map(path) as served,
+            server_module.MapServer(served, server_module.Settings(port=0)) as server,
         ):
             _ask(server.url)  # starts a worker process
             counter.on = True
@@ -145,7 +136,7 @@ def _command(counter: ModuleCounter, words: list[str]) -> None:
         raise SystemExit(f"hereabouts {' '.join(words)}: exit code {code}")
 
 
-def _first(*names: str) -> object:
+def _first(*names: str) -> Any:
     """The first of these modules that exists: packages were renamed."""
     for name in names:
         with contextlib.suppress(ModuleNotFoundError):

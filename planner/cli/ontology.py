@@ -17,12 +17,19 @@ from planner.cli.console import counted, note, print_table, write, write_json
 if TYPE_CHECKING:
     from kg.knowledge.ontology.diff import OntologyChange
 
+    Parsers = argparse._SubParsersAction[argparse.ArgumentParser]
+
 _SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; imports are followed"
 _ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
+    for add_part in (_add_check, _add_diff, _add_reload, _add_export, _add_vocabulary):
+        add_part(parts)
+
+
+def _add_check(parts: Parsers) -> None:
     check = parts.add_parser(
         "check",
         help="validate an ontology; list errors with file and line",
@@ -36,6 +43,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_json(check)
     check.set_defaults(run=_check)
 
+
+def _add_diff(parts: Parsers) -> None:
     diff = parts.add_parser(
         "diff",
         help="differences between two ontologies",
@@ -47,6 +56,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_json(diff)
     diff.set_defaults(run=_diff)
 
+
+def _add_reload(parts: Parsers) -> None:
     reload = parts.add_parser(
         "reload",
         help="load an edited ontology into a map, also while it is served",
@@ -70,6 +81,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_json(reload)
     reload.set_defaults(run=_reload)
 
+
+def _add_export(parts: Parsers) -> None:
     export = parts.add_parser(
         "export",
         help="write a map's ontology as one file that Protege opens",
@@ -82,6 +95,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     export.set_defaults(run=_export)
 
+
+def _add_vocabulary(parts: Parsers) -> None:
     vocabulary = parts.add_parser(
         "vocabulary",
         help="every term and category as a page (Markdown)",

@@ -23,7 +23,6 @@ from perception.sources.ros.headers import NANOSECONDS
 from planner.execution.protocol import (
     MAX_COORDINATE,
     Arrived,
-    Command,
     DetectionsMessage,
     Failed,
     GoTo,
@@ -31,9 +30,9 @@ from planner.execution.protocol import (
     LookAround,
     Message,
     RobotPose,
-    StopCommand,
     View,
 )
+from planner.execution.stepwise_robot import Step, StepwiseRobot
 from planner.execution.transports.move_base import MoveBase
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
@@ -43,7 +42,6 @@ LEAVE_WITHIN: Final = 5.0  # [s] for the threads of the connection
 _TICK: Final = 0.1  # [s]
 
 _FORWARD, _OPTICAL = 0, 2  # axes along the view of robots and of cameras
-_Step = Message | None  # None: nothing yet
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +72,7 @@ class _Inboxes:
         self.navigation.offer(raw, is_ros1=is_ros1)
 
 
-class Ros1Robot:
+class Ros1Robot(StepwiseRobot):
     """A `Robot` that move_base drives.
 
     `base` is its frame in tf; by default one of BASES, else the colour camera's. `patience` [s]
@@ -91,6 +89,7 @@ class Ros1Robot:
         base: str | None = None,
         patience: float = 30.0,
     ) -> None:
+        super().__init__()
         self.name = f"the robot at {master.address}"
         self._stream, self._detector, self._base, self._patience = stream, detector, base, patience
         self._navigation = MoveBase(master, navigation)
@@ -99,21 +98,8 @@ class Ros1Robot:
             target=master.run, args=(_Inboxes(stream, self._navigation), self._ended), daemon=True
         )
         self._thread.start()
-        self._under_way: Iterator[_Step] = iter(())
         self._field_of_view = 0.0  # [rad] of the camera, across
         self._latest = math.nan, time.monotonic()  # stamp of the latest pose, and when it came
-
-    def send(self, command: Command) -> None:
-        """Begin with `command`; the command under way is dropped."""
-        if isinstance(command, Hello):
-            self._under_way = self._greet()
-        elif isinstance(command, GoTo):
-            self._under_way = self._drive(command)
-        elif isinstance(command, LookAround):
-            self._under_way = self._look(command)
-        elif isinstance(command, StopCommand):
-            self._under_way = iter(())
-            self._navigation.cancel()
 
     def receive(self, seconds: float) -> Message | None:
         """The next message; None where none came within `seconds`."""
@@ -125,14 +111,18 @@ class Ros1Robot:
                 return step
             time.sleep(min(left, _TICK / 10))
 
+    def _stop(self) -> None:
+        super()._stop()
+        self._navigation.cancel()
+
     def close(self) -> None:
         """Cancel the goal under way, and leave the master."""
-        self._under_way = iter(())
+        super()._stop()
         self._navigation.close()
         self._ended.set()
         self._thread.join(LEAVE_WITHIN)
 
-    def _greet(self) -> Iterator[_Step]:
+    def _greet(self) -> Iterator[Step]:
         until = time.monotonic() + self._patience
         while not self._navigation.ready:
             name = self._navigation.name
@@ -152,13 +142,13 @@ class Ros1Robot:
         if time.monotonic() > until:
             raise RobotError(f"{self.name}: {missing}, for {self._patience:.0f} s (--patience)")
 
-    def _drive(self, goal: GoTo) -> Iterator[_Step]:
+    def _drive(self, goal: GoTo) -> Iterator[Step]:
         """Drive to a goal; detections in pictures on the way are reported."""
         self._go(goal.x, goal.y, goal.heading)
         outcome = yield from self._until_over(pictures=True)
         yield Failed(goal.id, outcome) if outcome else Arrived(goal.id)
 
-    def _look(self, look: LookAround) -> Iterator[_Step]:
+    def _look(self, look: LookAround) -> Iterator[Step]:
         """Turn on the spot by goals, and take a picture after each."""
         start = self._pose()
         turns = math.ceil(abs(look.turn) / (OVERLAP * self._field_of_view) - 1e-6)
@@ -177,7 +167,7 @@ class Ros1Robot:
             views.append(self._view(frame))
         yield DetectionsMessage(look.id, views=tuple(views))
 
-    def _until_over(self, *, pictures: bool) -> Generator[_Step, None, str]:
+    def _until_over(self, *, pictures: bool) -> Generator[Step, None, str]:
         """Poses until the goal is over, with `pictures` too; returns its `MoveBase.outcome`."""
         while (outcome := self._navigation.outcome()) is None:
             yield self._pose()
@@ -193,7 +183,7 @@ class Ros1Robot:
     def _view(self, frame: Frame) -> View:
         return View(frame, self._detector.detect(frame))
 
-    def _picture_after(self, since: float) -> Generator[_Step, None, Frame | None]:
+    def _picture_after(self, since: float) -> Generator[Step, None, Frame | None]:
         """A frame taken at `since` [s by the robot's clock] or later; None if none comes."""
         until = time.monotonic() + PICTURE_WITHIN
         while time.monotonic() < until:

@@ -14,16 +14,15 @@ from kg.model.errors import LayoutError
 from planner.execution.protocol import (
     Aborted,
     Arrived,
-    Command,
     DetectionsMessage,
     GoTo,
     Hello,
     LookAround,
     Message,
     RobotPose,
-    StopCommand,
     View,
 )
+from planner.execution.stepwise_robot import StepwiseRobot
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.robot.mapping_tour import DEMO_RECORDING
@@ -35,19 +34,19 @@ RANGE = (0.8, 4.0)  # [m] at which the simulated detector detects most small thi
 RECALL = 0.6  # of objects within that range
 
 
-class SimulatedHouseRobot:
+class SimulatedHouseRobot(StepwiseRobot):
     """A `Robot` in the house; its clock is that of its motion, so it never waits."""
 
     name = "the simulated robot"
 
     def __init__(self, house: House, start: Pose, *, seed: int = 0) -> None:
+        super().__init__()
         self._camera = SimulatedCamera(house, seed=seed)
         self._detector = SimulatedDetector(self._camera)
         self._floor = FloorGrid(house)
         self._gait = MotionLimits()
         self._pose = replace(start, seconds=0.0)
         self._positions = [self._pose.xy]
-        self._under_way: Iterator[Message] = iter(())
         self._pictures = 0
 
     @property
@@ -75,24 +74,13 @@ class SimulatedHouseRobot:
             detector=self._detector.name,
         )
 
-    def send(self, command: Command) -> None:
-        """Begin with `command`; the command under way is dropped."""
-        if isinstance(command, Hello):
-            self._under_way = self._greet()
-        elif isinstance(command, GoTo):
-            self._under_way = self._drive(command)
-        elif isinstance(command, LookAround):
-            self._under_way = self._look(command)
-        elif isinstance(command, StopCommand):
-            self._under_way = iter(())
-
     def receive(self, seconds: float) -> Message | None:
         """The next message, without waiting; None if there is none."""
         return next(self._under_way, None)
 
     def close(self) -> None:
         """Stand still."""
-        self._under_way = iter(())
+        self._stop()
 
     def _greet(self) -> Iterator[Message]:
         yield self.hello
