@@ -19,16 +19,16 @@ from mapping.alignment.object_match import Landmarks, ObjectMatcher, about_z
 
 Floats = NDArray[np.float64]
 
-_COARSE: Final = 0.1  # [m] cells of the search ...
-_FINE: Final = 0.05  # ... and of the refinement
-_TURN: Final = np.radians(3.0)  # step of the search
-_PEAKS: Final = 4  # shifts that are kept of each turn
+_COARSE: Final = 0.1  # [m] cells of the search
+_FINE: Final = 0.05  # [m] cells of the refinement
+_TURN: Final = np.radians(3.0)  # [rad] step of the search
+_PEAKS: Final = 4  # best shifts of each turn, which become candidates
 _KEPT: Final = 40  # candidates that are refined
-_OBJECT: Final = 150.0  # worth of a matched object, in cells of floor
-_SAME: Final = 0.4  # [m] candidates nearer than this, and ...
-_SAME_TURN: Final = np.radians(12.0)  # ... less turned, are one
+_OBJECT: Final = 150.0  # cells of floor that count as much as one matched object
+_SAME: Final = 0.4  # [m] candidates that differ by less, in shift and turn, are one
+_SAME_TURN: Final = np.radians(12.0)  # [rad] the same for the turn
 _STEPS: Final = ((0.1, 2.0), (0.05, 1.0), (0.025, 0.5), (0.0125, 0.25))  # [m], [degrees]
-_POINTS: Final = 4000  # of the floor that candidates are compared on
+_POINTS: Final = 4000  # points of the floor that candidates are compared by
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +37,9 @@ class Alignment:
 
     T: Floats  # (4, 4) source to target
     floor: Match
-    objects: int  # that lie on one of their category
+    objects: int  # source objects that lie on a target object of their category
     score: float
-    rival: float  # score of the best transform elsewhere
+    rival: float  # score of the best transform to another spot
 
 
 class AlignmentSearch:
@@ -54,7 +54,7 @@ class AlignmentSearch:
     ) -> None:
         self._floor = floor
         self._few = FloorPoints(_thinned(floor.free), _thinned(floor.obstacles))
-        # thinned points stand for all of them
+        # each remaining point stands for several
         self._scale = len(floor.obstacles) / max(len(self._few.obstacles), 1)
         points = np.concatenate([floor.free, floor.obstacles])
         self._centre = np.append(points.mean(axis=0) if len(points) else np.zeros(2), 0.0)
@@ -148,7 +148,7 @@ def _neighbours(shift: float, turn: float) -> Iterator[tuple[float, float, float
 
 
 def _turned(T: Floats, centre: Floats, angle: float) -> Floats:
-    """`T` and then a turn [rad] about where it takes `centre` (3,)."""
+    """`T`, followed by a turn [rad] about the point to which `T` moves `centre` (3,)."""
     at = T[:3, :3] @ centre + T[:3, 3]
     turn = about_z(angle)
     turn[:3, 3] = at - turn[:3, :3] @ at

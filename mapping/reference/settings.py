@@ -40,15 +40,15 @@ class ReferenceSettings:
 
     # localisation, section 3.3.1
     estimator: Estimator = "fd"  # histogram bins: Freedman-Diaconis, Scott, Doane
-    max_bins: int = 1000  # guard of ours: hardly any spread inside a wide range asks for millions
-    min_points: int = 1  # pixels with depth a box must hold
-    max_unknown_box: float = 1.0  # share of a box without depth; the author's code has 0.65
+    max_bins: int = 1000  # ours: a narrow peak in a wide range would need millions
+    min_points: int = 1  # minimum number of pixels with depth in a box
+    max_unknown_box: float = 1.0  # maximum share of a box without depth; the author's code has 0.65
     min_score: float = 0.0  # detections below are ignored; the detector has its own threshold
 
     # association and confidence, section 3.3.1
     kappa: float = 0.75  # kappa [m]: nearer than this is the same object
     phi: float = 0.8  # phi of eq. 3.1: weight of a detection's score
-    nu: float = 3.0  # nu of eq. 3.1: greatest confidence
+    nu: float = 3.0  # nu of eq. 3.1: maximum confidence
     xi: float = 0.45  # xi of eq. 3.4: decay for each miss
 
     # negative evidence, section 3.3.1
@@ -58,20 +58,24 @@ class ReferenceSettings:
     occlusion_tolerance: float = 0.0  # [m] eq. 3.3 is strict; the author's code has 0.075
 
     # places, section 3.3.2
-    purity: float = 0.75  # least share of a view's points in one place
-    max_unknown_view: float = 0.75  # greatest share of a view without depth (author's code)
+    purity: float = 0.75  # minimum share of a view's points in one place
+    max_unknown_view: float = 0.75  # maximum share of a view without depth (author's code)
     history_length: int = 50  # poses remembered for each place
-    history_distance: float = 0.15  # [m] a pose is used up when both this near ... (author's code)
-    history_angle: float = 0.17453292519943295  # [rad] ... and this alike: 10 degrees
+    history_distance: float = (
+        0.15  # [m] and history_angle: nearer views are repeats (author's code)
+    )
+    history_angle: float = 0.17453292519943295  # [rad] 10 degrees
     belief_filter: BeliefFilter = "mean"  # eq. 3.5, or the Bayes filter it replaced
     indoor_prior: bool = False  # section 4.3: only INDOOR_CATEGORIES
-    bayes_floor: float = 1e-3  # ours: least likelihood, or one zero would rule a category out
-    least_belief: float = 0.005  # ours: beliefs below stay out of the graph (it keeps 0.01 steps)
+    bayes_floor: float = 1e-3  # ours: minimum likelihood, so that no zero rules a category out
+    least_belief: float = 0.005  # ours: minimum belief in the graph, which has steps of 0.01
     stride: int = 4  # [px] sampling step of a view's pixels; the author's code has 3
 
-    # labels that no category is called (ours; the thesis' networks have none)
+    # labels that name no category (ours; the thesis' networks have none)
     unknown_labels: UnknownLabels = "ignore"
-    least_scene: float = 0.1  # probability in a view from which such a label is a kind of place
+    least_scene: float = (
+        0.1  # minimum probability in a view at which such a label becomes a category
+    )
 
     # place categories inferred from the objects in them (ours)
     places_from_objects: bool = False

@@ -70,11 +70,11 @@ class Ros2Domain:
 
     @property
     def address(self) -> str:
-        """Where it is, for people."""
+        """The address, for messages."""
         return f"ros2://{self.number}"
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give what comes to `inbox` until `ended`; raises RecordingError without a network."""
+        """Offer messages to `inbox` until `ended`; raises RecordingError without a network."""
         from cyclonedds.core import DDSException
 
         try:
@@ -116,7 +116,7 @@ class _Participant:
                     self._received(topic, getattr(sample, "cdr", None))
 
     def _subscribe(self) -> None:
-        """Keep a reader of each topic that is wanted now, and of no other."""
+        """Make readers of the topics that are wanted now, and close all others."""
         from cyclonedds.core import DDSException, ReadCondition
 
         there = topics_of(self._writers.read(MAX_WRITERS, self._alive))
@@ -175,7 +175,7 @@ def topics_of(writers: Iterable[Any]) -> list[_Topic]:
         kind = f"{match[1]}/msg/{match[2]}" if match else ""
         if not name.startswith(f"{_TOPIC}/") or kind not in known:
             continue
-        # images as sensor data: one that is lost is not sent again
+        # an image is large and soon outdated: a lost one is not sent again
         reliable = Policy.Reliability.BestEffort not in writer.qos and kind not in IMAGES
         durable = reliable and Policy.Durability.TransientLocal in writer.qos
         before = found.setdefault(name, _Topic(name.removeprefix(_TOPIC), kind, reliable, durable))
@@ -186,10 +186,10 @@ def topics_of(writers: Iterable[Any]) -> list[_Topic]:
 
 
 class Sample:
-    """A message as it came."""
+    """A message in its serialised form."""
 
     def __init__(self, cdr: bytes) -> None:
-        self.cdr = cdr  # with the header that says how it is encoded
+        self.cdr = cdr  # CDR with its encapsulation header
         self.sample_info: Any = None  # set by cyclonedds
 
 
@@ -203,7 +203,7 @@ def idl_type(name: str) -> Any:
     fields = {field: _idl_of(node) for field, node in definition}
     typename = f"{package}::msg::dds_::{last}_"
     made: Any = make_idl_struct(f"{last}_", typename, fields)
-    made.deserialize = Sample  # what readers call
+    made.deserialize = Sample  # readers call it
     return made
 
 

@@ -58,9 +58,9 @@ def plot_truth(
 ) -> Path:
     """Draw the matching of a map to its truth to `path` and return it; PNG, SVG or PDF.
 
-    `existence` is the least of the matched objects; `floor` is drawn below. Extents of the truth
-    have their width along the x axis of its world, seen from above. Raises PictureError for another
-    ending or a path that cannot be written.
+    `existence` is the minimum existence of matched objects; `floor` is drawn below them. Extents of
+    the truth have their width along the x axis of its world, seen from above. Raises PictureError
+    for another ending or a path that cannot be written.
     """
     path = checked_ending(path)
     with picture_style():
