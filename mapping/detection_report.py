@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from kg.model.errors import GraphError
+from kg.model.regular_files import read_bytes
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
 VERSION: Final = 1
@@ -111,18 +112,15 @@ def read_report(folder: Path) -> DetectionReport | None:
     Raises GraphError for a file that holds no report, is too large, or is a link.
     """
     path = folder / FILE
-    if path.is_symlink() or (path.exists() and not path.is_file()):
+    if path.is_symlink():
         raise GraphError(f"{path} is no file of its own; without it, mapping writes a new one")
     if not path.exists():
         return None
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
+        data = read_bytes(path, MAX_BYTES)
     except OSError as error:
         raise GraphError(f"cannot read {path}: {error.strerror or error}") from error
     try:
-        if len(data) > MAX_BYTES:
-            raise ValueError(f"it is larger than {MAX_BYTES // 1_000_000} MB")
         return report_from_json(json.loads(data, parse_float=_finite, parse_constant=_finite))
     except (ValueError, GraphError, RecursionError) as error:
         reason = " ".join(str(error).split())[:100]

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError, RecordingError, did_you_mean
+from kg.model.regular_files import read_text
 from perception.camera.poses import checked_pose
 
 
@@ -19,7 +20,7 @@ def load_transform(path: Path, sequence: str) -> NDArray[np.float64]:
     Raises LayoutError where there is no such file or sequence, or the matrix is not rigid.
     """
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise LayoutError(f"cannot read transforms from {path}: {error}") from error
     sequences = data.get("sequences") if isinstance(data, dict) else None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import read_text
 
 
 def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
@@ -18,8 +18,7 @@ def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     Commas separate like white space. Raises RecordingError where the file cannot be read as text.
     """
     try:
-        check_regular(path)
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -23,6 +23,7 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import InvalidFactError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from kg.model.regular_files import read_text
 from kg.model.transactions import Cause
 from kg.store.atomic_file import write_atomically
 
@@ -196,7 +197,7 @@ def _entries(path: Path | str | None) -> list[Entry]:
     if path is None:
         return []
     try:
-        entries = json.loads(Path(path).read_text(encoding="utf-8"))
+        entries = json.loads(read_text(Path(path)))
     except (OSError, ValueError, RecursionError) as error:
         raise InvalidFactError(f"cannot read the saved map {path}: {error}") from error
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):

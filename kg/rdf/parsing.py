@@ -14,7 +14,7 @@ from xml.parsers import expat
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.model.errors import OntologyError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import read_bytes
 
 #: Message for RDF/XML with a DOCTYPE.
 DOCUMENT_TYPE: Final = (
@@ -56,8 +56,7 @@ def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
             has another syntax of OWL; the message has the line.
     """
     try:
-        check_regular(path)
-        data = path.read_bytes()
+        data = read_bytes(path)
     except OSError as error:
         raise OntologyError(f"{path}: {error.strerror or error}") from None
     form = _syntax(path, data.removeprefix(b"\xef\xbb\xbf"))

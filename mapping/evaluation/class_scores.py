@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import read_text
 from mapping.projection import to_map
 from mapping.reference.settings import ReferenceSettings
 
@@ -64,7 +65,7 @@ def load_truth(path: Path) -> Truth:
     Raises RecordingError, naming file and entry, where that is not what is there.
     """
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise RecordingError(f"cannot read truth from {path}: {error}") from error
     try:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import read_text
 
 _KEYS: Final = frozenset({"also", "ignore", "extent", "reach"})  # that no other truth has
 
@@ -44,7 +45,7 @@ class TrueObject:
 def is_complete_truth(path: Path) -> bool:
     """Whether a truth file has any of the keys of a complete truth; False where it has no JSON."""
     try:
-        objects = json.loads(path.read_text(encoding="utf-8"))["objects"].values()
+        objects = json.loads(read_text(path))["objects"].values()
         return any(_KEYS & entry.keys() for entry in objects)
     except (OSError, ValueError, RecursionError, AttributeError, KeyError, TypeError):
         return False
@@ -53,7 +54,7 @@ def is_complete_truth(path: Path) -> bool:
 def load_complete_truth(path: Path) -> tuple[TrueObject, ...]:
     """Read a complete truth; raises RecordingError, naming file and entry, for anything else."""
     try:
-        objects: Any = json.loads(path.read_text(encoding="utf-8"))["objects"]
+        objects: Any = json.loads(read_text(path))["objects"]
         entries = tuple(objects.items())
     except (OSError, ValueError, RecursionError) as error:
         raise RecordingError(f"cannot read truth from {path}: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Final
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.model.errors import LabelsError, UnknownCategoryError
+from kg.model.regular_files import read_text
 
 IGNORED: Final = ("", "-")  # categories of labels to be ignored
 _HEADER: Final = ["label", "category"]
@@ -64,9 +66,9 @@ def load_label_table(path: Path) -> LabelTable:
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Lines of cells, with their numbers, without header, comments and empty lines."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+        text = io.StringIO(read_text(path, "utf-8-sig"), newline="")
+        reader = csv.reader(text, strict=True)
+        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
     except OSError as error:
         raise LabelsError(f"cannot read the labels map {path}: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:

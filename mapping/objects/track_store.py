@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from kg.model.records import Evidence
+from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence
 from mapping.objects.settings import ObjectSettings
@@ -62,6 +63,7 @@ class TrackStore:
                 file.execute("DELETE FROM tracks WHERE mark > ?", (sequence,))
             rows = dict(self._file.execute("SELECT number, state FROM tracks ORDER BY mark"))
             run = RunState(**json.loads(rows.pop(_RUN, "{}")))
+            self._file.set_progress_handler(None, 0)
             tracks = [
                 _track(number, json.loads(state), settings)
                 for number, state in sorted(rows.items())
@@ -102,12 +104,13 @@ class TrackStore:
         self._stored = set(present)
 
     def _opened(self) -> sqlite3.Connection:
-        if self._path.is_symlink() or (
-            self._path.exists() and self._path.stat().st_size > MAX_BYTES
-        ):
+        if self._path.is_symlink():
             raise ValueError("not a store of tracks")
+        if self._path.exists():
+            check_regular(self._path, MAX_BYTES)
         file = sqlite3.connect(self._path, isolation_level="IMMEDIATE", check_same_thread=False)
         file.execute("PRAGMA trusted_schema = OFF")
+        file.set_progress_handler(StepLimit(self._path), SQLITE_STEPS)
         schema = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
         (version,) = file.execute("PRAGMA user_version").fetchone()
         if schema and (schema, version) != ([_SCHEMA], _VERSION):

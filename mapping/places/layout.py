@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from kg.model.areas import MAX_COORDINATE, Rectangle
 from kg.model.errors import LayoutError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import read_text
 from mapping.places.geojson import is_geojson, polygons
 
 SIDES: Final = ("xmin", "xmax", "ymin", "ymax")
@@ -71,8 +71,7 @@ def load_layout(path: Path) -> Layout:
     Raises LayoutError, naming the file and the entry, where it does not make sense.
     """
     try:
-        check_regular(path)
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_text(path, "utf-8-sig")
         is_csv = path.suffix.lower() == ".csv"
         rows = csv.DictReader(text.splitlines(), skipinitialspace=True)
         entries: Any = list(rows) if is_csv else json.loads(text)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import read_text
 from perception.number_tables import all_numbers
 
 JSON_NAMES = (
@@ -141,8 +141,7 @@ def load_intrinsics(path: Path) -> Intrinsics:
 def _from_json(path: Path) -> Intrinsics:
     wanted = "JSON with fx, fy, cx, cy (and width, height, dist, depth_scale), or intrinsic_matrix"
     try:
-        check_regular(path)
-        card = json.loads(path.read_text(encoding="utf-8"))
+        card = json.loads(read_text(path))
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:

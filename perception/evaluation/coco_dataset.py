@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
+from kg.model.regular_files import read_text
 
 _LAYOUT = "a folder with instances.json and images/, or annotations/instances_NAME.json and NAME/"
 
@@ -60,7 +61,7 @@ def load_coco(path: Path) -> CocoDataset:
     """Read a data set; raises ModelError for anything that is none, or has no image files."""
     file = _annotation_file(path)
     try:
-        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_text(file))
     except (OSError, ValueError, RecursionError) as error:
         raise ModelError(f"cannot read annotations from {file}: {error}") from error
     try:

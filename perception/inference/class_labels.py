@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from kg.model.errors import ModelError
+from kg.model.regular_files import read_text
 from perception.inference.model_zoo import NETWORKS, ModelCard
 
 NO_OBJECT = "n/a"
@@ -22,7 +23,7 @@ def read_labels(path: Path) -> tuple[str, ...]:
     Lines may be as in the published Places365 list, `/k/kitchen 203`: folder letter and index go.
     """
     try:
-        lines = [line.strip() for line in path.read_text(encoding="utf-8").splitlines()]
+        lines = [line.strip() for line in read_text(path).splitlines()]
     except (OSError, UnicodeDecodeError) as error:
         raise ModelError(f"cannot read labels {path}: {error}") from error
     return tuple(_plain(line) for line in lines if line)

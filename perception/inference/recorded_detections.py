@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ExtensionError, ModelError
 from kg.model.extensions import DETECTORS, extensions, load_extension
+from kg.model.regular_files import read_text
 from perception.frames import Detections, Detector, Frame
 from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
@@ -88,7 +89,7 @@ def _extension(name: str, threshold: float, device: str) -> Detector:
 def load_recorded_detections(path: Path, *, threshold: float = 0.0) -> RecordedDetector:
     """Read recorded detections; raises ModelError, naming the frame, for anything else."""
     try:
-        data: Any = json.loads(path.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise ModelError(f"cannot read detections from {path}: {error}") from error
     frames = data.get("frames") if isinstance(data, dict) else None

@@ -57,8 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _text(path: Path) -> str:
     from kg.model.errors import QueryError
+    from kg.model.regular_files import read_text
 
     try:
-        return path.read_text(encoding="utf-8")
+        return read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise QueryError(f"cannot read the update {path}: {error}") from error

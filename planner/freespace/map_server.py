@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import check_regular, read_bytes
 from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.grid import FreeSpace, Room
@@ -115,9 +115,7 @@ def _of_npy(image: Path) -> NDArray[np.float64]:
 def _keys(path: Path) -> dict[str, str]:
     """The flat `key: value` lines of a YAML file; items of a list below a key, joined by commas."""
     try:
-        check_regular(path)
-        with path.open("rb") as file:
-            text = file.read(_MAX_BYTES).decode("utf-8")
+        text = read_bytes(path, _MAX_BYTES).decode("utf-8")
     except UnicodeDecodeError as error:
         raise LayoutError(f"{path.name} is no map_server file: it is not text") from error
     except OSError as error:
@@ -156,9 +154,7 @@ _HEADER = re.compile(
 def _of_pgm(path: Path) -> NDArray[np.float64]:
     """(rows, columns) values 0..1 of a PGM image, plain or binary."""
     try:
-        check_regular(path)
-        with path.open("rb") as file:
-            data = file.read(8 * _MAX_PIXELS)
+        data = read_bytes(path, 8 * _MAX_PIXELS)
     except OSError as error:
         raise LayoutError(f"cannot read the map's image {path.name}: {error.strerror}") from error
     header = _HEADER.match(data[:10_000])

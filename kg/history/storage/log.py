@@ -92,6 +92,7 @@ class HistoryLog:
             log._check(base)
             log.codec = LineCodec(log._meta("dictionary"))
             log.refresh()
+            connection.set_progress_handler(None, 0)
         except sqlite3.Error as error:
             raise HistoryError(f"cannot read the history at {file}: {error}") from error
         return log

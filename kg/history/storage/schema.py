@@ -9,6 +9,7 @@ from typing import Final
 from urllib.parse import quote
 
 from kg.model.errors import HistoryError
+from kg.model.regular_files import SQLITE_STEPS, StepLimit
 
 SCHEMA: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;
@@ -29,19 +30,25 @@ CREATE TABLE touched (
 """
 
 
-def _open(name: str | Path, *, uri: bool = False) -> sqlite3.Connection:
+def _open(
+    name: str | Path, limit: StepLimit | None = None, *, uri: bool = False
+) -> sqlite3.Connection:
     connection = sqlite3.connect(name, isolation_level=None, check_same_thread=False, uri=uri)
+    connection.set_progress_handler(limit, SQLITE_STEPS)
     connection.execute("PRAGMA trusted_schema = OFF")  # a stranger's file calls no functions
     return connection
 
 
 def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.Connection:
-    """A connection to `file` (None: in memory); raises HistoryError if it cannot be read."""
+    """A connection to `file` (None: in memory); raises HistoryError if it cannot be read.
+
+    A progress handler limits its steps until the caller, who checks the tables, removes it.
+    """
     if file is None:
         return _open(":memory:")
     if read_only:
         return _reader(file)
-    connection = _open(file)
+    connection = _open(file, StepLimit(file))
     # small pages, since a map of a few hundred frames has little data in each of a dozen tables
     connection.execute("PRAGMA page_size = 1024")
     connection.execute("PRAGMA journal_mode = WAL")
@@ -90,7 +97,7 @@ def is_empty(connection: sqlite3.Connection) -> bool:
 def _reader(file: Path) -> sqlite3.Connection:
     # SQLite's shared memory file cannot be created in a read-only folder
     for how in ("mode=ro", "immutable=1"):
-        connection = _open(f"file:{quote(str(file.resolve()))}?{how}", uri=True)
+        connection = _open(f"file:{quote(str(file.resolve()))}?{how}", StepLimit(file), uri=True)
         try:
             is_empty(connection)  # the first read opens the file
         except sqlite3.OperationalError:

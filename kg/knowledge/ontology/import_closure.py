@@ -17,10 +17,12 @@ from pyoxigraph import NamedNode, Quad, Triple
 from kg.knowledge.ontology.loading import Ontology, ontology_files, read_files
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
+from kg.model.regular_files import read_bytes
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.parsing import ENDINGS, Parse
 
 CATALOG: Final = "catalog-v001.xml"
+MAX_CATALOG: Final = 1 << 24  # [bytes]
 
 _ONTOLOGY = NamedNode(v.OWL_ONTOLOGY)
 _IMPORTS = NamedNode(v.OWL_IMPORTS)
@@ -109,7 +111,9 @@ def _catalog(path: Path) -> dict[str, Path]:
     if not path.is_file():
         return {}
     try:
-        entries = list(ElementTree.parse(path).getroot().iter())
+        entries = list(ElementTree.fromstring(read_bytes(path, MAX_CATALOG)).iter())
+    except OSError as error:
+        raise OntologyError(f"{path}: {error.strerror or error}") from None
     except ElementTree.ParseError as error:
         raise OntologyError(f"{path}, line {error.position[0]}: {error}") from None
     found = {}

@@ -13,6 +13,7 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.knowledge.placement.statistics import RoomStatistics
 from kg.model.errors import InvalidFactError
+from kg.model.regular_files import check_regular
 
 COLUMNS: Final = ("room", "n_rooms", "object", "rooms_with_object")
 #: shipped tables by name: file, source, licence
@@ -113,6 +114,7 @@ def _table(
 
 def _rows(path: Path) -> Iterator[tuple[int, _Row]]:
     try:
+        check_regular(path)
         # spreadsheets write a byte order mark
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file, strict=True)

@@ -31,6 +31,7 @@ from pyoxigraph import Literal, NamedNode
 from kg.maps.query.evaluation import Table
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
+from kg.model.regular_files import read_text
 from kg.model.resources import QUERIES
 from kg.rdf.grid_cells import cells_of_box, cells_of_disc
 from kg.rdf.sparql.parameters import (
@@ -174,7 +175,7 @@ def load_query(path: Path | str) -> ParameterizedQuery:
     """The query in a file; raises QueryError if that is missing or malformed."""
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise QueryError(f"cannot read the query file {path}: {error}") from error
     return parse_query_file(text, path.stem)

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import SQLITE_STEPS, StepLimit
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 _FILES: Final = (".mcap", ".db3")
@@ -75,9 +76,11 @@ class BagFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.is_ros1 = path.suffix == _ROS1
+        self._limit = StepLimit(path)
         with _errors(path):
             self._reader = _reader(path)
-            self._reader.open()
+            with _limited_sqlite(self._limit):
+                self._reader.open()
         self.close = weakref.finalize(self, _close, self._reader)
         counts: dict[str, tuple[str, int]] = {}
         for connection in self._reader.connections:
@@ -96,6 +99,7 @@ class BagFile:
         chosen = [one for one in self._reader.connections if one.topic in topics]
         if not chosen:
             return
+        self._limit.reset()
         with _errors(self.path):
             for connection, time, data in self._reader.messages(chosen, start=start):
                 yield RawMessage(connection.topic, connection.msgtype, time, data)
@@ -127,6 +131,23 @@ def _reader(path: Path) -> Any:
         ) from error
     _bound_decompression()
     return rosbag1.Reader(path) if path.suffix == _ROS1 else rosbag2.Reader(path)
+
+
+@contextlib.contextmanager
+def _limited_sqlite(limit: StepLimit) -> Iterator[None]:
+    """Limit steps and lengths of the connections that rosbags makes within a block."""
+    import apsw
+
+    def hook(connection: apsw.Connection) -> None:
+        connection.set_progress_handler(limit, SQLITE_STEPS)
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, MAX_CHUNK)
+        connection.pragma("trusted_schema", 0)  # a stranger's file calls no functions
+
+    apsw.connection_hooks.append(hook)
+    try:
+        yield
+    finally:
+        apsw.connection_hooks.remove(hook)
 
 
 @functools.cache

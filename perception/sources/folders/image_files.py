@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import read_bytes
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
@@ -38,11 +39,8 @@ def decoded(path: Path, flags: int) -> NDArray[Any]:
 
 
 def _bytes_of(path: Path) -> NDArray[np.uint8]:
-    """All of a regular file: a link of a recording to a device or pipe would never end."""
     try:
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"cannot read image {path}: it is no file")
-        return np.fromfile(path, np.uint8)
+        return np.frombuffer(read_bytes(path), np.uint8)
     except OSError as error:
         raise RecordingError(f"cannot read image {path}: {error.strerror}") from error
 

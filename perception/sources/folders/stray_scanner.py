@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import check_regular
 from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, pose_from_quaternion
 from perception.number_tables import all_numbers, floats
@@ -140,6 +141,7 @@ def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
     """Stamp [s] and camera pose by the number of the frame."""
     found = dict[int, tuple[float, Pose]]()
     try:
+        check_regular(path)
         with path.open(encoding="utf-8", newline="") as file:
             table = csv.DictReader(file, skipinitialspace=True)
             for row in islice(table, MAX_POSES):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import MAX_BYTES, check_regular
 
 LONGER_SIDE: Final = 640  # [px] larger frames are shrunk to
 MAX_PIXELS: Final = 1 << 26  # of a frame
@@ -34,6 +35,7 @@ class Video:
     def open(cls, path: Path) -> Video:
         """Raises RecordingError for what is no video, or one without frames."""
         try:
+            check_regular(path, MAX_BYTES << 7)
             with path.open("rb") as file:
                 head = file.read(12)
         except OSError as error:

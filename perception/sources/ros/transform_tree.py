@@ -17,7 +17,9 @@ from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
 from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
 
 MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
-MAX_LINKS: Final = 10_000  # in a tree that keeps little
+MAX_LINKS: Final = 10_000  # in a tree
+MAX_DEPTH: Final = 100  # links between a frame and its root
+MAX_TRANSFORMS: Final = 1_000  # in a message
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -31,8 +33,8 @@ class TransformTree:
     """Links of frames to their parents, each a static transform or one over time.
 
     With `kept` a link keeps that many transforms at most, the latest ones. Where stamps jump back,
-    as at the restart of a simulation, it forgets all earlier ones. There are MAX_LINKS links at
-    most.
+    as at the restart of a simulation, it forgets all earlier ones. There are MAX_LINKS links, and
+    MAX_DEPTH of them between two frames, at most.
     """
 
     def __init__(self, kept: int | None = None) -> None:
@@ -42,6 +44,9 @@ class TransformTree:
 
     def add_message(self, message: Any, *, static: bool) -> list[str]:
         """Add the transforms of a tf2_msgs/TFMessage; returns a message for each invalid one."""
+        if len(message.transforms) > MAX_TRANSFORMS:
+            found = len(message.transforms)
+            return [f"a message has {found:,} transforms; up to {MAX_TRANSFORMS:,} would work"]
         refused = []
         for one in message.transforms:
             numbers = pose_numbers(one.transform.translation, one.transform.rotation)
@@ -65,7 +70,7 @@ class TransformTree:
             raise RecordingError(f"{where}: a link needs two frames")
         t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
         pose_from_quaternion(t, q, where)
-        if self._kept is not None and parent not in self._links.get(child, ()):
+        if parent not in self._links.get(child, ()):
             if self._count >= MAX_LINKS:
                 raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
             self._count += 1
@@ -101,10 +106,14 @@ class TransformTree:
     def ancestors(self, frame: str) -> list[str]:
         """`frame`, its parent and so on up to the root.
 
-        Raises RecordingError where the links form a loop.
+        Raises RecordingError where the links form a loop, or a chain of more than MAX_DEPTH.
         """
         chain = [frame_name(frame)]
         while (parent := self.parent(chain[-1])) is not None:
+            if len(chain) > MAX_DEPTH:
+                raise RecordingError(
+                    f"more than {MAX_DEPTH} transforms lead from {chain[0]!r} to its root"
+                )
             if parent in chain:
                 loop = " -> ".join([*chain[chain.index(parent) :], parent])
                 raise RecordingError(f"transforms form a loop: {loop}")
