@@ -312,7 +312,7 @@ def _limit_process(memory: int) -> None:
 
 def _limit_files(size: int) -> None:
     """Limit the size of the files that this process writes."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+    _limit(resource.RLIMIT_FSIZE, size)
 
 
 def _limit_time(seconds: float) -> None:
@@ -320,7 +320,14 @@ def _limit_time(seconds: float) -> None:
     signal.setitimer(signal.ITIMER_REAL, seconds + GRACE if seconds else 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
     limit = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
+    _limit(resource.RLIMIT_CPU, limit)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set the soft limit; the hard one may be that of a service manager, which stays."""
+    most = resource.getrlimit(kind)[1]
+    within = most if value == resource.RLIM_INFINITY or 0 <= most < value else value
+    resource.setrlimit(kind, (within, most))
 
 
 def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:

@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import SQLITE_STEPS, StepLimit
+from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
+MAX_FILE: Final = 1 << 44  # [bytes] of a bag, which is read in parts
+MAX_METADATA: Final = 1 << 24  # [bytes] of the list of a bag's files
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
 _TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
@@ -59,7 +61,7 @@ class RawMessage:
 
 def bag_path(path: Path) -> Path | None:
     """Path to open: `path` itself, or the one storage file in it; None where it is no bag."""
-    if path.is_file():
+    if not path.is_dir():
         return path if path.suffix in (_ROS1, *_FILES) else None
     if (path / "metadata.yaml").is_file():
         return path
@@ -76,6 +78,13 @@ class BagFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.is_ros1 = path.suffix == _ROS1
+        try:
+            if not path.is_dir():
+                check_regular(path, MAX_FILE)
+            else:
+                check_regular(path / "metadata.yaml", MAX_METADATA)
+        except OSError as error:
+            raise RecordingError(f"cannot read {path}: {error.strerror}") from error
         self._limit = StepLimit(path)
         with _errors(path):
             self._reader = _reader(path)

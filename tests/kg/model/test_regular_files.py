@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kg.model.errors import HereaboutsError
-from kg.model.regular_files import check_regular
+from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
 from kg.rdf.parsing import parse_file
 from mapping.places.layout import load_layout
 from perception.camera.intrinsics import load_intrinsics
@@ -68,3 +70,15 @@ def test_a_number_of_four_hundred_digits_is_no_corner(tmp_path: Path) -> None:
     )
     with pytest.raises(HereaboutsError, match="no rings"):
         load_layout(tmp_path / "rooms.geojson")
+
+
+def test_a_query_on_tables_without_end_is_interrupted(tmp_path: Path) -> None:
+    limit = StepLimit(tmp_path / "none.sqlite")
+    endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT max(i) FROM n"
+    with closing(sqlite3.connect(tmp_path / "none.sqlite")) as opened:
+        opened.set_progress_handler(limit, SQLITE_STEPS)
+        for _ in range(2):
+            with pytest.raises(sqlite3.OperationalError, match="interrupted"):
+                opened.execute(endless).fetchone()
+            limit.reset()
+        assert opened.execute("SELECT 1").fetchone() == (1,)

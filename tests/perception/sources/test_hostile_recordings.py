@@ -183,7 +183,7 @@ def test_an_image_that_is_a_pipe_is_not_waited_for(hololens):
     folder = hololens()
     (folder / "depth" / "8.png").unlink()
     os.mkfifo(folder / "depth" / "8.png")
-    assert "8.png: it is no file" in refusal_at_opening(folder)
+    assert "8.png: it is no regular file" in refusal_at_opening(folder)
 
 
 def test_depth_of_another_aspect_is_not_registered(hololens):
