@@ -1,7 +1,8 @@
-"""Write the map as linked data, JSON, GeoJSON, or for Foxglove, Rerun and RViz.
+"""Write the map as linked data, JSON, GeoJSON, 3D, or for Foxglove, Rerun and RViz.
 
 Linked data has GeoSPARQL geometries; JSON lists rooms with their objects; GeoJSON is in metres;
-MCAP is for Foxglove, rrd for Rerun, a ROS 1 bag for RViz.
+MCAP is for Foxglove, rrd for Rerun, a ROS 1 bag for RViz; PLY and glTF have the surface of the room
+and the boxes of objects, for MeshLab, Open3D and Blender.
 
 example: hereabouts export kitchen.map --format ttl -o kitchen.ttl
 """
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 #: format -> ending of its files; none for JSON, since .json is JSON-LD
 _DOCUMENTS: Final = {"geojson": ".geojson", "json": ""}
 _SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
+_MESHES: Final = {"ply": ".ply", "gltf": ".glb"}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -36,9 +38,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         metavar="FORMAT",
-        help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; mcap, rrd, bag (default: by the "
-        "ending of FILE; .json is JSON-LD); the exporter of an extension, by its name; or "
-        "reference: the thesis' saved_objects.json and saved_places.json, in the folder FILE",
+        help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; ply, gltf; mcap, rrd, bag "
+        "(default: by the ending of FILE; .json is JSON-LD); the exporter of an extension, by its "
+        "name; or reference: the thesis' saved_objects.json and saved_places.json, in the folder "
+        "FILE",
     )
     parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
     add_at(parser)
@@ -48,7 +51,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--all",
         action="store_true",
-        help="json, geojson, mcap, rrd, bag: objects of any existence, not only 0.5 and above",
+        help="json, geojson, ply, gltf, mcap, rrd, bag: objects of any existence, not only 0.5 and "
+        "above",
     )
     parser.add_argument(
         "--find", metavar="OBJECT", help="mcap, rrd, bag: add the search plan for this object"
@@ -89,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
             note(f"wrote {output}: {_write_document(semantic_map, output, chosen, arguments)}")
         elif chosen in extensions(EXPORTERS):
             note(f"wrote {output}: {_exporter(chosen).write(semantic_map, output)}")
+        elif chosen in _MESHES:
+            note(f"wrote {output}: {_write_mesh(semantic_map, output, chosen, arguments)}")
         elif chosen in _SCENES:
             note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
         else:
@@ -123,7 +129,7 @@ def _chosen_format(given: str | None, output: Path) -> str:
     """The format of `--format`, or of the file's ending; raises GraphError for neither."""
     from kg.export.serialization import FORMATS, is_format
 
-    names = (*FORMATS, *_DOCUMENTS, *_SCENES, "reference", *extensions(EXPORTERS))
+    names = (*FORMATS, *_DOCUMENTS, *_MESHES, *_SCENES, "reference", *extensions(EXPORTERS))
     if given is not None:
         if given not in names and not is_format(given):
             raise GraphError(
@@ -132,7 +138,7 @@ def _chosen_format(given: str | None, output: Path) -> str:
             )
         return given
     endings = {ending: name for name, endings in FORMATS.items() for ending in endings}
-    endings |= {ending: name for name, ending in (_DOCUMENTS | _SCENES).items() if ending}
+    endings |= {ending: name for name, ending in (_DOCUMENTS | _MESHES | _SCENES).items() if ending}
     if output.suffix.lower() not in endings:
         endings |= {_exporter(name).ending: name for name in extensions(EXPORTERS)}
     if (chosen := endings.get(output.suffix.lower())) is None:
@@ -186,6 +192,18 @@ def _write_document(
     if chosen == "geojson":
         return f"{len(document['features'])} features, in metres of the map frame"
     return f"{len(document['rooms'])} rooms"
+
+
+def _write_mesh(
+    semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
+) -> str:
+    from kg.store.atomic_file import write_atomically
+    from planner.display.viewers.mesh_files import scene_as_glb, scene_as_ply
+    from planner.display.viewers.scene import present_scene
+
+    scene, _ = present_scene(semantic_map, _min_existence(arguments))
+    write_atomically(output, (scene_as_ply if chosen == "ply" else scene_as_glb)(scene))
+    return f"{len(scene.surface):,} voxels, {len(scene.objects)} objects"
 
 
 def _write_scene(

@@ -15,6 +15,7 @@ from matplotlib.path import Path
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from kg.maps.surface.voxels import Surface
 from kg.model.records import (
     LOW,
     TALL,
@@ -41,6 +42,9 @@ from planner.display.plots.palette import (
 
 #: minimum existence of objects that are drawn as things; the others are ghosts
 SHOWN_EXISTENCE: Final = 0.5
+#: [m] the surface is drawn from this far below the floor up to this far above it
+BELOW: Final = 0.3
+CUT: Final = 2.0
 
 
 def draw_place(axes: Axes, place: PlaceRecord, colour: str | None, *, filled: bool) -> None:
@@ -150,6 +154,26 @@ def draw_floor(
     for image, zorder in ((ground, 1.05), (above, 1.1)):
         image = image.transpose(1, 0, 2)
         _draw_cells(axes, image, floor.origin, floor.resolution, zorder=zorder)
+
+
+def draw_surface(axes: Axes, surface: Surface, height: float) -> None:
+    """Draw the surface from above: each column in the colour of its topmost voxel.
+
+    Voxels from below the floor at `height` [m] up to `CUT` above it are shown, without the ceiling.
+    """
+    above = surface.points[:, 2] - height
+    kept = np.flatnonzero((above > -BELOW) & (above < CUT))
+    if not len(kept):
+        return
+    kept = kept[np.argsort(above[kept], kind="stable")]  # the topmost is written last
+    cells = np.floor(surface.points[kept, :2] / surface.size).astype(np.int64)
+    first = cells.min(0)
+    image = np.zeros((*(cells.max(0) - first + 1), 4))
+    columns, rows = (cells - first).T
+    image[columns, rows, :3] = surface.colours[kept] / 255
+    image[columns, rows, 3] = 1.0
+    corner = first * surface.size
+    _draw_cells(axes, image.transpose(1, 0, 2), corner, surface.size, zorder=1.12)
 
 
 def _cells_of(floor: MappedFloor, place: PlaceRecord) -> tuple[slice, slice, NDArray[np.bool_]]:

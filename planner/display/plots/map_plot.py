@@ -16,6 +16,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.surface.voxels import Surface
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.display.plots.drawing import (
@@ -33,6 +34,7 @@ from planner.display.plots.drawing import (
     draw_route,
     draw_shade,
     draw_stop,
+    draw_surface,
     mark,
 )
 from planner.display.plots.label_placement import WallsBelow, wall_cells
@@ -131,7 +133,13 @@ class _Picture:
         self._search = search or SearchDrawing(np.empty((0, 2)))
         self._truth = truth
         height = None if self._robot is None else float(self._robot.p_map[2])
-        self._floor = None if truth else mapped_floor(semantic_map.floor(), height)
+        tiles = () if truth else semantic_map.floor()
+        self._floor = mapped_floor(tiles, height)
+        self._surface = Surface.empty()
+        if self._floor is not None:
+            self._surface = semantic_map.surface(min_count=2)
+            storey = self._floor.storey
+            self._height = next(tile.height for tile in tiles if tile.storey == storey)
         self._of_places = place_groups(semantic_map, self._places)
         self._groups = self._grouped(semantic_map, legend)
 
@@ -185,6 +193,8 @@ class _Picture:
         if self._floor is not None:
             known = [(place, colour) for place, colour in coloured if colour is not None]
             draw_floor(sheet.axes, self._floor, known)
+            if len(self._surface):
+                draw_surface(sheet.axes, self._surface, self._height)
         if self._truth is not None:
             draw_ground_truth(sheet.axes, self._truth)
         else:
@@ -275,6 +285,7 @@ class _Picture:
             marks.append(mark("o", "door", mfc="white", mec=FAINT, ms=4.2, mew=0.8))
         if self._floor is not None:
             marks.append(mark("s", "wall", mfc=WALL, mec="none"))
+        if self._floor is not None and not len(self._surface):
             marks.append(mark("s", "furniture", mfc=FURNITURE, mec="none", alpha=0.45))
             marks.append(mark("s", "never seen", mfc="white", mec=FAINT, mew=0.6))
         return marks

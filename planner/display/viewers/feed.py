@@ -40,11 +40,11 @@ class MappingFeed:
         self._stamp = frame.stamp
         show_frame(self._viewer, frame, detections)
         if abs(frame.stamp - self._shown) >= _PERIOD:
-            self.show()
+            self.show(fresh=False)
 
-    def show(self) -> None:
-        """Show the scene as it is now."""
-        scene, stamp = self._reader.read(), self._stamp
+    def show(self, *, fresh: bool = True) -> None:
+        """Show the scene as it is now; without `fresh`, with a surface some seconds old."""
+        scene, stamp = self._reader.read(fresh=fresh), self._stamp
         if stamp is None:  # all frames were mapped before
             stamp = time.time() if scene.robot is None else scene.robot.stamp
         self._shown = stamp

@@ -65,6 +65,8 @@ class FoxgloveViewer:
         markers = drawn.objects, drawn.places, drawn.relations, drawn.plan, drawn.floor
         if self._changed("/hereabouts/markers", markers):
             self._log("/hereabouts/markers", make.marker_array(drawn, stamp), stamp)
+        if len(scene.surface) and self._changed("/hereabouts/surface", scene.surface):
+            self._log("/hereabouts/surface", make.point_cloud(scene.surface, stamp), stamp)
         if self._changed("/hereabouts/plan", scene.plan):
             self._log("/hereabouts/plan", make.path(scene.plan, stamp), stamp)
         with self._moving:

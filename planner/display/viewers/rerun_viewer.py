@@ -66,6 +66,10 @@ class RerunViewer:
             self._lines("map/relations", [relation.ends for relation in scene.relations])
         if self._changed("floor", scene.floor) and scene.floor is not None:
             self._log.log("map/floor", _floor(scene.floor))
+        if len(scene.surface) and self._changed("surface", scene.surface):
+            half, points = scene.surface.size / 2, scene.surface.points
+            cloud = rr.Points3D(points, colors=scene.surface.colours, radii=half)
+            self._log.log("map/surface", cloud)
         if self._changed("plan", scene.plan):
             self._plan(scene.plan, scene.floor.height if scene.floor else 0.0)
         if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.colors import to_rgb
 
+from kg.maps.surface.voxels import Surface
 from kg.model.records import FREE, LOW, TALL, UNKNOWN, RobotRecord
 from perception.annotate import draw_detections, encode_jpeg
 from perception.frames import Detections, Frame
@@ -45,6 +46,7 @@ from planner.execution.protocol import cleaned
 TOPICS: Final = {
     "/map": "nav_msgs/msg/OccupancyGrid",
     "/hereabouts/markers": "visualization_msgs/msg/MarkerArray",
+    "/hereabouts/surface": "sensor_msgs/msg/PointCloud2",
     "/hereabouts/robot": "geometry_msgs/msg/PoseStamped",
     "/hereabouts/plan": "nav_msgs/msg/Path",
 }
@@ -64,6 +66,7 @@ _ARROW, _CUBE, _SPHERE, _CYLINDER, _STRIP, _LINES, _WORDS, _TRIANGLES = 0, 1, 2,
 _SHAPES: Final = {"cube": _CUBE, "sphere": _SPHERE, "cylinder": _CYLINDER}
 _ADD, _DELETE_ALL = 0, 3
 _INFO: Final = 20
+_FLOAT32: Final = 7  # of PointField
 
 
 class RosMessages(MessageMaker):
@@ -74,6 +77,8 @@ class RosMessages(MessageMaker):
         if scene.floor is not None:
             yield "/map", self.occupancy_grid(scene.floor, stamp)
         yield "/hereabouts/markers", self.marker_array(scene, stamp)
+        if len(scene.surface):
+            yield "/hereabouts/surface", self.point_cloud(scene.surface, stamp)
         if scene.robot is not None:
             yield "/hereabouts/robot", self.robot(scene.robot, stamp)
         if scene.plan is not None:
@@ -114,6 +119,28 @@ class RosMessages(MessageMaker):
         data = np.ascontiguousarray(_OCCUPANCY[grid.states].T).ravel()
         return self.make(
             "nav_msgs/msg/OccupancyGrid", header=self._header(stamp), info=info, data=data
+        )
+
+    def point_cloud(self, surface: Surface, stamp: float) -> Any:
+        """The surface: x, y, z [m] and rgb, four floats a point as RViz and Foxglove read them."""
+        fields = [
+            self.make(
+                "sensor_msgs/msg/PointField", name=name, offset=4 * n, datatype=_FLOAT32, count=1
+            )
+            for n, name in enumerate(("x", "y", "z", "rgb"))
+        ]
+        points = np.zeros(len(surface), [("at", "<f4", (3,)), ("bgra", "u1", (4,))])
+        points["at"], points["bgra"][:, :3] = surface.points, surface.colours[:, ::-1]
+        return self.make(
+            "sensor_msgs/msg/PointCloud2",
+            header=self._header(stamp),
+            height=1,
+            width=len(points),
+            fields=fields,
+            point_step=16,
+            row_step=16 * len(points),
+            data=points.view(np.uint8),
+            is_dense=True,
         )
 
     def robot(self, robot: RobotRecord, stamp: float) -> Any:

@@ -7,10 +7,11 @@ the thesis' markers.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.surface.voxels import Surface, coarser
 from kg.model.areas import Outline, polygon_of
 from kg.model.records import FloorTile, ObjectRecord, PlaceRecord, RobotRecord
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
@@ -38,6 +40,8 @@ Point = tuple[float, float, float]  # (x, y, z) [m] in the map frame
 
 _SHAPES: Final[tuple[Shape, ...]] = ("cube", "cylinder", "sphere")
 _MIN_PROBABILITY: Final = 0.5  # of a drawn relation
+MAX_VOXELS: Final = 300_000  # of a drawn surface; more are joined into larger ones
+_SURFACE_PERIOD: Final = 5.0  # [s] between two readings of the surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +127,7 @@ class Scene:
     floor: SceneFloor | None = None
     robot: RobotRecord | None = None
     plan: ScenePlan | None = None
+    surface: Surface = field(default_factory=Surface.empty)
 
 
 class SceneReader:
@@ -132,9 +137,16 @@ class SceneReader:
         self._map, self._least = semantic_map, least
         self._counts: dict[str, int] | None = None
         self._groups: dict[str, Group] = {}
+        self._surface, self._surface_at = Surface.empty(), -math.inf
 
-    def read(self, plan: ScenePlan | None = None) -> Scene:
-        """The scene as the map is now, with a `plan`."""
+    def read(self, plan: ScenePlan | None = None, *, fresh: bool = False) -> Scene:
+        """The scene as the map is now, with a `plan`.
+
+        The surface is read again every few seconds only, or if `fresh`; else it is the same object.
+        """
+        if fresh or time.monotonic() - self._surface_at > _SURFACE_PERIOD:
+            found = self._map.surface(min_count=2)
+            self._surface, self._surface_at = coarser(found, MAX_VOXELS), time.monotonic()
         robot = self._map.robot()
         robot = robot if robot is not None and np.isfinite(robot.p_map).all() else None
         floor = _floor(self._map.floor(), None if robot is None else float(robot.p_map[2]))
@@ -148,6 +160,7 @@ class SceneReader:
             floor=floor,
             robot=robot,
             plan=plan,
+            surface=self._surface,
         )
 
     def _name(self, iri: str) -> str:

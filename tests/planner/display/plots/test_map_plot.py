@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from kg.export.thesis_json import import_reference_maps
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.surface.voxels import Surface
 from kg.model.areas import area_of
 from kg.model.errors import PictureError
 from kg.model.records import FREE, UNKNOWN, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import in_memory_map
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.display.plots.drawing import Stop, draw_floor
+from planner.display.plots.drawing import Stop, draw_floor, draw_surface
 from planner.display.plots.label_placement import WallsBelow, place_labels, wall_cells
 from planner.display.plots.layout import Extent, Item, Listing, Sheet
 from planner.display.plots.map_plot import SearchDrawing, plot_map
@@ -346,3 +347,19 @@ def test_no_label_covers_another_or_an_obstacle(
 def test_a_label_with_room_stands_to_the_right_of_its_point() -> None:
     (label,) = place_labels([(100, 100)], [(40, 10)], bounds=(0, 0, 400, 300))
     assert label.box == (106, 95, 146, 105) and not label.distant
+
+
+def test_the_surface_is_drawn_from_above_without_the_ceiling() -> None:
+    from matplotlib.figure import Figure
+
+    x = np.array([0.05, 0.05, 0.05, 0.25])
+    z = np.array([0.0, 0.7, 2.5, 0.0])  # floor, a table on it, the ceiling; floor
+    points = np.column_stack([x, np.full(4, 1.05), z]).astype(np.float32)
+    colours = np.array([[9, 9, 9], [200, 100, 0], [255, 255, 255], [0, 0, 250]], np.uint8)
+    surface = Surface(0.1, points, colours, np.ones(4, np.uint16), np.zeros(4))
+    axes = Figure().add_subplot()
+    draw_surface(axes, surface, 0.0)
+    (image,) = axes.images
+    assert image.get_extent() == pytest.approx([0.0, 0.3, 1.0, 1.1])
+    pixels = np.round(255 * np.asarray(image.get_array())).astype(int)
+    assert pixels.tolist() == [[[200, 100, 0, 255], [0, 0, 0, 0], [0, 0, 250, 255]]]
