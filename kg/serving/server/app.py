@@ -137,12 +137,15 @@ class _Endpoint:
 
 async def _health(serving: AppState, request: Request) -> Response:
     semantic_map = serving.semantic_map
+    authorization = request.headers.get("authorization")
+    author = serving.settings.tokens.find(authorization)
     content = {
         "status": "ok",
         "map": semantic_map.description.title,
         "base": semantic_map.base,
         "sequence": semantic_map.sequence,
         **serving.status(),
+        **({} if authorization is None else {"author": author}),
     }
     return json_response(content)
 

@@ -47,7 +47,7 @@ export class ChangePanel {
     const lists = Object.entries(TITLES).flatMap(([kind, title]) => this._list(title, found.changes.filter((one) => one.kind === kind)));
     const [first, second] = found.floor.map((area) => `${area.toFixed(1)} m²`);
     byId("changes").replaceChildren(
-      element("h3", `From ${before} to ${this._data.past === null ? "now" : after}`),
+      element("h2", `From ${before} to ${this._data.past === null ? "now" : after}`),
       ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name.")]),
       element("p", first === second ? `${second} of floor seen` : `floor seen: ${first}, then ${second}`),
     );
@@ -57,7 +57,7 @@ export class ChangePanel {
     if (!changes.length) return [];
     const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", button(`${one.category} ${one.iri.replace(/^.*\//, "")}`, () => this._choose(one)), wordsOf(one)));
     const more = changes.length - entries.length;
-    return [element("h4", `${title} (${changes.length})`), element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
+    return [element("h3", `${title} (${changes.length})`), element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
   }
 }
 

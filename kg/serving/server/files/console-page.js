@@ -1,6 +1,6 @@
 // The SPARQL console: editor, shipped questions, and the answer as a table, on the map, or as a chart.
 import { enter } from "/files/entry.js";
-import { button, byId, element, status } from "/files/page-elements.js";
+import { all, button, byId, element, status } from "/files/page-elements.js";
 import { QueryEditor } from "/files/query-editor.js";
 import { QuestionList } from "/files/question-list.js";
 import { chartOf } from "/files/result-chart.js";
@@ -78,7 +78,7 @@ function showTriples(text) {
 }
 
 function choiceOf(name) {
-  return document.querySelector(`[data-shown-as=${name}]`);
+  return all(`[data-shown-as=${name}]`)[0];
 }
 
 /** Show the answer as a table, on the map, or as a chart; an answer without rows is always a table. */

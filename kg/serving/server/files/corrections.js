@@ -54,12 +54,25 @@ export class Corrections {
     return iri !== null;
   }
 
-  _take(event) {
+  async _take(event) {
     event.preventDefault();
     useToken(byId("token").value.trim());
     byId("token").value = "";
-    status(hasToken() ? "corrections are open until the page is left" : "");
+    if (hasToken() && !await this._isGood()) {
+      useToken("");
+      status("this token may not write to this map");
+    } else status(hasToken() ? "corrections are open until the page is left" : "");
     this._done();
+  }
+
+  /** Whether the server knows the author of the token. */
+  async _isGood() {
+    try {
+      const { author } = await (await request("/health", { accept: "application/json" })).json();
+      return Boolean(author);
+    } catch {
+      return false; // a private map refuses a wrong token
+    }
   }
 
   _assert(iri, property, value) {

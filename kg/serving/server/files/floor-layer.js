@@ -4,9 +4,11 @@ const MAX_TILES = 4000; // pictures in the cache
 const OBSTACLE = 3;
 // free, low obstacles, walls
 const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
-const NEVER = { light: [255, 205, 160], dark: [110, 60, 30] };
-const FRESH = { light: [150, 220, 180], dark: [36, 110, 80] };
-const OLD = { light: [225, 232, 238], dark: [42, 49, 56] };
+/** Colours of the time of the last view: blue, grey and orange differ for all kinds of colour vision. */
+export const VIEWED = {
+  light: { fresh: [86, 160, 225], old: [225, 232, 238], never: [240, 178, 70] },
+  dark: { fresh: [30, 110, 190], old: [42, 49, 56], never: [170, 105, 10] },
+};
 
 export class FloorLayer {
   constructor(view) {
@@ -58,7 +60,7 @@ function imageOf(tile, viewed, latest, scheme) {
     let tone = TONES[scheme][state];
     if (m && state !== OBSTACLE) {
       const when = tile.viewed[m * m + Math.floor(x * m / n) * m + Math.floor(y * m / n)];
-      tone = when ? viewedTone(latest - when, scheme) : NEVER[scheme];
+      tone = when ? viewedTone(latest - when, scheme) : VIEWED[scheme].never;
     }
     const at = ((n - 1 - y) * n + x) * 4;
     image.data.set(tone, at);
@@ -70,5 +72,6 @@ function imageOf(tile, viewed, latest, scheme) {
 /** Colour of a cell whose last view was so many minutes before the latest view. */
 function viewedTone(minutes, scheme) {
   const age = Math.min(Math.log1p(Math.max(minutes, 0)) / Math.log(60 * 24 * 7), 1);
-  return FRESH[scheme].map((value, n) => Math.round(value + (OLD[scheme][n] - value) * age));
+  const { fresh, old } = VIEWED[scheme];
+  return fresh.map((value, n) => Math.round(value + (old[n] - value) * age));
 }

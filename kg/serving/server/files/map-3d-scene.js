@@ -188,9 +188,11 @@ export function boxOf(one, sized) {
   return [one.x, one.y, one.z ?? 0, ...sides];
 }
 
+let context; // that reads colours
+
 /** A CSS colour in the form of three.js. */
 export function hexOf(colour) {
-  const c = hexOf.context ??= document.createElement("canvas").getContext("2d");
+  const c = context ??= document.createElement("canvas").getContext("2d");
   c.fillStyle = colour;
   return c.fillStyle;
 }

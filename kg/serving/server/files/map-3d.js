@@ -33,6 +33,7 @@ export class Map3d {
     Object.assign(this._controls, { screenSpacePanning: false, maxPolarAngle: 1.53, minDistance: 0.4, maxDistance: 2000, zoomToCursor: true });
     this._controls.listenToKeyEvents(this._canvas);
     this._controls.addEventListener("change", () => this._renderMoving());
+    this._width = this._height = 0; // [px]
     this._changed = true; // since the last drawing
     this._canvas.addEventListener("keydown", (event) => this._press(event));
     this._canvas.addEventListener("webglcontextlost", () => { if (this._canvas.isConnected) view.onLost(); });
@@ -174,16 +175,27 @@ export class Map3d {
 
   /** Draw with the next frame of the screen. */
   _render() {
-    this._waiting ||= requestAnimationFrame(() => {
-      this._waiting = 0;
-      if (!this._canvas.isConnected) return;
-      this._view.readColours();
-      if (this._changed) this._solid.update();
-      this._changed = false;
-      this._solid.scene.background = new THREE.Color(this._view.panel);
-      this._renderer.render(this._solid.scene, this._camera);
-      this._writeNames();
-    });
+    this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._renderNow(); });
+  }
+
+  _renderNow() {
+    if (!this._canvas.isConnected) return;
+    this._view.readColours();
+    if (this._changed) this._solid.update();
+    this._changed = false;
+    this._solid.scene.background = new THREE.Color(this._view.panel);
+    this._renderer.render(this._solid.scene, this._camera);
+    this._writeNames();
+  }
+
+  /** What is shown, with the names, as a PNG. */
+  toBlob() {
+    this._renderNow();
+    const picture = document.createElement("canvas"), c = picture.getContext("2d");
+    [picture.width, picture.height] = [this._canvas.width, this._canvas.height];
+    c.drawImage(this._canvas, 0, 0);
+    c.drawImage(this._names, 0, 0);
+    return new Promise((done) => { picture.toBlob(done, "image/png"); });
   }
 
   /** Names of stops, places, the selected object and the objects nearest to the camera. */
@@ -195,7 +207,7 @@ export class Map3d {
       write(view.nameOfPlace(place), middle, view.colourOfPlace(place), "600 13px");
     }
     if (this._isMoving) return;
-    const order = ([one, , , distance]) => (one.iri === view.selected ? -1 : distance);
+    const order = (found) => (found[0].iri === view.selected ? -1 : found[3]);
     const nearest = this._onScreen().sort((a, b) => order(a) - order(b)).slice(0, NAMES);
     for (const [one, ...top] of nearest) {
       const selected = one.iri === view.selected;

@@ -61,6 +61,7 @@ export class MapData extends EventTarget {
     this.last = 0; // of the map's last transaction
     this.past = null; // number of the shown past transaction; null for the present
     this.labels = new Map(); // of categories
+    this._tiles = new Map(); // by the text of their cells
     this.kinds = new Map();
     this.time = null; // ISO 8601, of the shown past state
     this._loading = new AbortController(); // of the last request
@@ -249,7 +250,6 @@ export class MapData extends EventTarget {
 
   /** A tile with its cells and the times of their last views (minutes since 1970); cached by its text. */
   async _tile(row) {
-    this._tiles ??= new Map();
     const key = `${row.cells}|${row.views || ""}`;
     if (!this._tiles.has(key)) {
       if (this._tiles.size > 4000) this._tiles.clear();

@@ -1,11 +1,13 @@
 // The page of the live map: its parts, the selected thing, and the address of that thing.
+import { offerExports } from "/files/exports.js";
 import { ChangePanel } from "/files/change-panel.js";
 import { Corrections } from "/files/corrections.js";
 import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
 import { ObjectList } from "/files/object-list.js";
-import { byId, status } from "/files/page-elements.js";
+import { all, byId, status } from "/files/page-elements.js";
+import { PageAddress, readAddress } from "/files/page-address.js";
 import { PlanPanel } from "/files/plan-panel.js";
 import { ThingPanel } from "/files/thing-panel.js";
 import { TimeAxis } from "/files/time-axis.js";
@@ -17,7 +19,8 @@ const corrections = new Corrections(data, () => { if (view.selected) choose(view
 const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
 const axis = new TimeAxis(data, () => changes.compare(changes.from));
 const changes = new ChangePanel(data, view, goToChange);
-new PlanPanel(data, view, goTo);
+const search = new PlanPanel(data, view, goTo);
+const address = new PageAddress({ data, view, changes, search });
 let listing = 0;
 let solid = null; // the view in three dimensions, after its first use
 
@@ -28,11 +31,15 @@ function shown(one) {
 /** Request a drawing; the lists follow a little later, since they take longer. */
 function refresh() {
   view.draw();
+  address.write();
   listing ||= setTimeout(() => { listing = 0; showLists(); }, 300);
 }
 
 function showLists() {
   list.show(shown, view.selected, view.dark);
+  const isEmpty = !data.objects.size && !data.places.size && !data.floor.length;
+  byId("empty").classList.toggle("hidden", !isEmpty);
+  byId("empty-now").classList.toggle("hidden", data.past !== null);
   if (!panel.isBehind) return;
   if (panel.mayChange) choose(view.selected);
   else setTimeout(refresh, 500);
@@ -41,7 +48,7 @@ function showLists() {
 /** Select a thing, or nothing. */
 function choose(iri) {
   view.selected = iri;
-  history.replaceState(null, "", iri ? `#${encodeURI(data.pathOf(iri))}` : "#");
+  address.writeNow();
   panel.show(iri, list.least);
   refresh();
 }
@@ -60,10 +67,13 @@ function goToChange({ iri, was, now }) {
   else view.goTo(...(now || was));
 }
 
-function goToAddress() {
-  let name = location.hash.slice(1);
-  try { name = decodeURIComponent(name); } catch { /* a single percent sign: used unchanged */ }
-  goTo([name, data.base + name].find((one) => data.objects.has(one) || data.places.has(one)) || null);
+/** Show what the address names; an address without parameters only selects a thing. */
+async function goToAddress() {
+  const { thing, given } = readAddress(location.hash);
+  const hasView = given.size > 0 && await address.follow(given, { show: (at) => axis.show(at), turn, filter: (...all) => list.filter(...all) });
+  const iri = [thing, data.base + thing].find((one) => data.objects.has(one) || data.places.has(one)) || null;
+  if (hasView) choose(iri);
+  else goTo(iri);
 }
 
 /** Show the map in three dimensions, or flat again; the script for three dimensions is loaded at its first use. */
@@ -81,6 +91,7 @@ async function turn() {
     }
   }
   byId("solid").setAttribute("aria-pressed", String(Boolean(view.solid)));
+  address.write();
 }
 
 function flatten() {
@@ -105,26 +116,28 @@ byId("solid").addEventListener("click", turn);
 byId("fit").addEventListener("click", () => view.fit());
 byId("closer").addEventListener("click", () => view.zoom(1.4));
 byId("farther").addEventListener("click", () => view.zoom(1 / 1.4));
-document.querySelectorAll("[data-layer]").forEach((box) => box.addEventListener("change", () => {
+all("[data-layer]").forEach((box) => box.addEventListener("change", () => {
   view.layers[box.dataset.layer] = box.checked;
   byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
-  view.draw();
+  refresh();
 }));
 view.onLost = forgetSolid;
+view.onMove = () => address.write();
+offerExports(data, view, shown);
 view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
 data.addEventListener("changed", refresh);
 data.addEventListener("on", () => { byId("live").className = "live on"; });
 data.addEventListener("off", () => { byId("live").className = "live off"; });
-data.addEventListener("transaction", ({ detail }) => showTransaction(detail));
+data.addEventListener("transaction", (event) => showTransaction(/** @type {CustomEvent} */ (event).detail));
 window.addEventListener("hashchange", goToAddress);
 
-data.load().then(() => {
+data.load().then(async () => {
   byId("sequence").textContent = data.sequence;
   view.fit();
   showLists();
   corrections.offerCategories();
-  goToAddress();
   data.follow();
   axis.follow();
+  await goToAddress();
   document.documentElement.dataset.ready = "true";
 }).catch((error) => status(`the map cannot be read: ${error.message}`));

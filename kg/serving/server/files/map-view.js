@@ -26,10 +26,14 @@ export class MapView {
     this.scale = 40; // [px/m]
     this.centre = [0, 0]; // [m]
     this.isMoving = false;
+    this.ink = this.faint = this.panel = this.accent = ""; // colours
+    /** @type {(iri: string | null, point: number[]) => void} */
     this.onPick = () => {}; // called with (IRI or null, [x, y] in metres)
     this.onLost = () => {}; // called when the view in three dimensions has lost its graphics
     this._floor = new FloorLayer(this);
     this._objects = new ObjectLayer(this);
+    this.onMove = () => {}; // called when another part of the map is shown
+    this.isFitted = true; // whether all of the map is shown, as `fit` does
     this._fitted = false;
     listen(this);
     new ResizeObserver(() => this._resize()).observe(canvas);
@@ -54,7 +58,8 @@ export class MapView {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
     this.centre = [(xmin + xmax) / 2, (ymin + ymax) / 2];
     this.scale = Math.min((this.width - 60) / (xmax - xmin + 0.4), (this.height - 60) / (ymax - ymin + 0.4), 250);
-    this._fitted = true;
+    this._fitted = this.isFitted = true;
+    this.onMove();
     this.solid?.fit();
     this.draw();
   }
@@ -76,6 +81,7 @@ export class MapView {
   goTo(x, y, scale = Math.max(this.scale, 70), z) {
     this.centre = [x, y];
     this.scale = scale;
+    this._moved();
     this.solid?.goTo(x, y, z);
     this.draw();
   }
@@ -93,12 +99,14 @@ export class MapView {
     const [x, y] = this.toMap(u, v);
     this.scale = Math.min(Math.max(this.scale * factor, 0.5), 800);
     this.centre = [x - (u - this.width / 2) / this.scale, y + (v - this.height / 2) / this.scale];
+    this._moved();
     this._drawMoving();
   }
 
   /** Move the map by pixels. */
   pan(du, dv) {
     this.centre = [this.centre[0] - du / this.scale, this.centre[1] + dv / this.scale];
+    this._moved();
     this._drawMoving();
   }
 
@@ -134,8 +142,20 @@ export class MapView {
     return namesOf(this.data, place)[0];
   }
 
+  /** What is shown, as a PNG. */
+  toBlob() {
+    if (this.solid) return this.solid.toBlob();
+    this._draw();
+    return new Promise((done) => { this.canvas.toBlob(done, "image/png"); });
+  }
+
   pictureOf(tile) {
     return this._floor.pictureOf(tile);
+  }
+
+  _moved() {
+    this.isFitted = false;
+    this.onMove();
   }
 
   /** Draw; most names follow when the map has stopped moving. */

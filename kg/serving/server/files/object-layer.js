@@ -99,7 +99,7 @@ export class ObjectLayer {
   /** The selected object first, then by existence; of two equal objects the older one. */
   _order(a, b) {
     const selected = this._view.selected;
-    return (b.iri === selected) - (a.iri === selected) || b.existence - a.existence || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1);
+    return Number(b.iri === selected) - Number(a.iri === selected) || b.existence - a.existence || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1);
   }
 
   _width(c, name) {

@@ -21,6 +21,13 @@ export class ObjectList {
     ["in-place", "age"].forEach((id) => byId(id).addEventListener("change", () => this._read()));
   }
 
+  /** Set the fields by their ids; `place` is the IRI of a place, or empty. */
+  filter(values, place) {
+    for (const [id, value] of Object.entries(values)) byId(id).value = value;
+    this._offerPlaces(place || "");
+    this._read();
+  }
+
   /** Whether an object passes the filters. */
   passes(one) {
     if (!(one.existence >= this.least)) return false;
@@ -61,8 +68,8 @@ export class ObjectList {
     return element("li", "", made, element("span", ` ${where}, existence ${one.existence.toFixed(2)}`));
   }
 
-  _offerPlaces() {
-    const places = byId("in-place"), chosen = places.value;
+  _offerPlaces(chosen = byId("in-place").value) {
+    const places = byId("in-place");
     const options = [...this._data.places.values()].map((place) => option(place.iri, this._data.placeName(place)));
     places.replaceChildren(option("", "anywhere"), ...options);
     places.value = this._data.places.has(chosen) ? chosen : "";

@@ -1,8 +1,14 @@
 // Elements of a page, created by scripts; text is never parsed as markup.
 
+/** @type {(id: string) => any} */
 export const byId = (id) => document.getElementById(id);
 
-/** An element with text and children. */
+/** All elements that match a selector.
+ * @type {(selector: string) => any[]} */
+export const all = (selector) => [...document.querySelectorAll(selector)];
+
+/** An element with text and children.
+ * @type {(name: string, text?: string, ...children: (Node | string)[]) => any} */
 export function element(name, text = "", ...children) {
   const made = document.createElement(name);
   made.textContent = text;

@@ -47,10 +47,14 @@ export function drawPlaceNames(c, view, taken) {
   c.textAlign = "left";
 }
 
-/** The most probable category of a place, with and without its probability; its name if it has none. */
+/** Names of a place, long and short: its own name, or its most probable category; a number tells several kitchens apart. */
 export function namesOf(data, place) {
-  const best = place.beliefs[0], kind = best ? data.labelOf(best[0]) : data.nameOf(place);
-  return best ? [`${kind} ${Math.round(best[1] * 100)} %`, kind] : [kind];
+  const best = place.beliefs[0], own = data.nameOf(place);
+  if (!best) return [own];
+  const kind = data.labelOf(best[0]), share = `${Math.round(best[1] * 100)} %`, number = /^place (\d+)$/.exec(own);
+  if (!number) return [`${own} (${kind} ${share})`, own];
+  const isOne = [...data.places.values()].filter((other) => other.beliefs[0]?.[0] === best[0]).length === 1;
+  return isOne ? [`${kind} ${share}`, kind] : [`${kind} ${number[1]} (${share})`, `${kind} ${number[1]}`];
 }
 
 /** Possible centres of a name of this width [px] in a place's bounds, line by line from the top. */

@@ -11,28 +11,42 @@ export class PlanPanel {
     this._view = view;
     this._choose = choose;
     this._asked = new AbortController(); // of the last request
-    byId("find").addEventListener("submit", (event) => this._find(event));
+    this.wanted = ""; // of the shown plan
+    this._plan = null;
+    data.addEventListener("changed", () => this._draw());
+    byId("find").addEventListener("submit", (event) => { event.preventDefault(); this.find(byId("wanted").value.trim()); });
   }
 
-  async _find(event) {
-    event.preventDefault();
-    const wanted = byId("wanted").value.trim();
+  /** Plan a search, or end it (""); `quiet`: without a move to what is found. */
+  async find(wanted, { quiet = false } = {}) {
+    this.wanted = byId("wanted").value = wanted;
     this._asked.abort(); // a new request cancels the one before
     const { signal } = this._asked = new AbortController();
-    if (!wanted) return this._show(null);
+    this._show(null); // an old plan is no answer to this search
+    if (!wanted) return;
     byId("plan").replaceChildren(element("p", "planning …"));
     try {
       const answer = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json", signal });
-      return this._show(await answer.json(), wanted);
+      const plan = await answer.json();
+      this._show(plan, wanted);
+      if (plan.known.length && !quiet) this._choose(plan.known[0].iri);
     } catch (error) {
-      if (signal.aborted) return null;
-      return byId("plan").replaceChildren(element("p", error.message));
+      if (!signal.aborted) byId("plan").replaceChildren(element("p", error.message));
     }
   }
 
   _show(plan, wanted) {
-    this._view.plan = plan;
+    this._plan = plan;
     byId("plan").replaceChildren(...(plan ? this._told(plan, wanted) : []));
+    this._draw();
+  }
+
+  /** Draw the plan, and rings around what is known; not in the past, since it is made for the present. */
+  _draw() {
+    const plan = this._data.past === null ? this._plan : null;
+    this._view.plan = plan;
+    this._view.highlights = { iris: new Set(plan?.known.map((one) => one.iri)), points: [], rings: [] };
+    byId("plan").classList.toggle("hidden", this._data.past !== null);
     this._view.draw();
   }
 
@@ -40,8 +54,8 @@ export class PlanPanel {
     const known = plan.known.slice(0, KNOWN).map((one) => element("li", "", button(one.label, () => this._choose(one.iri)),
       ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${this._data.ago(one.last_seen)} ago` : ""}`));
     return [
-      element("h3", known.length ? "Already in the map" : `No ${wanted} is in the map`), element("ul", "", ...known),
-      element("h3", "Where to look"),
+      element("h2", known.length ? "Already in the map" : `No ${wanted} is in the map`), element("ul", "", ...known),
+      element("h2", "Where to look"),
       element("p", `on this floor with ${plan.present.toFixed(2)}; the plan finds it with ${plan.probability.toFixed(2)}`),
       element("ol", "", ...this._steps(plan)),
     ];

@@ -34,7 +34,7 @@ export function drawRobot(c, view, taken) {
 
 /** The steps of a plan: positions, directions of view, order. */
 export function drawPlan(c, view, taken) {
-  if (!view.plan || view.data.past !== null) return; // it is made for the present
+  if (!view.plan) return;
   const { steps, start } = view.plan, stops = steps.map((step) => view.toScreen(step.x, step.y));
   c.strokeStyle = c.fillStyle = view.accent;
   c.lineWidth = 2;

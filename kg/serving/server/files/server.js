@@ -16,7 +16,9 @@ export function isNumber(column) {
   return NUMBERS.has(column);
 }
 
-/** The answer to a request; `accept` is a media type. A refusal throws an Error with the server's message and `status`. */
+/** The answer to a request; `accept` is a media type. A refusal throws an Error with the server's message and `status`.
+ * @param {string} address
+ * @param {{accept?: string, method?: string, type?: string, body?: BodyInit, signal?: AbortSignal}} [options] */
 export async function request(address, { accept = "*/*", method = "GET", type, body, signal } = {}) {
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
@@ -36,7 +38,9 @@ async function reasonOf(answer) {
   }
 }
 
-/** What a page draws at a moment (ISO 8601 or the number of a transaction), or now; perhaps without objects. */
+/** What a page draws at a moment (ISO 8601 or the number of a transaction), or now; perhaps without objects.
+ * @param {string | null} at
+ * @param {{signal?: AbortSignal, objects?: boolean}} [options] */
 export async function stateAt(at, { signal, objects = true } = {}) {
   const given = new URLSearchParams({ ...(at === null ? {} : { at }), ...(objects ? {} : { objects: "0" }) });
   return (await request(`/state?${given}`, { accept: "application/json", signal })).json();

@@ -20,7 +20,7 @@ export class SparqlCompletion {
       ...GRAPHS.map((label) => ({ label, detail: "named graph", type: "namespace" })),
       ...questions.map(({ name, summary }) => ({
         label: name, detail: `question: ${summary}`, type: "text", boost: -1,
-        apply: (view, chosen, from, to) => { view.dispatch({ changes: { from, to } }); onQuestion(name); },
+        apply: (view, _chosen, from, to) => { view.dispatch({ changes: { from, to } }); onQuestion(name); },
       })),
     ];
     this._terms = null;

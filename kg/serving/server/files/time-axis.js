@@ -9,7 +9,9 @@ const BREAK = 0.015; // of the axis, for a quiet time
 const RENEWAL = 5000; // [ms] between two requests for the marks
 const SPAN = 1000; // [ms] of a span with a single moment
 
-/** A time as people write it: date, clock time, and milliseconds of neighbours that share a second. */
+/** A time as people write it.
+ * @param {string | number} time
+ * @param {Intl.DateTimeFormatOptions} [parts] */
 export function clock(time, parts = { dateStyle: "medium", timeStyle: "medium" }) {
   return new Intl.DateTimeFormat(document.documentElement.lang || "en", parts).format(new Date(time));
 }
@@ -21,7 +23,9 @@ export class TimeAxis {
     this._shown = shown;
     this._input = byId("time");
     this._line = null; // the answer of `/timeline`
+    /** @type {{start: number, end: number, from: number, to: number}[]} */
     this._parts = []; // spans: beginning and end [ms], and on the axis [0..1]
+    /** @type {string | null | undefined} */
     this._wanted = undefined; // the moment to show next: ISO 8601, or null for now
     this._target = null; // number of the transaction that a step leads to
     this._timer = null;
@@ -72,7 +76,8 @@ export class TimeAxis {
   async _showWanted() {
     while (this._wanted !== undefined) {
       const at = this._wanted;
-      this._wanted = undefined;
+      /** @type {string | null | undefined} */
+    this._wanted = undefined;
       try {
         if (await this._data.load(at)) this._shown();
         status("");

@@ -79,8 +79,13 @@ def _licence(iri: str | None) -> str:
     return f' · licence <a rel="license" href="{text}">{text}</a>' if web else f" · licence {text}"
 
 
-def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) -> str:
-    """The page of a resource: its facts, and the facts that refer to it."""
+def thing_page(
+    thing: ResourceDescription, title: str, link: Link, base: str, *, past: bool = False
+) -> str:
+    """The page of a resource: its facts, and the facts that refer to it.
+
+    A thing on the map has a small map, its picture, reasons and history first, except in the past.
+    """
     about = sorted((q for q in thing.about if _is(q.subject, thing.iri)), key=_order)
     facts = "".join(_fact(quad.predicate.value, _term(quad.object, link), link) for quad in about)
     pointing = "".join(
@@ -93,6 +98,8 @@ def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) ->
         iri=escape(thing.iri),
         turtle=escape(f"{address}{'&' if '?' in address else '?'}format=ttl"),
         place=_on_the_map(thing, base),
+        live=_live(thing, base) if not past else "",
+        open="" if _is_on_map(thing) and not past else "open",
         facts=facts,
         pointing=pointing,
         pointing_class="" if pointing else "hidden",
@@ -102,11 +109,22 @@ def thing_page(thing: ResourceDescription, title: str, link: Link, base: str) ->
 
 def _on_the_map(thing: ResourceDescription, base: str) -> str:
     """A link to the thing on the live map; empty for a thing without a position."""
-    stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
-    if not ({v.X, v.Y} <= stated and v.EXISTENCE in stated) and v.X_MIN not in stated:
+    if not _is_on_map(thing):
         return ""
-    name = quote(thing.iri.removeprefix(base), safe="/:@!$&'()*+,;=?#-._~")
+    name = quote(thing.iri.removeprefix(base), safe="/:@")
     return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
+
+
+def _is_on_map(thing: ResourceDescription) -> bool:
+    stated = {quad.predicate.value for quad in thing.about if _is(quad.subject, thing.iri)}
+    return {v.X, v.Y, v.EXISTENCE} <= stated or v.X_MIN in stated
+
+
+def _live(thing: ResourceDescription, base: str) -> str:
+    """The part of a page that scripts fill; empty for a thing without a position."""
+    if not _is_on_map(thing):
+        return ""
+    return template("thing-live.html").substitute(base=escape(base), iri=escape(thing.iri))
 
 
 def compact(iri: str, base: str) -> str:

@@ -108,4 +108,4 @@ def _page(serving: AppState, thing: ResourceDescription, when: str) -> str:
         return local_path(base, iri), known.label if known else compact(iri, base)
 
     title = min(labels, default=compact(thing.iri, base)) + when
-    return thing_page(thing, title, link, base)
+    return thing_page(thing, title, link, base, past=bool(when))

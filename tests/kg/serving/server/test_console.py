@@ -11,7 +11,7 @@ from urllib.parse import quote
 import pytest
 
 from kg.serving.server.linked_data.resource_description import local_path
-from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, says, serious_faults
+from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, faults, says
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -208,10 +208,10 @@ def test_the_console_has_no_serious_fault_of_accessibility(
     page.click("#questions >> text=objects-by-category")
     ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y }")
     says(page, "#status", "rows,")
-    assert serious_faults(page) == []
+    assert faults(page) == []
     page.click("text=chart")
     page.wait_for_selector("#chart polyline")
-    assert serious_faults(page) == []
+    assert faults(page) == []
 
 
 def test_a_phone_shows_the_console_in_one_column(open_page: OpenPage) -> None:

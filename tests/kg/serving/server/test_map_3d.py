@@ -11,7 +11,7 @@ import pytest
 
 from kg.model.records import FREE, TALL, FloorTile, MapUpdate, RobotRecord
 from planner.search.plans.report import find_answer
-from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, says, serious_faults
+from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, says
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -155,4 +155,4 @@ def test_accessibility_has_no_serious_fault(open_page: OpenPage, scheme: str) ->
     page = open_page(color_scheme=scheme, bypass_csp=True)
     page.click("#solid")
     page.wait_for_selector(CANVAS)
-    assert serious_faults(page) == []
+    assert faults(page) == []

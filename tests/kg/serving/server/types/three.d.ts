@@ -1,0 +1,3 @@
+// The bundled library has no types here.
+declare const three: any;
+export = three;
