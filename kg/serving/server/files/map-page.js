@@ -70,7 +70,7 @@ function goToChange({ iri, was, now }) {
 /** Show what the address names; an address without parameters only selects a thing. */
 async function goToAddress() {
   const { thing, given } = readAddress(location.hash);
-  const hasView = given.size > 0 && await address.follow(given, { show: (at) => axis.show(at), turn, filter: (...all) => list.filter(...all) });
+  const hasView = given.size > 0 && await address.follow(given, { show: (at) => axis.show(at), turn, filter: (...values) => list.filter(...values) });
   const iri = [thing, data.base + thing].find((one) => data.objects.has(one) || data.places.has(one)) || null;
   if (hasView) choose(iri);
   else goTo(iri);
