@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE = 20_000  # [ms] for what comes at once, on a machine however slow
+PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
 HOSTILE = '<img src=x onerror="alert(1)">'
 CHROMIUM = shutil.which("chromium")
 #: arguments of the browser: it draws in software; without the last ones it asks its makers' hosts
