@@ -12,6 +12,8 @@ from mapping.alignment.object_match import landmarks
 from mapping.alignment.recording_fit import check_certain, summary_of
 from mapping.alignment.search import AlignmentSearch
 
+_OTHERWISE = "--pose X,Y,Z,DEG"
+
 
 def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray[np.float64], str]:
     """T_other_map (4, 4), and what was found in one line.
@@ -29,7 +31,7 @@ def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray
     if found is None:
         raise LayoutError(
             f"{title!r} cannot be aligned: neither floor nor objects are in both maps; "
-            "--pose X,Y,Z,DEG would work"
+            f"{_OTHERWISE} would work"
         )
-    check_certain(title, found)
+    check_certain(title, found, _OTHERWISE)
     return found.T, summary_of(title, found)

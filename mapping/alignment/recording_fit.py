@@ -122,21 +122,24 @@ def aligned(
     return replace(recording.placed(T), transform_given=True), summary_of(recording.name, found)
 
 
-def check_certain(name: str, found: Alignment) -> None:
-    """Raises LayoutError where too little fits, or another place fits as well."""
+def check_certain(name: str, found: Alignment, otherwise: str = "--transform FILE") -> None:
+    """Raises LayoutError where too little fits, or another place fits as well.
+
+    `otherwise` is the option that works without an alignment.
+    """
     by_floor = found.floor.enough() and found.floor.quality >= ALIGNED
     by_objects = found.objects >= OBJECTS and found.floor.quality >= CONTRADICTS
     if not (by_floor or by_objects):
         raise LayoutError(
             f"{name!r} cannot be aligned: the best alignment matches {found.floor.judged} cells of "
             f"floor with quality {found.floor.quality:.2f} (needs {ALIGNED}) and {found.objects} "
-            f"objects (needs {OBJECTS}); a larger overlap or --transform FILE would work"
+            f"objects (needs {OBJECTS}); a larger overlap or {otherwise} would work"
         )
     if found.rival > RIVAL * found.score:
         raise LayoutError(
             f"{name!r} cannot be aligned: the second best alignment scores "
             f"{found.rival / found.score:.0%} of the best (at most {RIVAL:.0%}); a larger overlap "
-            "or --transform FILE would work"
+            f"or {otherwise} would work"
         )
 
 
