@@ -63,6 +63,7 @@ class AppState:
     planner: Planner | None = None  # for `/find`
     planning: PlanningTurns = field(default_factory=PlanningTurns)
     states: StateCache = field(default_factory=StateCache)
+    surfaces: StateCache = field(default_factory=StateCache)
     sessions: Sessions = field(default_factory=Sessions)
     threads: ReadingThreads = field(default_factory=ReadingThreads)
 

@@ -22,13 +22,13 @@ MAX_BYTES: Final = 32 << 20  # of all answers; the last one is always kept
 MAX_WAITING: Final = 64  # requests
 _LEVEL: Final = 6
 
-#: number of a transaction, whether it is shown as the past, whether with objects
-Key = tuple[int, bool, bool]
+#: number of a transaction, whether it is shown as the past, and which answer it is
+Key = tuple[int, bool, *tuple[int, ...]]
 
 
 @dataclass(frozen=True, slots=True)
 class StoredAnswer:
-    """A state as JSON under gzip, and the number of its transaction."""
+    """An answer under gzip, and the number of its transaction."""
 
     sequence: int
     packed: bytes

@@ -171,6 +171,11 @@ def test_corrected_poses_move_what_was_mapped(
         ]
         assert floors[0].keys() == floors[1].keys()
         assert all(np.array_equal(cells, floors[1][key]) for key, cells in floors[0].items())
+        seen = [{*map(tuple, m.surface().points.tolist())} for m in (corrected, other)]
+        assert len(seen[1]) > 1000 and seen[0] == seen[1]
+        with corrected.at(sequence) as past:
+            assert len(past.surface()) > 1000
+            assert not {*map(tuple, past.surface().points.tolist())} <= seen[1]
     again = json.loads(prints("map", *_words(drifted, into), *poses, "--json"))
     assert (again["new"], again["removed"], again["median_distance"]) == (0, 0, 0)
 

@@ -42,6 +42,11 @@ def test_a_served_map_gives_its_surface(walled, monkeypatch):
         with semantic_map.at(semantic_map.sequence) as past:
             assert len(past.surface()) == 1600
     assert len(decoded(walled.get("surface?count=4").content)) == 0
+    again = {"If-None-Match": answer.headers["ETag"]}
+    assert walled.get("surface", headers=again).status_code == 304
+    shown(walled.map.surface_store, 1)
+    changed = walled.get("surface", headers=again)
+    assert changed.status_code == 200 and (decoded(changed.content).count == 4).all()
     plain = walled.get("surface", headers={"Accept-Encoding": "identity"})
     assert "Content-Encoding" not in plain.headers and len(decoded(plain.content)) == 1600
 
