@@ -4,6 +4,7 @@
     ├── GraphError               the store on disk cannot be opened, read or written
     │   ├── MapNotFoundError     no map at that path
     │   ├── MapBusyError         another process is writing the map
+    │   ├── DiskFullError        the disk of the map has no space
     │   ├── HistoryError         a past state is not kept, or the log cannot be read
     │   ├── ConflictError        another writer changed the same facts in the meantime
     │   ├── InvalidFactError     a record cannot become facts (not finite, unknown class, ...)
@@ -19,6 +20,7 @@
     │   ├── QueryTimeoutError    a query reached its time limit
     │   ├── QueryTooLargeError   a query reached its limit of memory or of result bytes
     │   ├── EngineFailureError   the query engine failed
+    │   ├── WorkerDiedError      a worker was ended by something other than its limits
     │   ├── NotAcceptableError   no accepted format can carry the answer
     │   └── PoolBusyError        all query workers are busy and the queue is full
     ├── OntologyError            an ontology does not parse, or breaks its shapes
@@ -59,6 +61,10 @@ class MapNotFoundError(GraphError):
 
 class MapBusyError(GraphError):
     """Another process holds the map, or maps the same recording into it."""
+
+
+class DiskFullError(GraphError):
+    """The disk of the map has no space; nothing was written. It works again when there is some."""
 
 
 class HistoryError(GraphError):
@@ -126,6 +132,10 @@ class QueryTooLargeError(QueryError):
 
 class EngineFailureError(QueryError):
     """The query engine failed during the evaluation of a query: a defect of the engine."""
+
+
+class WorkerDiedError(QueryError):
+    """A worker was ended by something other than its limits."""
 
 
 class NotAcceptableError(QueryError):

@@ -28,6 +28,7 @@ from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
 from kg.store.atomic_file import sync_folder
+from kg.store.disk_space import disk_full, has_room, reopened, write_error
 from kg.store.folder import (
     check_is_map,
     check_vacant,
@@ -73,6 +74,7 @@ class TransactionalStore:
         self.read_only = read_only
         self.journal: Journal | None = None
         self._sequence: int | None = None
+        self._failed = False  # whether a write failed: the engine then refuses all further ones
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
         self._stop = threading.Event()
@@ -170,9 +172,13 @@ class TransactionalStore:
     @property
     def engine(self) -> QuadStore:
         """The live store; raises GraphError after `close`."""
-        if self._engine is None:
+        engine = self._engine
+        if engine is None:
+            with self._committing:  # it may be opening again
+                engine = self._engine
+        if engine is None:
             raise GraphError(f"the map at {self.where} is closed; open it again")
-        return self._engine
+        return engine
 
     @property
     def path(self) -> Path | None:
@@ -217,6 +223,7 @@ class TransactionalStore:
             InvalidFactError: a quad has a blank node, or a text that XML cannot represent.
         """
         self.check_writable()
+        self.recover()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
         subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
         named = (subject for subject in subjects if isinstance(subject, NamedNode))
@@ -253,7 +260,7 @@ class TransactionalStore:
         folder = Path(self.where) / "scratch"
         shutil.rmtree(folder, ignore_errors=True)  # left by a killed process
         try:
-            self.native.backup(str(folder))
+            self.backup(folder)
             copy = Store(str(folder))
             yield copy
             del copy
@@ -261,6 +268,32 @@ class TransactionalStore:
             raise GraphError(f"cannot copy the map at {self.where}: {reason_of(error)}") from error
         finally:
             shutil.rmtree(folder, ignore_errors=True)
+
+    def backup(self, folder: Path) -> None:
+        """Copy the store to a new folder, by hard links; raises GraphError, as of a full disk."""
+        try:
+            self.native.backup(str(folder))
+        except (OSError, RuntimeError) as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise self._unwritable(error) from error
+
+    def recover(self) -> None:
+        """After a failed write, open the store again as soon as its disk has space.
+
+        Raises DiskFullError where it has none. Meanwhile the store can be read.
+        """
+        path = self.path
+        if not self._failed or path is None or self.read_only:
+            return
+        with self._committing:
+            if not has_room(path):
+                raise disk_full(path)
+            if self._failed and self._engine is not None:
+                self._engine, self._sequence = None, None
+                self._engine, error = reopened(path / "store")
+                if error is not None:
+                    raise self._unwritable(error) from error
+                self._failed = False
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` after each commit; returns a function that removes it."""
@@ -295,7 +328,8 @@ class TransactionalStore:
             raise self._unwritable(error) from error
 
     def _unwritable(self, error: OSError | RuntimeError) -> GraphError:
-        return GraphError(f"cannot write the map at {self.where}: {reason_of(error)}")
+        self._failed = True
+        return write_error(error, self.where, f"cannot write the map at {self.where}")
 
     def _now(self) -> float:
         # after the clock was set back, a transaction must not precede the previous one
@@ -335,6 +369,7 @@ class TransactionalStore:
 
         Raises GraphError on failure, such as a full disk.
         """
+        self.recover()
         engine = self._engine
         if isinstance(engine, Store) and self._unlock is not None and not self.read_only:
             try:

@@ -34,6 +34,7 @@ from kg.history.storage.schema import SCHEMA, check_schema, check_tables, connec
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import Cause, ChangeSet
+from kg.store.disk_space import write_error
 from kg.store.writer_priority import yield_to_writer
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
@@ -292,11 +293,14 @@ class HistoryLog:
     def flush(self) -> None:
         """Write a due key frame, and move the changes from the WAL into the main file.
 
-        Other threads may write meanwhile.
+        Other threads may write meanwhile. Raises GraphError if the file cannot be written.
         """
-        if self.on_flush is not None:
-            self.on_flush()
-        self.write_key_frame()
+        try:
+            if self.on_flush is not None:
+                self.on_flush()
+            self.write_key_frame()
+        except sqlite3.Error as error:
+            raise self._unwritable(error) from error
         if self.file is not None:
             connection = sqlite3.connect(self.file)
             try:
@@ -434,7 +438,8 @@ class HistoryLog:
         return row[0] if row else None
 
     def _unwritable(self, error: sqlite3.Error) -> GraphError:
-        return GraphError(f"cannot write the history at {self.file}: {error}")
+        where = self.file.parent if self.file else Path("memory")
+        return write_error(error, where, f"cannot write the history at {self.file}")
 
     def _check(self, base: str) -> None:
         check_tables(self.db, self.file)

@@ -60,6 +60,7 @@ from kg.rdf.sparql.vetting import (
 )
 from kg.rdf.xml_characters import XmlPieces, is_xml
 from kg.serving.workers.confinement import confine
+from kg.store.disk_space import is_disk_full
 
 if TYPE_CHECKING:
     from kg.history.replay.past_state import PastStates
@@ -121,7 +122,8 @@ class Evaluator:
             reason = f"{name}: {located(message)}" if name else self._reason(request, error)
             self._fail("QueryError", reason)
         except (ValueError, OSError, RuntimeError) as error:
-            self._fail("QueryError", self._reason(request, error))
+            kind = "DiskFullError" if is_disk_full(error) else "QueryError"
+            self._fail(kind, self._reason(request, error))
 
     def _reason(self, request: Request, error: Exception) -> str:
         """Message of an error; it does not quote replies of SERVICE endpoints."""

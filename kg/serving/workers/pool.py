@@ -20,13 +20,14 @@ from kg.model.errors import (
     GraphError,
     HistoryError,
     QueryError,
+    WorkerDiedError,
 )
 from kg.rdf.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
 from kg.serving.workers.admission import FairQueue, Turn
 from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.history_file import HistoryFile
-from kg.serving.workers.process import Answer, WorkerDiedError, WorkerProcess, settings_of
+from kg.serving.workers.process import Answer, WorkerProcess, settings_of
 from kg.serving.workers.request import ANYONE, Asker, QueryCall, request_of
 from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.worker_set import WorkerSet, all_busy
@@ -318,12 +319,14 @@ class QueryPool:
     def _run_somewhere(self, call: QueryCall) -> Answer:
         for _ in range(self._workers.size):
             try:
-                return self._try(call)
+                with self._snapshots.naming_full_disk():
+                    return self._try(call)
             except WorkerDiedError:  # killed from outside: a second attempt on another worker
                 if call.cancelled:
                     raise
         # the other workers may have been killed too; this one is new
-        return self._try(call)
+        with self._snapshots.naming_full_disk():
+            return self._try(call)
 
     @property
     def _patience(self) -> float:

@@ -28,6 +28,7 @@ from kg.model.errors import (
     QueryError,
     QueryTimeoutError,
     QueryTooLargeError,
+    WorkerDiedError,
 )
 from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.evaluator import HEAD
@@ -57,10 +58,6 @@ class Answer:
     body: bytes
     sequence: int  # the last transaction of the map that the answer saw
     details: Mapping[str, Any] = field(default_factory=dict)  # further results, by kind of request
-
-
-class WorkerDiedError(QueryError):
-    """A worker was ended by something other than its limits."""
 
 
 class WorkerProcess:

@@ -23,11 +23,13 @@ from typing import Final
 
 from pyoxigraph import Store
 
-from kg.model.errors import GraphError
+from kg.model.errors import DiskFullError, GraphError, WorkerDiedError
+from kg.store.disk_space import disk_full, free_space, is_disk_full, write_error
 from kg.store.folder import remove_abandoned
 from kg.store.transactional import TransactionalStore
 
 SCRATCH: Final = "scratch"  # folder beside the snapshots
+_WORKERS_NEED = 1 << 20  # [bytes] of free space
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +56,7 @@ class Snapshots:
         self._readers: dict[Snapshot, int] = {}
         self._current: Snapshot | None = None
         self.home: Path | None = None  # folder of the snapshots
+        self._next_attempt = 0.0  # [s] on the monotonic clock, after the disk was full
         self._closed: weakref.finalize[..., Snapshots] | None = None
         if not (store.read_only and store.path):
             self.home, lock = make_home(store.path)
@@ -76,7 +79,8 @@ class Snapshots:
 
         Returns `held`, which the caller has open, while no refresh is due. A new snapshot is made
         first if the newest lacks transaction `at_least`, or if the map has changed and the newest
-        is older than `refresh` seconds.
+        is older than `refresh` seconds. Where none can be made, as on a full disk, the newest with
+        transaction `at_least` is used. Raises GraphError if there is none.
         """
         refreshed = False
         while True:
@@ -87,7 +91,11 @@ class Snapshots:
                         current = held
                     self._readers[current] = self._readers.get(current, 0) + 1
                     return current
-            self.refresh(at_least)
+            try:
+                self.refresh(at_least)
+            except GraphError:
+                if not self._has(at_least):
+                    raise
             refreshed = True
 
     def refresh(self, at_least: int | None = None) -> None:
@@ -99,7 +107,9 @@ class Snapshots:
             current = self._current
             if current is not None and not self._is_due(current, at_least):
                 return
-            made = self._make()
+            if time.monotonic() < self._next_attempt:
+                raise disk_full(self._store.where)
+            made = self._make_or_wait()
             with self._guard:
                 self._current = made
                 self._remove_unread()
@@ -154,6 +164,17 @@ class Snapshots:
     def _is_as_good(self, held: Snapshot, at_least: int) -> bool:
         return held in self._readers and held.sequence >= at_least and not self._is_old(held)
 
+    def _has(self, at_least: int) -> bool:
+        with self._guard:
+            return self._current is not None and self._current.sequence >= at_least
+
+    def _make_or_wait(self) -> Snapshot:
+        try:
+            return self._make()
+        except DiskFullError:
+            self._next_attempt = time.monotonic() + self._refresh
+            raise
+
     def _make(self) -> Snapshot:
         # read before the backup, so that the snapshot holds at least this transaction
         sequence, made = self._store.sequence, time.monotonic()
@@ -165,8 +186,20 @@ class Snapshots:
         try:
             copy_store(self._store, folder)
         except OSError as error:
-            raise GraphError(f"cannot make a snapshot at {folder}: {error}") from error
+            where, action = self._store.where, f"cannot make a snapshot at {folder}"
+            raise write_error(error, where, action) from error
         return Snapshot(folder, sequence, made, True)
+
+    @contextmanager
+    def naming_full_disk(self) -> Iterator[None]:
+        """Raise DiskFullError with the map's name where a worker fails since its disk is full."""
+        try:
+            yield
+        except (DiskFullError, WorkerDiedError) as error:
+            beside = self.home.parent if self.home else Path(tempfile.gettempdir())
+            if isinstance(error, DiskFullError) or free_space(beside) < _WORKERS_NEED:
+                raise disk_full(self._store.where) from error
+            raise
 
     def _remove_unread(self) -> None:
         for snapshot in [s for s, readers in self._readers.items() if readers <= 0]:
@@ -179,7 +212,8 @@ class Snapshots:
 def copy_store(store: TransactionalStore, folder: Path) -> None:
     """Copy the map to a folder, by hard links if it is on disk."""
     if store.path is not None:
-        store.native.backup(str(folder))
+        store.recover()
+        store.backup(folder)
         return
     copy = Store(str(folder))
     copy.bulk_extend(store.native)
@@ -198,6 +232,8 @@ def make_home(path: Path | None) -> tuple[Path, int]:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         making.rename(home)  # once it is locked, so that no process removes it as abandoned
     except OSError as error:
+        if is_disk_full(error):
+            raise disk_full(beside) from error
         raise GraphError(
             f"cannot make {home} for snapshots: {error.strerror}; queries of clients need "
             "snapshots beside the map, so its parent folder must be writable"

@@ -11,6 +11,7 @@ from pyoxigraph import NamedNode
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.model.errors import DiskFullError
 from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
@@ -71,19 +72,25 @@ async def _query(serving: AppState, request: Request, given: RequestParameters) 
     moment = given.one("at")
     at = None if moment is None else await sequence_at(serving.semantic_map, moment)
     asker = asker_of(request)
-    query = asyncio.ensure_future(
-        serving.pool.run_async(
-            given.one("query") or "",
-            base=serving.semantic_map.base,
-            accept=accept_of(request, given),
-            default_graphs=graphs_of(given, "default-graph-uri"),
-            named_graphs=graphs_of(given, "named-graph-uri"),
-            at_least=max(serving.sessions.at_least(asker.client), _least(serving, request)),
-            at=at,
-            asker=asker,
-        )
+    ask = partial(
+        serving.pool.run_async,
+        given.one("query") or "",
+        base=serving.semantic_map.base,
+        accept=accept_of(request, given),
+        default_graphs=graphs_of(given, "default-graph-uri"),
+        named_graphs=graphs_of(given, "named-graph-uri"),
+        at=at,
+        asker=asker,
     )
-    answer = await unless_gone(request, query)
+    least = _least(serving, request)
+    seen = max(serving.sessions.at_least(asker.client), least)
+    try:
+        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=seen)))
+    except DiskFullError:
+        if seen == least:
+            raise
+        # no new snapshot can be made: the last one, whose number the response states
+        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=least)))
     if at is None:
         serving.sessions.saw(asker.client, answer.sequence)
     return Response(

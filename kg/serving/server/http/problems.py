@@ -11,6 +11,7 @@ from starlette.responses import Response
 
 from kg.model.errors import (
     ConflictError,
+    DiskFullError,
     EngineFailureError,
     GraphError,
     HereaboutsError,
@@ -43,6 +44,7 @@ _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (OntologyError, 422),
     (HistoryError, 404),
     (ConflictError, 409),
+    (DiskFullError, 507),
     (GraphError, 503),
 )
 
