@@ -18,7 +18,7 @@ from kg.rdf.skolem import anonymous
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:
-    from kg.knowledge.ontology.replacement import Replacement
+    from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
 
 
 class StoredOntology:
@@ -42,12 +42,18 @@ class StoredOntology:
     ) -> Replacement:
         """Replace the ontology in one transaction."""
         from kg.knowledge.ontology.diagnostics import check_valid
-        from kg.knowledge.ontology.replacement import replace_ontology
+        from kg.knowledge.ontology.replacement import plan_replacement
 
         ontology = Ontology(tuple(anonymous(quads)), ())
         check_valid(ontology)
         with self._guard:
-            taken = replace_ontology(self._store, ontology.quads, by, whole=whole)
+            plan = plan_replacement(self._store.engine, ontology.quads, whole=whole)
+            return self.write(plan, by)
+
+    def write(self, plan: ReplacementPlan, by: str | None) -> Replacement:
+        """Write a planned replacement that fits the map; the caller holds the map."""
+        with self._guard:
+            taken = plan.write(self._store, by)
             if taken.commit is not None:
                 self.reread()
             return taken

@@ -18,6 +18,7 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.ontology.loading import (
     SHAPES_FILE,
     check_hierarchy,
+    check_size,
     compile_commonsense,
     load_ontologies,
     superclasses,
@@ -64,7 +65,7 @@ def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) 
 def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Finding, ...]:
     from kg.rdf.shacl import validate
 
-    if too_large := [*_hierarchy(quads), *_many_labels(quads)]:
+    if too_large := [*_size(quads), *_hierarchy(quads), *_many_labels(quads)]:
         return tuple(too_large)  # the shapes would take minutes
     # restrictions have no labels: only named classes are validated as terms
     named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
@@ -156,6 +157,14 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
         for iri, of in kinds.items()
         if len(of) > 1
     ]
+
+
+def _size(quads: tuple[Quad, ...]) -> list[Finding]:
+    try:
+        check_size(quads)
+    except OntologyError as error:
+        return [Finding(focus="owl:Ontology", message=str(error))]
+    return []
 
 
 def _hierarchy(quads: Iterable[Quad]) -> list[Finding]:

@@ -8,7 +8,7 @@ classes, probability and source (docs/explanation/ontology.md).
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -28,7 +28,10 @@ SHAPES_FILE: Final = "shapes.ttl"
 #: Limits of an ontology: validation and the closed hierarchy of larger ones would take minutes.
 MAX_CLASSES: Final = 10_000
 MAX_LEVELS: Final = 100
-MAX_SUPERCLASSES: Final = 300_000  # pairs of a class and a superclass
+MAX_SUPERCLASSES: Final = 100_000  # pairs of a class and a superclass
+MAX_RELATIONS: Final = 10_000
+MAX_STATEMENTS: Final = 150_000
+MAX_TEXT: Final = 100_000  # characters of one text
 
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
@@ -103,6 +106,27 @@ def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
     return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
 
 
+def check_size(quads: Collection[Quad]) -> None:
+    """Check that an ontology has a size that maps can hold.
+
+    Raises:
+        OntologyError: there are too many statements or relations, or a text is too long.
+    """
+    related = sum(q.predicate.value in _RELATION_CLASSES for q in quads)
+    for count, most, what in (
+        (len(quads), MAX_STATEMENTS, "statements"),
+        (related, MAX_RELATIONS, "relations (here:locatedAt, here:nearBy)"),
+    ):
+        if count > most:
+            raise OntologyError(f"the ontology has {count:,} {what}; at most {most:,} would work")
+    for q in quads:
+        if isinstance(q.object, Literal) and len(q.object.value) > MAX_TEXT:
+            raise OntologyError(
+                f"{q.subject} has a text of {len(q.object.value):,} characters; "
+                f"at most {MAX_TEXT:,} would work"
+            )
+
+
 def check_hierarchy(quads: Iterable[Quad]) -> None:
     """Check that the classes of an ontology form a hierarchy of a size that maps can hold.
 
@@ -169,9 +193,10 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     Deterministic in content and order. Layout: docs/explanation/architecture.md.
 
     Raises:
-        OntologyError: as `check_hierarchy` and `relations`.
+        OntologyError: as `check_size`, `check_hierarchy` and `relations`.
     """
     quads = tuple(quads)
+    check_size(quads)
     check_hierarchy(quads)
     compiled = [
         _quad(iri, v.IS_A, NamedNode(above))

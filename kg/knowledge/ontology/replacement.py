@@ -20,6 +20,7 @@ from kg.knowledge.ontology.provisional_classes import provisional_to_keep
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
 
@@ -39,39 +40,64 @@ class Replacement:
     commit: ChangeSet | None
 
 
-def replace_ontology(
-    store: TransactionalStore, quads: Iterable[Quad], by: str | None, *, whole: bool = False
-) -> Replacement:
-    """Replace the ontology of the map in `store` by validated quads.
+@dataclass(frozen=True, slots=True)
+class ReplacementPlan:
+    """A replacement before it is written, computed from one state of the map."""
+
+    changes: tuple[OntologyChange, ...]
+    kept: tuple[str, ...]  # as of `Replacement`
+    delete: tuple[Quad, ...]  # quads of the state
+    insert: tuple[Quad, ...]  # quads that the state lacks
+    lost: tuple[str, ...]  # IRIs of categories that the new ontology lacks
+    unnamed: bool  # whether the state has blank nodes in its ontology
+
+    def fits(self, engine: QuadStore) -> bool:
+        """Whether `engine`, with the same ontology, uses no category that would be lost."""
+        return not any(_is_used(engine, NamedNode(iri)) for iri in self.lost)
+
+    def write(self, store: TransactionalStore, by: str | None) -> Replacement:
+        """Write it to a store that it fits, in one transaction."""
+        if self.unnamed:
+            stored = store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+            store.rewrite_graph(v.ONTOLOGY_GRAPH, named(stored))
+        note = "; ".join(change.words for change in self.changes)[:MAX_NOTE]
+        cause = Cause("ontology", by, note)
+        commit = store.commit(self.delete, self.insert, cause, exact_at=store.sequence)
+        return Replacement(self.changes, self.kept, commit)
+
+
+def plan_replacement(
+    engine: QuadStore, quads: Iterable[Quad], *, whole: bool = False
+) -> ReplacementPlan:
+    """Plan the replacement of the ontology in `engine` by validated quads.
 
     Provisional categories that the map refers to are always kept.
 
     Raises:
         OntologyError: the quads do not declare terms that the map uses, or are not marked as the
-            `whole` ontology and lack an ontology that the map has; nothing is written.
+            `whole` ontology and lack an ontology that the map has.
     """
     new = named(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads)
-    stored = tuple(store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
+    stored = tuple(engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
     old = named(stored)
-    new += tuple(provisional_to_keep(old, new, lambda node: _is_used(store, node)))
+    new += tuple(provisional_to_keep(old, new, lambda node: _is_used(engine, node)))
     compiled = compile_commonsense(new)
-    present = set(store.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
+    present = set(engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
     before = compiled_before(old, present)
     _check_core_terms(old, new)
     check_complete(old, new, whole=whole)
-    check_used_terms(store, old, new, present - before)
+    check_used_terms(engine, old, new, present - before)
     delete, insert, kept = recompiled(present, before, set(compiled))
-    differences = tuple(changes(old, new))
-    if any(isinstance(q.subject, BlankNode) or isinstance(q.object, BlankNode) for q in stored):
-        store.rewrite_graph(v.ONTOLOGY_GRAPH, old)
-    note = "; ".join(change.words for change in differences)[:MAX_NOTE]
-    removed, added = set(old) - set(new), set(new) - set(old)
-    commit = store.commit(
-        sorted([*removed, *delete], key=str),
-        sorted([*added, *insert], key=str),
-        Cause("ontology", by, note),
+    removed = (set(old) - set(new)) | (set(delete) & present - set(insert))
+    added = (set(new) - set(old)) | (set(insert) - present)
+    return ReplacementPlan(
+        changes=tuple(changes(old, new)),
+        kept=kept,
+        delete=tuple(sorted(removed, key=str)),
+        insert=tuple(sorted(added, key=str)),
+        lost=tuple(sorted(_classes(old) - _classes(new))),
+        unnamed=any(isinstance(t, BlankNode) for q in stored for t in (q.subject, q.object)),
     )
-    return Replacement(differences, kept, commit)
 
 
 def compiled_before(old: Iterable[Quad], present: set[Quad]) -> set[Quad]:
@@ -177,14 +203,14 @@ def _check_core_terms(old: Iterable[Quad], new: Iterable[Quad]) -> None:
 
 
 def check_used_terms(
-    store: TransactionalStore, old: Iterable[Quad], new: Iterable[Quad], by_hand: set[Quad]
+    engine: QuadStore, old: Iterable[Quad], new: Iterable[Quad], by_hand: set[Quad]
 ) -> None:
     """Raise OntologyError if `new` lacks categories that the map or relations `by_hand` use."""
     related = {q.object for q in by_hand if _is_relation(q)}
     lost = [
         iri
         for iri in sorted(_classes(old) - _classes(new))
-        if NamedNode(iri) in related or _is_used(store, NamedNode(iri))
+        if NamedNode(iri) in related or _is_used(engine, NamedNode(iri))
     ]
     if lost:
         raise OntologyError(
@@ -193,9 +219,9 @@ def check_used_terms(
         )
 
 
-def _is_used(store: TransactionalStore, node: NamedNode) -> bool:
+def _is_used(engine: QuadStore, node: NamedNode) -> bool:
     """Whether any fact of the map refers to a category."""
-    facts = (store.engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
+    facts = (engine.quads_for_pattern(None, None, node, graph) for graph in _FACTS)
     return any(next(iter(found), None) for found in facts)
 
 

@@ -130,7 +130,7 @@ class Restoration:
         old = tuple(self.pending.before(None, None, None, v.ONTOLOGY_GRAPH))
         new = tuple(self.pending.after(None, None, None, v.ONTOLOGY_GRAPH))
         relations = set(self.pending.after(None, None, None, v.COMMONSENSE_GRAPH))
-        check_used_terms(self._store, old, new, relations)
+        check_used_terms(self._store.engine, old, new, relations)
 
     def _is_within_scopes(self, quad: Quad) -> bool:
         if quad.graph_name not in (v.MAP_GRAPH, v.ASSERTIONS_GRAPH):

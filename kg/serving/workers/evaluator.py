@@ -14,6 +14,7 @@ A message has a type byte, a length (4 bytes, little endian) and that many bytes
     >  G  all graphs to serialise
     >  P  a past state to make
     >  V  the state of the map that a page draws, perhaps of then
+    >  N  a new ontology (an RDF document) for the map
 """
 
 from __future__ import annotations
@@ -122,8 +123,8 @@ class Evaluator:
             reason = f"{name}: {located(message)}" if name else self._reason(request, error)
             self._fail("QueryError", reason)
         except (ValueError, OSError, RuntimeError) as error:
-            kind = "DiskFullError" if is_disk_full(error) else "QueryError"
-            self._fail(kind, self._reason(request, error))
+            fault = "DiskFullError" if is_disk_full(error) else "QueryError"
+            self._fail(fault, self._reason(request, error))
 
     def _reason(self, request: Request, error: Exception) -> str:
         """Message of an error; it does not quote replies of SERVICE endpoints."""
@@ -185,6 +186,12 @@ class Evaluator:
 
         body = map_state(self._store, self._sequence, request)
         self._send_all("application/json", body.encode(), request)
+
+    def _plan_ontology(self, request: Request) -> None:
+        from kg.serving.workers.ontology_tasks import plan_ontology  # as above
+
+        head, body = plan_ontology(self._store, request)
+        self._send_all("application/n-quads", body, request, **head)
 
     def _send_all(self, media_type: str, body: bytes, request: Request, **more: object) -> None:
         sink = _Sink(self._send, request["max_bytes"])
@@ -253,6 +260,7 @@ _OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
     b"U": Evaluator._update,
     b"G": Evaluator._dump,
     b"V": Evaluator._draw,
+    b"N": Evaluator._plan_ontology,
 }
 
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pyoxigraph import RdfFormat, Store, parse, serialize
+from pyoxigraph import Quad, RdfFormat, Store, parse, serialize
 
 from kg.maps.update import execution
 from kg.maps.update.ground_update import check_triple_terms
@@ -63,6 +63,14 @@ def evaluate_update(view: SnapshotView, request: Request) -> tuple[dict[str, Any
 def parse_document(request: Request) -> bytes:
     """The quads of an RDF document, as N-Quads.
 
+    Raises as `quads_of_document`.
+    """
+    return serialize(quads_of_document(request), format=RdfFormat.N_QUADS) or b""
+
+
+def quads_of_document(request: Request) -> list[Quad]:
+    """The quads of an RDF document.
+
     Raises SyntaxError, QueryRefusedError for RDF/XML with a document type, whose entities can grow
     beyond any limit, and ShapeError for triple terms.
     """
@@ -72,4 +80,4 @@ def parse_document(request: Request) -> bytes:
         raise QueryRefusedError(DOCUMENT_TYPE)
     quads = list(parse(body, format=form, base_iri=request["base_iri"]))
     check_triple_terms(quads)
-    return serialize(quads, format=RdfFormat.N_QUADS) or b""
+    return quads

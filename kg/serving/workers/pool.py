@@ -27,6 +27,7 @@ from kg.serving.workers.admission import FairQueue, Turn
 from kg.serving.workers.confinement import Confinement
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.history_file import HistoryFile
+from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, settings_of
 from kg.serving.workers.request import ANYONE, Asker, QueryCall, request_of
 from kg.serving.workers.snapshots import Snapshots
@@ -84,6 +85,8 @@ class QueryPool:
             if isinstance(source, TransactionalStore)
             else _history_of(source, self._snapshots.home)
         )
+        #: plans replacements of the ontology
+        self.ontologies = OntologyWorker(self._settings, self._snapshots, queue, max_result_bytes)
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
         self._workers = WorkerSet(self._settings, workers, self._snapshots, timeout)
         self._keeper = threading.Thread(
@@ -275,6 +278,7 @@ class QueryPool:
         self._closed.set()
         self._queue.close()
         self._dumps.close()
+        self.ontologies.close()
         self._workers.kill()
         self._threads.shutdown(wait=True, cancel_futures=True)
         self._keeper.join()

@@ -22,7 +22,6 @@ from starlette.responses import Response
 from starlette.types import ASGIApp
 
 from kg.export.serialization import prefixes_of
-from kg.knowledge.ontology.replacement import Replacement
 from kg.maps.update.ground_update import GroundUpdate, Step
 from kg.model import vocabulary as v
 from kg.model.transactions import ChangeSet
@@ -39,6 +38,7 @@ from kg.serving.server.http.media_types import GRAPH_FORMATS
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.updates import parsed_document
 from kg.store.sparql_client import SEQUENCE
 
@@ -64,9 +64,10 @@ async def graph_store(serving: AppState, request: Request) -> Response:
             raise _unknown(target)
         clear = partial(_replace, serving, target, None, by, check, is_confirmed(request))
         return await write(serving, request, clear)
-    triples = await _body(serving, request)
+    body, form = await _body(serving, request)
     if request.method == "PUT" and target == v.ONTOLOGY_GRAPH:
-        return await _take_ontology(serving, request, triples, by, check)
+        return await _take_ontology(serving, request, (body, form), by, check)
+    triples = await _triples_of(serving, body, form)
     change = partial(_extend, serving, target, triples, by, check)
     if request.method == "PUT":
         change = partial(_replace, serving, target, triples, by, check, is_confirmed(request))
@@ -112,18 +113,18 @@ def _insertion(graph: NamedNode, triples: list[Triple]) -> Step:
 
 
 async def _take_ontology(
-    serving: AppState, request: Request, triples: list[Triple], by: str, check: Callable[[], None]
+    serving: AppState,
+    request: Request,
+    given: tuple[bytes, RdfFormat],
+    by: str,
+    check: Callable[[], None],
 ) -> Response:
     """Replace the ontology of the map; the response describes the changes."""
-    quads = [Quad(t.subject, t.predicate, t.object, v.ONTOLOGY_GRAPH) for t in triples]
     whole = bodies.query_parameters(request).flag("whole")
-
-    def take() -> Replacement:
-        with serving.semantic_map.hold():
-            check()
-            return serving.semantic_map.ontology.replace(quads, by=by, whole=whole)
-
-    taken = await completed(take)
+    client = asker_of(request).client
+    document = OntologyDocument(*given, serving.semantic_map.base, whole, client)
+    work = serving.pool.ontologies, serving.semantic_map, document
+    taken = await completed(partial(replace_ontology, *work, by=by, check=check))
     return written(
         serving,
         taken.commit,
@@ -240,13 +241,17 @@ def _unknown(graph: NamedNode) -> Problem:
     return Problem(404, f"no graph {graph.value} in this map, or nothing in it")
 
 
-async def _body(serving: AppState, request: Request) -> list[Triple]:
+async def _body(serving: AppState, request: Request) -> tuple[bytes, RdfFormat]:
+    """The body of a request, and its format."""
     kind = bodies.media_type(request)
     form = _FORMATS.get(kind)
     if form is None:
         known = ", ".join(_FORMATS)
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; there are: {known}")
-    body = await bodies.read_body(request, serving.settings.limits)
+    return await bodies.read_body(request, serving.settings.limits), form
+
+
+async def _triples_of(serving: AppState, body: bytes, form: RdfFormat) -> list[Triple]:
     base = serving.semantic_map.base
     quads = await run_in_threadpool(partial(parsed_document, serving.pool, body, form, base))
     return [quad.triple for quad in quads]

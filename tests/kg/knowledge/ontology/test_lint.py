@@ -304,7 +304,7 @@ def classes(count: int, below: Callable[[int], list[int]]) -> list[Quad]:
         (classes(101, lambda i: [i - 1] if i else []), "at most 100 levels"),
         (
             classes(1500, lambda i: [i // 30 * 30 - k for k in range(1, 31)] if i >= 30 else []),
-            "300,000 pairs",
+            "100,000 pairs",
         ),
         (classes(10_001, lambda _: []), "at most 10,000 would work"),
     ],

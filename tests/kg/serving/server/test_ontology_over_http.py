@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
+import requests
 from pyoxigraph import NamedNode, Quad, RdfFormat, serialize
 
 from kg.knowledge.ontology.import_closure import load_with_imports
@@ -17,6 +20,7 @@ from kg.model.transactions import Cause
 from kg.model.vocabulary import HERE, OWL_AXIOM, PREFIXES
 from kg.serving.editing.ontology_sources import ontology_at
 from kg.serving.editing.reloading import reload
+from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -168,3 +172,102 @@ def test_what_goes_is_said_to_go(served: Served, mine: Path) -> None:
         assert (status, "leaves out <urn:mine>" in text) == (422, True), query
     assert put(shipped, "?whole=perhaps")[0] == 400
     assert put(shipped, "?whole=true")[0] == 200
+
+
+def _classes(count: int, above: Callable[[int], str]) -> str:
+    return "".join(
+        f'<urn:c:{n}> a owl:Class ; rdfs:label "c {n}" ; rdfs:comment "One." ; '
+        f"rdfs:subClassOf {above(n)} .\n"
+        for n in range(count)
+    )
+
+
+HOSTILE = {
+    "cycle": (_classes(2000, lambda n: f"<urn:c:{(n + 1) % 2000}>"), "superclasses of one another"),
+    "chain": (_classes(300, lambda n: f"<urn:c:{n + 1}>"), "at most 100 levels"),
+    "wide": (
+        _classes(
+            1000,
+            lambda n: ", ".join(f"<urn:c:{m}>" for m in range(max(0, n - 150), n)) or "owl:Thing",
+        ),
+        "too many superclasses",
+    ),
+    "labels": (
+        "<urn:c> a owl:Class ; rdfs:label " + ", ".join(f'"{n}"' for n in range(3000)) + " .",
+        "more than 200 labels",
+    ),
+    "relations": (
+        "".join(
+            f"here:Cup here:nearBy {', '.join(f'<urn:c:{k}:{n}>' for n in range(3000))} .\n"
+            for k in range(4)
+        ),
+        "12,",
+    ),
+    "statements": (
+        "<urn:c> here:nothing " + ", ".join(str(n) for n in range(160_000)) + " .",
+        "at most 150,000",
+    ),
+    "text": (f'<urn:c> rdfs:comment "{"x" * 200_000}" .', "200,000 characters"),
+    "blank nodes": ("_:a rdfs:seeAlso _:b . _:b rdfs:seeAlso _:a .", "point at each other"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_an_ontology_beyond_the_limits_is_refused_by_name(served: Served, name: str) -> None:
+    text, reason = HOSTILE[name]
+    before = served.map.sequence
+    answer = _put(served, text)
+    assert (answer.status_code, reason in answer.text) == (422, True), answer.text
+    assert "\n" not in answer.text.strip()
+    assert served.map.sequence == before
+    assert served.write("INSERT DATA { GRAPH <urn:g> { <urn:a> rdfs:label 'b' } }").ok
+
+
+def test_others_write_while_an_ontology_is_checked(served: Served) -> None:
+    taken: list[requests.Response] = []
+    text = _classes(1500, lambda _: "here:Object")
+    thread = threading.Thread(target=lambda: taken.append(_put(served, text)))
+    thread.start()
+    written = 0
+    while thread.is_alive():
+        number = f"<urn:a:{written}>"
+        assert served.write(f"INSERT DATA {{ GRAPH <urn:g> {{ {number} rdfs:label 'b' }} }}").ok
+        written += 1
+    thread.join()
+    assert taken[0].status_code == 200, taken[0].text
+    # the replacement is the last transaction but one, or earlier: the others did not wait for it
+    assert written > 3
+    assert served.map.catalogue.find("c 7").iri == "urn:c:7"
+
+
+def test_an_ontology_that_loses_a_category_used_meanwhile_is_refused(served: Served) -> None:
+    """The map begins to use a category after the snapshot on which the replacement was planned."""
+    assert _put(served, _classes(1, lambda _: "here:Object")).ok
+    worker = served.server.serving.pool.ontologies
+    document = OntologyDocument(_shipped(), RdfFormat.N_TRIPLES, served.map.base, whole=True)
+
+    def meanwhile() -> None:
+        category = "<object/9> a <urn:c:0> ; here:x 1e0 ; here:y 1e0 ; here:inPlace <place/1>"
+        served.map.update(f"INSERT DATA {{ {category} }}", by="ann")
+
+    uses = iter([meanwhile])
+    with pytest.raises(OntologyError, match="the map uses urn:c:0"):
+        replace_ontology(
+            worker, served.map, document, by="ann", check=lambda: next(uses, lambda: None)()
+        )
+
+
+def _shipped() -> bytes:
+    quads = load_ontologies().quads
+    return serialize([q.triple for q in quads], format=RdfFormat.N_TRIPLES) or b""
+
+
+def _put(served: Served, turtle: str) -> requests.Response:
+    """The shipped ontology with some more, sent as a client that knows nothing of limits."""
+    names = "".join(f"@prefix {name}: <{iri}> .\n" for name, iri in PREFIXES.items())
+    return served.request(
+        "PUT",
+        "graphs/ontology?whole=true",
+        data=_shipped() + names.encode() + turtle.encode(),
+        headers={"Content-Type": "text/turtle", **served.bearer()},
+    )
