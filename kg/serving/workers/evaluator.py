@@ -348,10 +348,15 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
     return kind, json.loads(stream.read(length))
 
 
-def _load_extensions() -> None:
+def _load_extensions(*, ontologies: bool) -> None:
     """Import the modules of all requests: a confined process loads no machine code."""
     import kg.serving.workers.history_tasks
     import kg.serving.workers.ingestion  # noqa: F401
+
+    if ontologies:
+        from kg.serving.workers.ontology_tasks import load_libraries  # takes a second
+
+        load_libraries()
 
 
 def main() -> None:
@@ -361,7 +366,7 @@ def main() -> None:
     if first is None:
         return
     settings = first[1]
-    _load_extensions()
+    _load_extensions(ontologies=settings.get("ontologies", False))
     _limit_process(settings["memory"])
     readable, writable = (map(Path, settings[key]) for key in ("readable", "writable"))
     found = confine(readable, writable, network="--network" in sys.argv)

@@ -12,17 +12,23 @@ from typing import Any
 from pyoxigraph import Store
 
 from kg.knowledge.ontology.diagnostics import check_valid
-from kg.knowledge.ontology.diff import OntologyChange
-from kg.knowledge.ontology.loading import Ontology
-from kg.knowledge.ontology.replacement import ReplacementPlan, plan_replacement
+from kg.knowledge.ontology.loading import SHAPES_FILE, Ontology
+from kg.knowledge.ontology.replacement import plan_replacement
 from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.model.resources import ONTOLOGIES
 from kg.rdf.skolem import anonymous
 from kg.serving.workers.ingestion import quads_of_document
-from kg.serving.workers.process import Answer
+
+
+def load_libraries() -> None:
+    """Import all that `plan_ontology` needs, before the process is confined."""
+    from kg.rdf.shacl import validate
+
+    validate((), ONTOLOGIES / SHAPES_FILE)  # the libraries import some modules at the first use
 
 
 def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
-    """The planned replacement of the ontology in a snapshot by a document, for `decoded_plan`.
+    """The planned replacement of the ontology in a snapshot by a document.
 
     Raises as `kg.serving.workers.ingestion.quads_of_document` and `plan_replacement`; OntologyError
     for an invalid ontology.
@@ -33,17 +39,3 @@ def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any]
     head, body = GroundUpdate((Step(plan.delete, plan.insert),)).encode()
     head |= {"kept": plan.kept, "lost": plan.lost, "unnamed": plan.unnamed}
     return head | {"changes": [asdict(change) for change in plan.changes]}, body
-
-
-def decoded_plan(answer: Answer) -> ReplacementPlan:
-    """The planned replacement that a worker sent."""
-    head = answer.details
-    (step,) = GroundUpdate.decode(dict(head), answer.body).steps
-    return ReplacementPlan(
-        changes=tuple(OntologyChange(**change) for change in head["changes"]),
-        kept=tuple(head["kept"]),
-        delete=step.delete,
-        insert=step.insert,
-        lost=tuple(head["lost"]),
-        unnamed=head["unnamed"],
-    )

@@ -10,20 +10,24 @@ import base64
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Final
 
 from pyoxigraph import RdfFormat
 
+from kg.knowledge.ontology.diff import OntologyChange
 from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
 from kg.maps.stored_map import StoredMap
+from kg.maps.update.ground_update import GroundUpdate
 from kg.model.errors import (
     ConflictError,
     OntologyError,
     QueryTimeoutError,
     QueryTooLargeError,
 )
+from kg.model.resources import ONTOLOGIES
 from kg.serving.workers.admission import FairQueue
-from kg.serving.workers.ontology_tasks import decoded_plan
 from kg.serving.workers.process import Answer, WorkerProcess
 from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.worker_set import all_busy
@@ -49,7 +53,11 @@ class OntologyWorker:
     def __init__(
         self, settings: dict[str, Any], snapshots: Snapshots, queue: int, max_bytes: int
     ) -> None:
-        self._settings, self._snapshots = settings, snapshots
+        packages = map(find_spec, ("pyshacl", "rdflib"))
+        folders = (str(Path(found.origin).parent) for found in packages if found and found.origin)
+        readable = [*settings["readable"], str(ONTOLOGIES.resolve()), *folders]
+        self._settings = settings | {"readable": readable, "ontologies": True}
+        self._snapshots = snapshots
         self._queue, self._max_bytes = FairQueue(1, queue), max_bytes
 
     def plan(self, document: OntologyDocument, at_least: int) -> tuple[ReplacementPlan, int]:
@@ -71,7 +79,7 @@ class OntologyWorker:
             raise _refused(f"it needs more than {megabytes} MB of memory to check") from error
         finally:
             self._queue.leave(turn)
-        return decoded_plan(answer), answer.sequence
+        return _decoded(answer), answer.sequence
 
     def close(self) -> None:
         """Refuse what waits."""
@@ -135,3 +143,17 @@ def _fits(plan: ReplacementPlan, semantic_map: StoredMap, sequence: int) -> bool
 
 def _refused(reason: str) -> OntologyError:
     return OntologyError(f"the ontology is refused: {reason}; a smaller one would work")
+
+
+def _decoded(answer: Answer) -> ReplacementPlan:
+    """The planned replacement that a worker sent."""
+    head = answer.details
+    (step,) = GroundUpdate.decode(dict(head), answer.body).steps
+    return ReplacementPlan(
+        changes=tuple(OntologyChange(**change) for change in head["changes"]),
+        kept=tuple(head["kept"]),
+        delete=step.delete,
+        insert=step.insert,
+        lost=tuple(head["lost"]),
+        unnamed=head["unnamed"],
+    )
