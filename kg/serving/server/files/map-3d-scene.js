@@ -1,4 +1,5 @@
 // The scene in three dimensions: floor, walls, places, boxes of objects, robot, trail, plan. Metres, z up.
+import { pointsBelow } from "/files/surface-layer.js";
 import * as THREE from "/files/vendor/three.min.js";
 
 const WALL = 0.5; // [m] height of walls in the picture, low enough to look over them
@@ -29,7 +30,9 @@ export class SolidScene {
   /** Update the groups whose data changed. */
   update() {
     const { data, layers, dark, selected, plan } = this._view, { floor, places, doors, robot, trail } = data;
-    this._part("floor", [floor, layers.floor, layers.viewed, dark], (group) => this._addFloor(group));
+    const surface = this._view.surfaceLayer.current();
+    this._part("surface", [surface], (group) => this._addSurface(group, surface));
+    this._part("floor", [floor, layers.floor, layers.viewed, dark, surface], (group) => this._addFloor(group, !surface));
     this._part("places", [places, doors, floor, dark, selected], (group) => this._addPlaces(group));
     this._part("objects", [{}], (group) => this._addObjects(group));
     this._part("robot", [{}, robot], (group) => this._addRobot(group, trail));
@@ -38,13 +41,7 @@ export class SolidScene {
 
   /** Height of the floor [m] in most of the map. */
   get ground() {
-    const { floor } = this._view.data;
-    if (floor !== this._floor) {
-      const heights = floor.map((tile) => tile.z ?? 0).sort((a, b) => a - b);
-      this._ground = heights[heights.length >> 1] ?? 0;
-      this._floor = floor;
-    }
-    return this._ground;
+    return this._view.data.ground();
   }
 
   /** Position of a point of the map in the scene; without a height, on the floor. */
@@ -68,7 +65,17 @@ export class SolidScene {
     this._sources.set(name, sources);
   }
 
-  _addFloor(group) {
+  /** The voxels of the surface, as squares that face the camera. */
+  _addSurface(group, surface) {
+    if (!surface) return;
+    const { places, tones } = pointsBelow(surface, this.origin, this.ground), geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.Float32BufferAttribute(places, 3));
+    geometry.setAttribute("color", new THREE.Float32BufferAttribute(tones, 3));
+    group.add(new THREE.Points(geometry, new THREE.PointsMaterial({ size: 2 * surface.size, vertexColors: true })));
+  }
+
+  /** The cells of the floor, and its walls where no surface shows them. */
+  _addFloor(group, hasWalls) {
     const { data, layers, dark } = this._view, walls = [];
     for (const tile of data.floor) {
       const span = tile.side * tile.size;
@@ -83,7 +90,7 @@ export class SolidScene {
         mesh.position.copy(this.at(tile.x + span / 2, tile.y + span / 2, tile.z));
         group.add(mesh);
       }
-      if (layers.floor) walls.push(...wallsOf(tile));
+      if (layers.floor && hasWalls) walls.push(...wallsOf(tile));
     }
     if (walls.length) group.add(this._boxes(walls, dark ? "#7d8a96" : "#8a949e"));
   }

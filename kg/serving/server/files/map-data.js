@@ -119,6 +119,16 @@ export class MapData extends EventTarget {
     return (await Promise.all(state.floor.map((tile) => this._tile(tile)))).filter(Boolean);
   }
 
+  /** Height of the floor [m] in most of the map. */
+  ground() {
+    if (this.floor !== this._groundOf) {
+      const heights = this.floor.map((tile) => tile.z ?? 0).sort((a, b) => a - b);
+      this._ground = heights[heights.length >> 1] ?? 0;
+      this._groundOf = this.floor;
+    }
+    return this._ground;
+  }
+
   /** Follow the feed of changes after the state that was read. */
   follow() {
     followChanges(this.sequence, {

@@ -6,6 +6,7 @@ import { listen } from "/files/map-gestures.js";
 import { ObjectLayer } from "/files/object-layer.js";
 import { drawPlaceNames, drawPlaces, namesOf, placeColour } from "/files/place-layer.js";
 import { drawPlan, drawRobot, drawTrail } from "/files/robot-layer.js";
+import { SurfaceLayer } from "/files/surface-layer.js";
 
 const NEAR = 16; // [px] from a click to the thing that it selects
 const REST = 150; // [ms] after the last movement until all names are drawn
@@ -17,7 +18,7 @@ export class MapView {
     this.canvas = canvas;
     this.data = data;
     this.shown = shown;
-    this.layers = { floor: true, viewed: false, labels: true, boxes: true, trail: true };
+    this.layers = { surface: true, floor: true, viewed: false, labels: true, boxes: true, trail: true };
     this.selected = null; // IRI
     this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer; positions in metres
     this.changes = []; // of `/diff`, drawn as signs
@@ -32,6 +33,7 @@ export class MapView {
     this.onLost = () => {}; // called when the view in three dimensions has lost its graphics
     this._floor = new FloorLayer(this);
     this._objects = new ObjectLayer(this);
+    this.surfaceLayer = new SurfaceLayer(this);
     this.onMove = () => {}; // called when another part of the map is shown
     this.isFitted = true; // whether all of the map is shown, as `fit` does
     this._fitted = false;
@@ -186,6 +188,7 @@ export class MapView {
     const taken = new Taken(this.width, this.height);
     taken.take(this.width - 50, 0, 50, 180, true); // the buttons
     this._floor.draw(c);
+    this.surfaceLayer.draw(c);
     drawPlaces(c, this);
     drawPlan(c, this, taken);
     this._objects.draw(c, taken);

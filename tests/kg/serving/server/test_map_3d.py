@@ -6,9 +6,11 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 import pytest
 
+from kg.maps.surface.voxels import FrameVoxels, keys_of
 from kg.model.records import FREE, TALL, FloorTile, MapUpdate, RobotRecord
 from planner.search.plans.report import find_answer
 from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, says
@@ -156,3 +158,43 @@ def test_accessibility_has_no_serious_fault(open_page: OpenPage, scheme: str) ->
     page.click("#solid")
     page.wait_for_selector(CANVAS)
     assert faults(page) == []
+
+
+def test_the_surface_is_drawn_from_above_and_in_three_dimensions(
+    served: Served, open_page: OpenPage
+) -> None:
+    store = served.map.surface_store
+    assert store is not None
+    store.begin(0.025)
+    x, y = (axis.ravel() for axis in np.mgrid[20:70, 20:70])
+    seen = np.sort(keys_of(np.stack([x, y, np.full_like(x, -20)])))
+    violet = np.full((len(seen), 3), (200, 20, 220), np.uint8)
+    for number in range(3):
+        frame = FrameVoxels(seen, violet, np.empty(0, np.int64), 1000.0 + number)
+        store.write(frame, "flat", 1)
+        store.accept(frame, "flat", 1)
+    page = open_page()
+    assert wait_for_violet(page, "#canvas")
+    page.click("#solid")
+    page.wait_for_selector(CANVAS)
+    assert wait_for_violet(page, CANVAS)
+    page.uncheck("[data-layer=surface]")
+    drawn_otherwise(page, None)
+    assert not has_violet(page, CANVAS)
+
+
+def has_violet(page: Any, canvas: str) -> bool:
+    """Whether more than a hundred pixels of a canvas are violet."""
+    data = np.frombuffer(page.locator(canvas).screenshot(), np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int)
+    blue, green, red = np.moveaxis(picture, -1, 0)
+    return int(((red > 150) & (blue > 150) & (green < 90)).sum()) > 100
+
+
+def wait_for_violet(page: Any, canvas: str) -> bool:
+    """Wait until the surface has been read and drawn."""
+    for _ in range(100):
+        if has_violet(page, canvas):
+            return True
+        page.wait_for_timeout(200)
+    return False
