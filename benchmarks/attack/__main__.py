@@ -16,7 +16,16 @@ from dataclasses import astuple
 from pathlib import Path
 from typing import Final
 
-from benchmarks.attack import connections, exhaustion, files, iris, network, ontologies, strangers
+from benchmarks.attack import (
+    connections,
+    exhaustion,
+    files,
+    iris,
+    network,
+    ontologies,
+    sandbox,
+    strangers,
+)
 from benchmarks.attack.outcome import HEAD, Outcome
 from benchmarks.attack.target import Target
 
@@ -28,6 +37,7 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "iris": iris.attack,
     "files": files.attack,
     "connections": connections.attack,
+    "sandbox": sandbox.attack,
 }
 
 

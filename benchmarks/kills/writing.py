@@ -15,7 +15,9 @@ from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from kg.serving.opening import create_map, open_map
 
-LONGEST = 0.5  # [s] from the fork to the kill
+LONGEST = 0.5  # [s] from the fork, or from the first frame, to the kill
+AT_WORK = 0.7  # share of the kills that wait for the first frame
+WITHIN = 120.0  # [s] in which it comes
 A_MAP = 100  # kills of one map; then another begins
 Told = Callable[[Any], None]
 
@@ -59,7 +61,7 @@ def replayed(path: Path) -> tuple[str, list[str]]:
     """Digest of a map, and what is wrong with its history from beginning to end."""
     child = Child(lambda told: told(replay(path)))
     try:
-        found, wrong = child.hear(120.0)
+        found, wrong = child.hear(WITHIN)
         return found, wrong
     except EOFError:
         return "", [f"{path.name}: the history could not be replayed"]
@@ -78,9 +80,10 @@ def _one(path: Path, known: Known, rng: random.Random, tally: Tally) -> Known:
                 told(number)
 
     child = Child(work)
+    told = [child.hear(WITHIN)] if rng.random() < AT_WORK else []
     time.sleep(rng.uniform(0.0, LONGEST))
     child.kill()
-    told = list(child.rest())
+    told += child.rest()
     child.close()
     acknowledged = replace(known, frames=max(told, default=known.frames))
     return settle(path, known, acknowledged, rng, tally).known
@@ -109,7 +112,7 @@ def settle(
 def finding_of(child: Child) -> Finding:
     """The finding that a child tells of; one of a map that cannot be opened where it ended."""
     try:
-        found = child.hear(120.0)
+        found = child.hear(WITHIN)
     except EOFError:
         return Finding(
             Known(), "", ("the map could not be opened and read; its traceback is above",)
