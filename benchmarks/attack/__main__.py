@@ -20,6 +20,7 @@ from benchmarks.attack import (
     connections,
     exhaustion,
     files,
+    frames,
     iris,
     network,
     ontologies,
@@ -38,6 +39,7 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "files": files.attack,
     "connections": connections.attack,
     "sandbox": sandbox.attack,
+    "frames": frames.attack,
 }
 
 

@@ -26,7 +26,6 @@ from kg.serving.publishing.target import PublishTarget
 from planner.cli import main
 
 A_SERVER = 50  # kills
-FIRST = 1.0  # [s] of a publisher beside the time of a command
 WITHIN = 60.0  # [s] that the server has to start
 
 
@@ -42,7 +41,7 @@ def kill_publishing(
         path = folder / f"published-{tally.kills}.map"
         create(path)
         with _server(folder / f"server-{tally.kills}") as url:
-            frames, longest = 0, run(["log", str(path)]) + FIRST
+            frames, longest = 0, run(["places", str(path)])
             for _ in range(min(A_SERVER, kills - tally.kills)):
                 frames = written(path, frames)
                 words = ["publish", str(path), "--to", url, "--once"]

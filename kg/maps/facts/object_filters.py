@@ -50,7 +50,7 @@ class ObjectFilter:
     def candidates(self, engine: QuadStore) -> set[str]:
         """IRIs of a superset of the matches; needs at least one criterion."""
         found = set()
-        for predicate, value in self._lookups():
+        for predicate, value in self._lookups(engine):
             for quad in engine.quads_for_pattern(
                 None, NamedNode(predicate), NamedNode(value), v.MAP_GRAPH
             ):
@@ -66,14 +66,16 @@ class ObjectFilter:
             and (self.disc is None or self.disc.distance(record) <= self.disc.radius)
         )
 
-    def _lookups(self) -> Iterator[tuple[str, str]]:
+    def _lookups(self, engine: QuadStore) -> Iterator[tuple[str, str]]:
         cells = cells_of_disc(self.disc.x, self.disc.y, self.disc.radius) if self.disc else None
         if cells is not None:
             yield from ((v.IN_CELL, cell) for cell in cells)
         elif self.place is not None:
             yield v.IN_PLACE, self.place
         else:
-            classes = self.categories if self.categories is not None else {v.OBJECT}
+            classes = self.categories
+            if classes is None:  # objects have the types of their categories alone
+                classes = subcategories(engine, v.OBJECT)
             yield from ((v.RDF_TYPE.value, category) for category in classes)
 
 
