@@ -155,6 +155,14 @@ PLAIN = (
 )
 
 
+def has_landlock() -> bool:
+    """Whether the kernel answers with the version of Landlock that it has."""
+    try:
+        return system_call(444, 444, None, 0, 1) > 0
+    except OSError:
+        return False
+
+
 def attempt(name: str, snapshot: str) -> str:
     """ "done", or the name of the error."""
     try:
