@@ -82,7 +82,7 @@ def map_3d(folder: Path, picture: Path) -> None:
     with opened(demo_map(folder), "#object/39") as page:
         page.click("#solid")
         page.wait_for_selector("#solid-canvas")
-        page.wait_for_timeout(1500)
+        page.wait_for_timeout(4000)
         page.screenshot(path=picture)
 
 
@@ -92,6 +92,16 @@ def kitchen_page(folder: Path, picture: Path) -> None:
         page.set_viewport_size({"width": 1100, "height": 580})
         page.click("#fit")
         find_cup(page)
+        page.screenshot(path=picture)
+
+
+def kitchen_3d(folder: Path, picture: Path) -> None:
+    """The surface of the kitchen with its boxes, in three dimensions."""
+    with opened(kitchen(folder)) as page:
+        page.set_viewport_size({"width": 1300, "height": 720})
+        page.click("#solid")
+        page.wait_for_selector("#solid-canvas")
+        page.wait_for_timeout(4000)
         page.screenshot(path=picture)
 
 
@@ -118,6 +128,7 @@ MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
     "kitchen-map": kitchen_map,
     "kitchen-banana": kitchen_banana,
     "kitchen-page": kitchen_page,
+    "kitchen-3d": kitchen_3d,
     "map-page": map_page,
     "map-3d": map_3d,
     "console": console,
