@@ -116,6 +116,9 @@ def _add_reason(parser: argparse.ArgumentParser) -> None:
     )
 
 
+_MAX_PLACES = 50  # findings whose lines are looked for, which takes time in long files
+
+
 def _check(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.diagnostics import inspect, line_of
     from kg.knowledge.ontology.import_closure import load_with_imports
@@ -127,7 +130,8 @@ def _check(arguments: argparse.Namespace) -> int:
         for source in arguments.sources or [ONTOLOGIES]:
             ontology = load_with_imports(Path(source), parse)
             for finding in inspect(ontology, reason=arguments.reason):
-                file, line = line_of(finding, ontology.files) or ("", None)
+                place = line_of(finding, ontology.files) if len(rows) < _MAX_PLACES else None
+                file, line = place or ("", None)
                 row = {"file": str(file), "line": line, **asdict(finding)}
                 if row not in rows:  # an imported file is checked once for each importing file
                     rows.append(row)

@@ -1,17 +1,21 @@
 """Recovery: brings log and store to the same state at the opening of a map.
 
 The log is written first, so after a crash it may hold transactions that the store lacks; they are
-applied. The store is ahead if it was written without the log, or if a power cut took the end of the
-log; the difference is logged as one transaction. A store older than the floor (a restored old copy)
-gets the difference to the last state of the log.
+applied; where one cannot be read, it and later ones are set aside. The store is ahead if it was
+written without the log, or if a power cut took the end of the log; the difference is logged as one
+transaction. A store older than the floor (a restored old copy) gets the difference to the last
+state of the log.
 """
 
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
+import sqlite3
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from itertools import count
 from pathlib import Path
 
 from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
@@ -19,12 +23,14 @@ from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.model import vocabulary as v
+from kg.model.errors import GraphError, HistoryError
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.datetimes import transaction_time
 from kg.store.transactional import TransactionalStore
 
 FILE = "history.sqlite"
 _SEQUENCE = NamedNode(v.SEQUENCE)
+_log = logging.getLogger(__name__)
 _REPLAYED = Cause("recovery", note="the store was older than its history")
 _CAUGHT_UP = Cause("recovery", note="the map was changed without its history")
 
@@ -87,8 +93,44 @@ def _replay(store: TransactionalStore, log: HistoryLog) -> None:
     if store.sequence < log.floor:
         store.replay(_difference(store, log, log.last, _REPLAYED).reversed())
         return
-    for change in log.changes(store.sequence):
+    changes = log.changes(store.sequence)
+    while True:
+        try:
+            change = next(changes, None)
+        except HistoryError as error:
+            _set_aside(log, store.sequence + 1, error)
+            return
+        if change is None:
+            return
         store.replay(change)
+
+
+def _set_aside(log: HistoryLog, first: int, error: HistoryError) -> None:
+    """Remove the transactions from `first` on, which cannot be read, from the log.
+
+    A copy of the whole file stays beside it. Raises GraphError if it cannot be written.
+    """
+    if log.file is None:
+        raise error
+    names = (f"history-set-aside-{first}-{number}.sqlite" for number in count(1))
+    copy = next(path for path in map(log.file.with_name, names) if not path.exists())
+    try:
+        log.db.execute("VACUUM INTO ?", (str(copy),))
+        with log.transaction():
+            for table in ("commits", "change", "background", "touched"):
+                log.db.execute(f"DELETE FROM {table} WHERE sequence >= ?", (first,))
+            unbegun = "DELETE FROM state WHERE sequence >= ? AND sequence > ?"
+            log.db.execute(unbegun, (first, log.floor))
+            unused = "NOT EXISTS (SELECT 1 FROM touched WHERE touched.subject = id)"
+            log.db.execute(f"DELETE FROM subject WHERE {unused}")
+        log.refresh()
+    except sqlite3.Error as failure:
+        raise GraphError(f"cannot set a damaged history aside as {copy}: {failure}") from error
+    _log.warning(
+        "transactions from #%d on cannot be replayed (%s); the map is as before them, "
+        "and %s keeps them",
+        *(first, str(error).partition(";")[0], copy.name),
+    )
 
 
 def _difference(

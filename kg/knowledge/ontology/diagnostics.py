@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -22,6 +23,7 @@ from kg.rdf.findings import Finding
 _MAX_LISTED = 3  # findings named in one message
 
 _BEGINNINGS: Final = ("", "<owl:Class rdf:about=", "<rdf:Description rdf:about=")
+_MAX_TERMS: Final = 8  # of a finding that are looked for
 _TERM: Final = re.compile(r"here:[\w-]+")
 
 
@@ -84,18 +86,24 @@ def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
     if subject == _short(v.PROBABILITY) and (related := _TERM.match(finding.message)):
         subject = related[0]
     terms = dict.fromkeys([subject, *_TERM.findall(text)])
-    patterns = [pattern for term in terms if (pattern := _pattern(term)) is not None]
+    patterns = [
+        pattern for term in list(terms)[:_MAX_TERMS] if (pattern := _pattern(term)) is not None
+    ]
     best = (False, 0, False)
     found = None
     for path in files:
-        lines = path.read_text("utf-8", "replace").splitlines()
-        for number, line in enumerate(lines, start=1):
+        for number, line in enumerate(_lines(path, path.stat().st_mtime_ns), start=1):
             matches = [match for pattern in patterns if (match := pattern.search(line))]
             begins = any(line[: match.start()].strip() in _BEGINNINGS for match in matches)
             rank = any(match.re is patterns[0] for match in matches), len(matches), begins
             if matches and rank > best:
                 best, found = rank, (path, number)
     return found
+
+
+@lru_cache(maxsize=8)
+def _lines(path: Path, _modified: int) -> list[str]:
+    return path.read_text("utf-8", "replace").splitlines()
 
 
 def _pattern(term: str) -> re.Pattern[str] | None:

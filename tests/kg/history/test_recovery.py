@@ -282,3 +282,27 @@ def test_power_safe_waits_for_the_disk(tmp_path: Path) -> None:
         with create_map(path, power_safe=safe) as semantic_map:
             assert semantic_map.history.log.db.execute("PRAGMA synchronous").fetchone() == (level,)
             assert semantic_map.history.log.db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+def test_a_last_transaction_that_cannot_be_read_is_set_aside(
+    written: Written, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "flat.map"
+    written(3).close()
+    process = _writer(path, "between")
+    process.communicate(timeout=300)
+    with TransactionalStore.open(path) as store:
+        before = store.sequence
+    with closing(sqlite3.connect(path / FILE)) as log, log:
+        log.execute("UPDATE change SET data = substr(data, 1, 20) WHERE sequence > ?", (before,))
+    with open_map(path) as semantic_map:
+        assert semantic_map.sequence == before
+        _agrees(semantic_map)
+        semantic_map.update("INSERT DATA { <object/9> <urn:p> 1 }", by="ann")
+    copy = f"history-set-aside-{before + 1}-1.sqlite"
+    assert f"transactions from #{before + 1} on cannot be replayed" in caplog.text
+    assert copy in caplog.text
+    with closing(sqlite3.connect(path / copy)) as log:
+        assert log.execute("SELECT max(sequence) FROM commits").fetchone() == (before + 1,)
+    with open_map(path, read_only=True) as semantic_map:
+        assert semantic_map.sequence == before + 1
