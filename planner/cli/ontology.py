@@ -125,7 +125,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from kg.model.resources import ONTOLOGIES
     from kg.serving.workers.document_parsing import IsolatedParser
 
-    rows = []
+    rows: list[dict[str, object]] = []
     with IsolatedParser() as parse:
         for source in arguments.sources or [ONTOLOGIES]:
             ontology = load_with_imports(Path(source), parse)
