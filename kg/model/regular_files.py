@@ -27,8 +27,9 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     check_regular(path, max_bytes)  # some devices act as they are opened
     # another may have put a pipe there meanwhile, which blocks
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
-        _check(os.fstat(file.fileno()), path, max_bytes)
-        return file.read(max_bytes)
+        status = os.fstat(file.fileno())
+        _check(status, path, max_bytes)
+        return file.read(status.st_size)
 
 
 def read_text(path: Path, encoding: str = "utf-8", max_bytes: int = MAX_BYTES) -> str:

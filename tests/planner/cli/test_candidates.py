@@ -138,7 +138,7 @@ def test_a_damaged_report_is_one_line(mapped: Path, fails: Fails, prints: Prints
         assert len(line) < 600
     file.unlink()
     os.mkfifo(file)
-    assert "no file of its own" in fails("why", mapped, "--candidates")
+    assert "no regular file" in fails("why", mapped, "--candidates")
     prints("find", mapped, "giraffe")
 
 

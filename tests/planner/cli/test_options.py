@@ -34,6 +34,7 @@ MAPPING: dict[str, tuple[list[str], str, Any]] = {
     "--floor": ([], "mapping.occupancy", True),
     "--no-floor": ([], "mapping.occupancy", False),
     "--no-pictures": ([], "mapping.pictures", False),
+    "--surface": (["5"], "mapping.surface", 0.05),
     "--detector": (["other.onnx"], "networks.detector", "other.onnx"),
     "--second-detector": (["other.onnx"], "networks.second_detector", "other.onnx"),
     "--threshold": (["0.3"], "mapping.objects.min_score", 0.3),
@@ -91,7 +92,7 @@ OWN = {
     "serve": {
         *("--host", "--port", "--token-file", "--read-token-file", "--public-host", "--public"),
         *("--allow-origin", "--allow-service", "--timeout", "--foxglove", "--keep", "--verbose"),
-        "--recording",
+        *("--recording", "--trusted-proxy"),
     },
     "evaluate map": {
         *("--recording", "--truth", "--near", "--compare", "--sessions", "--picture", "--plot"),

@@ -76,7 +76,10 @@ class RequestGuard:
             nonlocal status, begun
             if message["type"] == "http.response.start":
                 status, begun = message["status"], True
-                self._add_headers(MutableHeaders(scope=message), headers.get("origin"))
+                answered = MutableHeaders(scope=message)
+                if status == 304 and "Accept-Encoding" not in answered.get("Vary", ""):
+                    answered.add_vary_header("Accept-Encoding")  # as with the compressed answer
+                self._add_headers(answered, headers.get("origin"))
             elif not message.get("more_body", False):
                 # before the last part is sent, so that a client finds its request counted
                 count()
