@@ -32,13 +32,13 @@ from benchmarks.rooms.houses import HOUSES, toured
 from benchmarks.rooms.measuring import each, parts
 from benchmarks.rooms.recordings import detector_of, look, looks, networks, room_folders
 from kg.serving.opening import in_memory_map
-from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
+from lab.maps.truth_matching import MappedObject, TruthMatcher
+from lab.networks.calibration import reliability
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, logit
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 from mapping.objects.usual_sizes import size_log_likelihood
-from perception.evaluation.calibration import reliability
 from perception.frames import Frame
 from perception.inference.recorded_detections import RecordedDetector
 from planner.cli.arguments import count, whole

@@ -33,7 +33,7 @@ from kg.model import vocabulary as v
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.quad_store import QuadStore
-from kg.store.transactional import sequence_quad
+from kg.store.transaction_quads import sequence_quad
 
 BASE = "https://w3id.org/hereabouts/maps/bench/"
 _TIME = NamedNode(v.XSD + "dateTime")

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from benchmarks.command_line import run
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
-from mapping.evaluation.complete_truth import load_complete_truth
-from mapping.evaluation.identity import SessionIdentity, pooled_identity, session_identity
-from mapping.evaluation.map_evaluation import evaluate_map
-from mapping.evaluation.truth_matching import TruthMatcher
+from lab.maps.complete_truth import load_complete_truth
+from lab.maps.map_evaluation import evaluate_map
+from lab.maps.session_identity import SessionIdentity, pooled_identity, session_identity
+from lab.maps.truth_matching import TruthMatcher
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.inference.recorded_detections import open_detector

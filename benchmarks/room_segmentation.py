@@ -31,13 +31,13 @@ from benchmarks.command_line import run
 from benchmarks.search.homes import read_homes
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from kg.serving.opening import open_map
+from lab.houses.random_house import random_house
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.room_segmentation import segmented
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import NO_ROOM
 from planner.simulation.houses.furniture import Solid
 from planner.simulation.houses.house import House
-from planner.simulation.houses.random_house import random_house
 
 HEADER: Final = (
     "| floors | true rooms | found | recall | precision | found right | ms a floor |\n"

@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from lab.houses.random_house import random_house
+from lab.recordings.object_truth import VisibilityRecord
 from perception.frames import Detections
 from planner.simulation.houses.house import House
-from planner.simulation.houses.random_house import random_house
-from planner.simulation.recording.object_truth import VisibilityRecord
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector

@@ -5,13 +5,16 @@ session, from another half of the rooms, small things have moved in between. Eac
 `queries/status.rq` for every category that houses hold, place by place, and the answers are
 counted beside the truth of the simulation.
 
-What is true of a (category, place) pair:
+The truth of a (category, place) pair:
 
 - *present*: a thing of the category was seen well in three frames or more and still stands there,
   as far as was seen: it was not looked at since in vain.
+- *gone*: one was seen so and left: its spot was looked at since, in three frames or more, and it
+  was not seen well elsewhere.
 - otherwise the floor and the tops of furniture decide, sampled every 0.1 m and looked at by ray
   casting from the true poses, from within 4 m: *never looked* where less than 5 % of them were
-  viewed, *gone* where 90 % or more were and no thing of the category stands there, else *hidden*.
+  viewed, *looked, none seen* where 90 % or more were and no thing of the category stands there,
+  else *hidden*.
 - pairs count neither way where what stands there was seen, but well in fewer than three frames, or
   has several right names (a desk is a dining table to COCO).
 """
@@ -30,30 +33,30 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
+from lab.houses.house_changes import changed_house
+from lab.houses.random_house import random_house
+from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
+from lab.recordings.simulated_recording import DAY
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame
 from planner.cli.console import print_table
-from planner.search.goals.status import Value, status
+from planner.search.goals.status import NONE_SEEN, Value, status
 from planner.simulation.demo.house_demo import layout_of
 from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom
-from planner.simulation.houses.random_house import random_house
-from planner.simulation.recording.house_changes import changed_house
-from planner.simulation.recording.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
-from planner.simulation.recording.simulated_recording import DAY
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
 from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
-VALUES: Final[tuple[Value, ...]] = ("present", "gone", "hidden", "never looked")
+VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")
 SPACING: Final = 0.1  # [m] between samples of floor and tops
 REACH: Final = (0.4, 4.0)  # [m] depth from which on, and up to which, a sample is viewed
 TOLERANCE: Final = 0.1  # [m] of depth, by which what is seen may be before a sample
 HIGHEST: Final = 1.2  # [m] top that the camera, 1.25 m high, looks onto
 WALL: Final = 0.05  # [m] half of a wall's thickness
-LITTLE, MOST = 0.05, 0.9  # shares of a place: never looked below, gone from here on
+LITTLE, MOST = 0.05, 0.9  # shares of a place: never looked below, looked from here on
 SHOWN: Final = 16  # pixels from which on a thing was seen at all
 
 Floats = NDArray[np.float64]
@@ -124,7 +127,7 @@ class Session:
         return at[view.depth[v, u] >= z[at] - TOLERANCE]
 
     def truth(self) -> dict[str, dict[str, Any]]:
-        """Entries of the things' truth, by name (`planner.simulation.recording.object_truth`)."""
+        """Entries of the things' truth, by name (`lab.recordings.object_truth`)."""
         found = object_truth(self.camera.house, self._well.frames, sorted(OBJECTS))["objects"]
         return {name: entry | {"shown": name in self.shown} for name, entry in found.items()}
 
@@ -134,6 +137,7 @@ class HouseTruth:
 
     def __init__(self) -> None:
         self.known: dict[str, dict[str, Any]] = {}  # seen well and there since, as far as was seen
+        self.left: dict[str, dict[str, Any]] = {}  # known before, and their spots were seen empty
         self.doubtful = list[dict[str, Any]]()
         self.now: dict[str, dict[str, Any]] = {}
         self._viewed = np.zeros(0, np.bool_)
@@ -151,10 +155,14 @@ class HouseTruth:
             there = self.now.get(name, {}).get("position") == self.known[name]["position"]
             if frames and not there:
                 gone = self.known.pop(name)
-                self.doubtful += [gone] if frames < MIN_FRAMES else []
+                if frames < MIN_FRAMES:
+                    self.doubtful.append(gone)
+                else:
+                    self.left[name] = gone
         for name, entry in self.now.items():
             if not entry["ignore"]:
                 self.known[name] = entry
+                self.left.pop(name, None)
             elif name not in self.known and entry.get("shown", True):
                 self.doubtful.append(entry)
 
@@ -174,11 +182,13 @@ class HouseTruth:
             return "present"
         if _any_is(self.doubtful, category, room, also=True):
             return None
+        if _any_is(self.left.values(), category, room):
+            return "gone"
         share = self.share(room)
         if share < LITTLE:
             return "never looked"
         there = _any_is(self.now.values(), category, room)
-        return "gone" if share >= MOST and not there else "hidden"
+        return NONE_SEEN if share >= MOST and not there else "hidden"
 
 
 def _any_is(
@@ -246,7 +256,7 @@ def _compared(
 
 
 def report(found: Sequence[Answer], doubtful: int) -> None:
-    """Print the confusion matrix, how many are right, and the mean over the four values."""
+    """Print the confusion matrix, how many are right, and the mean over the values."""
     counts = Counter((one.truth, one.answer) for one in found)
     rows, recalls = list[tuple[object, ...]](), list[float]()
     for truth in VALUES:

@@ -17,10 +17,10 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
+from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from planner.simulation.houses.house import House
-from planner.simulation.houses.random_house import random_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector

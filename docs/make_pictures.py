@@ -3,8 +3,9 @@
     python docs/make_pictures.py               all of them
     python docs/make_pictures.py demo map-page some of them
 
-The kitchen is redkitchen of the 7-Scenes data set, in ../shared or HEREABOUTS_SHARED as for the
-tests; pages are taken by Chromium with Playwright. rviz.png is made as docs/how-to/viewers.md says.
+The kitchen is redkitchen of the 7-Scenes data set, the living room is of ICL-NUIM, the lounge of
+HoloLens: in ../shared or HEREABOUTS_SHARED as for the tests. Pages are taken by Chromium with
+Playwright. rviz.png is made as docs/how-to/viewers.md says.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 ROOT: Final = Path(__file__).resolve().parent.parent
 PICTURES: Final = ROOT / "docs" / "pictures"
-SIZE: Final = {"width": 1300, "height": 860}
+SIZE: Final = (1300, 860)
 
 
 def main() -> None:
@@ -56,18 +57,19 @@ def shrink(picture: Path) -> None:
 
 
 def demo(folder: Path, picture: Path) -> None:
-    """What `hereabouts demo` leaves."""
+    """The picture that `hereabouts demo` leaves."""
     shutil.copyfile(demo_map(folder).with_name("map.png"), picture)
 
 
 def kitchen_map(folder: Path, picture: Path) -> None:
     """The mapped kitchen."""
-    hereabouts("plot", kitchen(folder), "-o", picture)
+    hereabouts("plot", recorded("redkitchen", "kitchen", folder), "-o", picture)
 
 
 def kitchen_banana(folder: Path, picture: Path) -> None:
     """Where to look for a banana in it."""
-    hereabouts("find", kitchen(folder), "banana", "--from", "0,0", "--picture", picture)
+    path = recorded("redkitchen", "kitchen", folder)
+    hereabouts("find", path, "banana", "--from", "0,0", "--picture", picture)
 
 
 def map_page(folder: Path, picture: Path) -> None:
@@ -79,30 +81,69 @@ def map_page(folder: Path, picture: Path) -> None:
 
 def map_3d(folder: Path, picture: Path) -> None:
     """The same in three dimensions, with something selected."""
-    with opened(demo_map(folder), "#object/39") as page:
-        page.click("#solid")
-        page.wait_for_selector("#solid-canvas")
-        page.wait_for_timeout(4000)
-        page.screenshot(path=picture)
+    with opened(demo_map(folder), "#object/39?solid=1") as page:
+        page.click("#fit")
+        settled(page).screenshot(path=picture)
 
 
 def kitchen_page(folder: Path, picture: Path) -> None:
     """The live page of the kitchen's map with the plan of a search."""
-    with opened(kitchen(folder)) as page:
-        page.set_viewport_size({"width": 1100, "height": 580})
-        page.click("#fit")
+    with opened(recorded("redkitchen", "kitchen", folder), size=(1100, 580)) as page:
         find_cup(page)
-        page.screenshot(path=picture)
+        page.click("#fit")
+        settled(page).screenshot(path=picture)
 
 
 def kitchen_3d(folder: Path, picture: Path) -> None:
     """The surface of the kitchen with its boxes, in three dimensions."""
-    with opened(kitchen(folder)) as page:
-        page.set_viewport_size({"width": 1300, "height": 720})
-        page.click("#solid")
-        page.wait_for_selector("#solid-canvas")
-        page.wait_for_timeout(4000)
-        page.screenshot(path=picture)
+    with opened(recorded("redkitchen", "kitchen", folder), "#?solid=1", size=(1300, 720)) as page:
+        settled(page).screenshot(path=picture)
+
+
+def living_room(folder: Path, picture: Path) -> None:
+    """A rendered living room in three dimensions."""
+    with opened(
+        recorded("icl_livingroom", "living", folder), "#?solid=1", size=(1300, 720)
+    ) as page:
+        settled(page).screenshot(path=picture)
+
+
+def lounge(folder: Path, picture: Path) -> None:
+    """A lounge that a headset recorded, in three dimensions."""
+    with opened(recorded("hololens_lounge", "lounge", folder), "#?solid=1") as page:
+        settled(page).screenshot(path=picture)
+
+
+def focus(folder: Path, picture: Path) -> None:
+    """The kitchen's table alone."""
+    with opened(recorded("redkitchen", "kitchen", folder), "#?solid=1", size=(1300, 720)) as page:
+        page.fill("#filter", "dining table")
+        page.click("text=All objects")
+        page.click("#objects button >> nth=0")
+        page.fill("#filter", "")
+        page.click("#focus")
+        page.evaluate("document.querySelector('.side').scrollTop = 0")
+        settled(page).screenshot(path=picture)
+
+
+def compare(folder: Path, picture: Path) -> None:
+    """Two moments of the kitchen compared, on the axis of time."""
+    with opened(recorded("redkitchen", "kitchen", folder), size=(1300, 720)) as page:
+        page.wait_for_selector("#earlier:enabled")
+        page.locator("#time").fill("5000")
+        page.wait_for_selector("#now:enabled")
+        page.click("#compare")
+        page.wait_for_selector("#changes h2")
+        page.click("#now")
+        page.wait_for_selector("#changes h3")
+        settled(page).screenshot(path=picture)
+
+
+def settled(page: Page) -> Page:
+    """The page once its surface and pictures have come, and its map is drawn."""
+    page.wait_for_timeout(5000)  # the feed of changes never ends, so that the network is never idle
+    page.wait_for_selector("#canvas[data-drawn=smoothly]")
+    return page
 
 
 def find_cup(page: Page) -> None:
@@ -131,6 +172,10 @@ MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
     "kitchen-3d": kitchen_3d,
     "map-page": map_page,
     "map-3d": map_3d,
+    "living-room": living_room,
+    "lounge": lounge,
+    "focus": focus,
+    "compare": compare,
     "console": console,
 }
 
@@ -143,15 +188,15 @@ def demo_map(folder: Path) -> Path:
 
 
 @cache
-def kitchen(folder: Path) -> Path:
-    """The map of the recorded kitchen."""
+def recorded(recording: str, name: str, folder: Path) -> Path:
+    """The map of a recording, whose place gets a name."""
     shared = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
-    recording = folder / "kitchen"  # what the map calls its place
-    recording.mkdir()
-    for file in (shared / "data" / "rgbd" / "redkitchen").iterdir():
-        (recording / file.name).symlink_to(file)
-    hereabouts("map", recording, "--into", folder / "kitchen.map")
-    return folder / "kitchen.map"
+    source = folder / name
+    source.mkdir()
+    for file in (shared / "data" / "rgbd" / recording).iterdir():
+        (source / file.name).symlink_to(file)
+    hereabouts("map", source, "--into", folder / f"{name}.map")
+    return folder / f"{name}.map"
 
 
 def hereabouts(*words: object) -> None:
@@ -161,7 +206,7 @@ def hereabouts(*words: object) -> None:
 
 
 @contextmanager
-def opened(path: Path, address: str = "") -> Iterator[Page]:
+def opened(path: Path, address: str = "", size: tuple[int, int] = SIZE) -> Iterator[Page]:
     """A page of a served map once it is ready."""
     from playwright.sync_api import sync_playwright
 
@@ -177,7 +222,7 @@ def opened(path: Path, address: str = "") -> Iterator[Page]:
                     "--enable-unsafe-swiftshader",
                 ],
             )
-            page = browser.new_page(viewport=SIZE)
+            page = browser.new_page(viewport={"width": size[0], "height": size[1]})
             page.goto(f"{server.url}{address}")
             page.wait_for_selector("html[data-ready]")
             yield page

@@ -24,6 +24,7 @@ from kg.model.records import (
 from mapping.detection_report import DetectionReport
 from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
+from mapping.key_views.view_keeper import ViewKeeper
 from mapping.labels.label_resolver import LabelResolver
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
@@ -38,10 +39,11 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.places.viewed_floor import update_place_views
 from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
-from mapping.projection import map_points
+from mapping.projection import map_points, robot_at
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.sighting import Sighting
 from mapping.surface.surface_mapper import SurfaceMapper
+from mapping.things.thing_mapper import ThingMapper
 from perception.frames import Detections, Frame, SceneScores
 
 ROOMS_INTERVAL: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
@@ -60,10 +62,11 @@ class Mapper:
         semantic_map: the map, open for writing: a folder, in memory, or a served one.
         options: the rules of mapping.
         recording: name of the stream in the map. A stream of that name is continued.
-        T_map_world: (4, 4) the pose of the stream's own world in the map, kept with its name; the
-            poses of frames are in the map frame already. Identity by default.
+        T_map_world: (4, 4) pose of the stream's world in the map; frames are in the map frame.
         detector: name of the detector, kept with each observation.
         scene_model: name of the scene classifier, kept with the stream.
+        pose_estimate: how the poses were estimated from the images, kept with the stream; "" where
+            they were given.
         again: whether the stream is mapped once more from its beginning.
 
     Raises:
@@ -80,6 +83,7 @@ class Mapper:
         T_map_world: NDArray[np.float64] | None = None,
         detector: str = "",
         scene_model: str = "",
+        pose_estimate: str = "",
         again: bool = False,
     ) -> None:
         s = options.reference
@@ -88,6 +92,7 @@ class Mapper:
         self.changed_triples = 0  # by the last transaction
         self._map, self._settings = semantic_map, s
         self._recording, self._scene_model = recording, scene_model
+        self._pose_estimate = pose_estimate
         self._T_map_world = np.eye(4) if T_map_world is None else T_map_world
         self._lease = MapperLease(semantic_map, recording)
         self._progress = self._lease.record
@@ -99,6 +104,13 @@ class Mapper:
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=options.labels
         )
+        self._surface: SurfaceMapper | None = None
+        if options.surface is not None:
+            self._surface = SurfaceMapper(semantic_map, options.surface, recording)
+        self._views = ViewKeeper(semantic_map, recording)
+        self.pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
+        moved = None if self.pictures is None else self.pictures.moved
+        self._joined: tuple[tuple[str, str], ...] = ()  # objects of the last frame
         self._objects: ObjectMapper
         if options.mode == "reference":
             self._objects = ReferenceObjectMapper(
@@ -118,6 +130,13 @@ class Mapper:
                 model=detector,
                 labels=options.labels,
                 unknown_labels=s.unknown_labels,
+                voxels=None if self._surface is None else self._surface.within,
+                looks=None if moved is None else moved.ratio,
+            )
+        self._things: ThingMapper | None = None
+        if options.things and options.mode == "bayes" and self._surface is not None:
+            self._things = ThingMapper(
+                semantic_map, self._places, recording, pictures=options.pictures
             )
         self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if options.occupancy else None
@@ -130,10 +149,6 @@ class Mapper:
         self._found = FoundChanges()  # not written yet
         self._checks = FrameChecks(check_poses=options.check_poses)
         self._monitor = PoseMonitor(recording) if options.check_poses else None
-        self._pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
-        self._surface: SurfaceMapper | None = None
-        if options.surface is not None:
-            self._surface = SurfaceMapper(semantic_map, options.surface, recording)
         self._reporter = DetectionReporter(semantic_map, self._objects, options.objects)
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
@@ -177,14 +192,21 @@ class Mapper:
         if self._surface is not None:
             with self.timer.stage("surface"):
                 self._surface.add(frame, people_in(detections))
+                if self._things is not None:
+                    self._things.add(frame, people_in(detections))
+        with self.timer.stage("surface"):
+            self._views.add(frame, people_in(detections))
         self._observed = self._viewed = None
+        if self.pictures is not None:
+            self.pictures.see(frame, detections)
         update = self._apply(lambda: self._frame_change(self._next, frame, detections))
         self._next += 1
         if self._surface is not None:
             with self.timer.stage("surface"):
                 self._surface.accept()
-        if self._pictures is not None:
-            self._pictures.keep(update, frame, detections)
+        self._views.accept()
+        if self.pictures is not None:
+            self.pictures.keep(update, self._joined)
         self._reporter.keep()
         return update
 
@@ -227,15 +249,19 @@ class Mapper:
         return self._viewed[1]
 
     def flush(self) -> None:
-        """Write the rest of the occupancy map, the rooms of the whole floor, and the detections."""
+        """Write the rest: occupancy map, boxes, rooms of the whole floor, and detections."""
         if self._occupancy is not None:
             self._apply(self._rest_of_occupancy)
+        self._apply(self._rest_of_objects)
         if self._rooms is not None:
             self._apply(self._rest_of_rooms)
+        if self._things is not None:
+            self._apply(self._rest_of_things)
+            self._things.keep_pictures()
         if self._surface is not None:
             self._surface.finish()
-        if self._pictures is not None:
-            self._pictures.finish()
+        if self.pictures is not None:
+            self.pictures.finish()
         self._reporter.finish()
 
     def objects(self) -> tuple[ObjectRecord, ...]:
@@ -265,9 +291,10 @@ class Mapper:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Problems of the poses and of the surface so far, one line for each kind."""
+        """Problems of poses, surface and known things so far, one line for each kind."""
         poses = () if self._monitor is None else tuple(self._monitor.problems.values())
-        return poses + (() if self._surface is None else self._surface.problems)
+        known = "" if self.pictures is None else self.pictures.problem
+        return poses + (self._surface.problems if self._surface else ()) + ((known,) * bool(known))
 
     @property
     def unplaced(self) -> int:
@@ -303,9 +330,12 @@ class Mapper:
                 last_frame=frame.id,
                 T_map_world=self._T_map_world,
                 scene_model=self._scene_model,
+                pose_estimate=self._pose_estimate,
+                detects=self._objects.labels.detects,
             )
         floor = () if self._occupancy is None else self._occupancy.take_changed(frame.stamp)
         self._view_places(floor)
+        self._joined = changes.joined
         return changes, MapUpdate(
             objects=changes.updated,
             removed=(*changes.removed, *self._found.removed),
@@ -328,6 +358,24 @@ class Mapper:
         self._view_places(rest)
         places = self._places.take_changed()
         return ObjectChanges(), MapUpdate(places=places, recording=self._progress, floor=rest)
+
+    def _rest_of_objects(self) -> _Change | None:
+        with self.timer.stage("map"):
+            changes = self._objects.finish()
+            if not changes.updated:
+                return None
+            changes = self._relations.update(changes)
+        return changes, MapUpdate(changes.updated, recording=self._progress)
+
+    def _rest_of_things(self) -> _Change | None:
+        if self._things is None or self._surface is None:
+            return None
+        with self.timer.stage("surface"):
+            changes = self._things.changes(self._surface.surface(), self._objects.objects())
+        if not changes.updated and not changes.removed:
+            return None
+        things = self._relations.of_things(changes.updated)
+        return ObjectChanges(), MapUpdate(things, changes.removed, recording=self._progress)
 
     def _rest_of_rooms(self) -> _Change | None:
         if self._rooms is None:
@@ -362,6 +410,7 @@ class Mapper:
                 if self._surface is not None:
                     with self.timer.stage("surface"):
                         self._surface.save(self._map.sequence + 1)
+                self._views.save(self._map.sequence + 1)
                 with self.timer.stage("graph"):
                     self._objects.save(self._map.sequence + 1)
                     written = self._map.apply(update)
@@ -375,10 +424,3 @@ class Mapper:
             self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
-
-
-def robot_at(frame: Frame) -> RobotRecord:
-    """Robot pose of a camera: its position, and the heading [rad] of its axis seen from above."""
-    T = frame.T_map_cam
-    heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
-    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)

@@ -38,6 +38,8 @@ class MappingOptions:
         surface: side [m] of the voxels that keep the surface of the room beside the map
             (`mapping.surface`), without people; None: no surface. A map that has voxels keeps
             their side. A map on a server keeps none.
+        things: whether things without a name are found in the surface at the end
+            (`mapping.things`); only the Bayes mapper does so.
     """
 
     mode: Mode = "bayes"
@@ -51,6 +53,7 @@ class MappingOptions:
     check_poses: bool = True
     pictures: bool = True
     surface: float | None = 0.025
+    things: bool = True
 
     @property
     def min_score(self) -> float:

@@ -1,8 +1,8 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
-Jump: two frames in a row show one scene, but another motion than that between their poses. Drift:
-where the camera returns to a place, the depth of two key frames agrees only after one of them is
-moved by some decimetres.
+Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
+Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
+them is moved by some decimetres.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ STEP: Final = 0.1  # [m] between two frames, or ...
 STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
 JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
 JUMP_TURN: Final = np.radians(8.0)  # ... turn
-MIN_POINTS: Final = 200  # points that both images show, to conclude anything
+MIN_POINTS: Final = 200  # fewest points in both images for a conclusion
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
-GOOD: Final = 0.85  # share from which two images show one scene
+GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
 KEY_TURN: Final = np.radians(20.0)  # ... so much turned
 KEPT: Final = 300  # key frames
 AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
 NEAR_TURN: Final = np.radians(30.0)
-DRIFT: Final = 0.15  # [m] that surfaces may be off
-TIMES: Final = 2  # views that are off before the monitor warns
+DRIFT: Final = 0.15  # [m] tolerated distance of surfaces
+TIMES: Final = 2  # number of such views before the monitor warns
 
 _log = logging.getLogger(__name__)
 
@@ -90,7 +90,7 @@ class PoseMonitor:
             found = register(a, b, start)
             off = np.linalg.inv(found.T_a_b) @ motion
             if found.after.share >= GOOD and _moved(off, JUMP, JUMP_TURN):
-                self._keys.clear()  # earlier key frames are off by the jump
+                self._keys.clear()  # the jump moved the earlier key frames
                 self._tell(
                     "jump",
                     f"the poses jump at frame {view.id} by {np.linalg.norm(off[:3, 3]):.2f} m and "
@@ -141,7 +141,7 @@ class PoseMonitor:
 
 
 def _contradicts(found: Agreement) -> bool:
-    """Whether two images that should show one scene by their poses do not."""
+    """Whether two images show different scenes although they have nearly the same pose."""
     return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
 
 

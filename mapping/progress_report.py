@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 from mapping.detection_report import DoubtedThing
@@ -45,6 +46,7 @@ class MappingReport:
     unknown_labels: Mapping[str, int]  # network labels without a category -> how often
     provisional: tuple[str, ...] = ()  # labels of provisional categories in the recording
     problems: tuple[str, ...] = ()  # errors of the poses, found by depth; a full surface
+    recognised: Mapping[str, str] = field(default_factory=dict)  # IRI -> name of a known thing
     fit: str = ""  # fit into the map's other recordings, in one line
     doubted: int = 0  # things that were seen but exist with less than 0.5
     most_probable: tuple[DoubtedThing, ...] = ()  # the same things, the most probable first
@@ -58,6 +60,26 @@ class MappingReport:
     def milliseconds(self) -> dict[str, float]:
         """Stage -> mean [ms] a frame of this run."""
         return {k: 1000 * v / max(self.frames, 1) for k, v in self.stage_seconds.items()}
+
+    def followed_by(self, later: MappingReport) -> MappingReport:
+        """Report of both runs, where the `later` one went on with the same recording."""
+        stages = Counter(self.stage_seconds)
+        stages.update(later.stage_seconds)
+        unknown = Counter(self.unknown_labels)
+        unknown.update(later.unknown_labels)
+        return replace(
+            later,
+            frames=self.frames + later.frames,
+            seconds=self.seconds + later.seconds,
+            stage_seconds=dict(stages),
+            views=self.views + later.views,
+            unplaced=self.unplaced + later.unplaced,
+            unknown_labels=dict(unknown.most_common()),
+            provisional=tuple(dict.fromkeys(self.provisional + later.provisional)),
+            problems=tuple(dict.fromkeys(self.problems + later.problems)),
+            recognised={**self.recognised, **later.recognised},
+            fit=self.fit or later.fit,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""

@@ -1,4 +1,4 @@
-"""Pinhole projection between pixels, camera frame and map frame."""
+"""Projection between pixels, camera frame and map frame, and onto the floor."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.records import RobotRecord
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]
@@ -47,3 +48,10 @@ def map_points(frame: Frame, stride: int, max_depth: float = math.inf) -> Floats
     rows, columns = np.nonzero((sampled > 0) & (sampled <= max_depth))
     depths = sampled[rows, columns].astype(np.float64)
     return to_map(frame.T_map_cam, back_project(rows * stride, columns * stride, depths, frame.K))
+
+
+def robot_at(frame: Frame) -> RobotRecord:
+    """Robot pose of a camera: its position, and the heading [rad] of its axis seen from above."""
+    T = frame.T_map_cam
+    heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
+    return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)

@@ -11,7 +11,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import RecordingError
-from mapping.alignment.recording_fit import check_fit
+from mapping.alignment.recording_fit import fitted
 from mapping.mapper import Mapper
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.progress_report import FrameReport, MappingReport
@@ -26,6 +26,8 @@ from perception.frames import (
     SceneScores,
 )
 from perception.inference.detector_pair import DetectorPair
+from perception.sources.live.live_recording import LiveRecording
+from perception.sources.recording import FolderRecording
 
 OnFrame = Callable[[FrameReport], None]
 OnDetections = Callable[[Frame, Detections, SceneScores | None], None]
@@ -66,13 +68,13 @@ def map_recording(
         RecordingError: a frame is unreadable; those before it are mapped.
         LayoutError: the layout contradicts the ontology; or the map holds another recording of
             that name, or this one by another transform; or the recording is new and does not fit
-            the map's others (`mapping.alignment.recording_fit`).
+            the map's others, or is not recognised there (`mapping.alignment.recording_fit`).
         LabelsError: the label table names an unknown category.
         MapBusyError: another program maps the recording into a served map meanwhile.
     """
     options.labels.check_categories(semantic_map.catalogue)
     recording = resumed(recording, semantic_map)
-    fit = check_fit(recording, semantic_map, same_frame=options.same_frame)
+    recording, fit = fitted(recording, semantic_map, same_frame=options.same_frame)
     mapper = Mapper(
         semantic_map,
         options,
@@ -80,8 +82,10 @@ def map_recording(
         T_map_world=recording.T_map_world,
         detector=detector.name,
         scene_model=scene.name if scene else "",
+        pose_estimate=_pose_estimate(recording, semantic_map, fit),
         again=again,
     )
+    mapper.label_resolvers[0].network = tuple(getattr(detector, "labels", ()))
     start = 0 if again else min(mapper.frames_applied, len(recording))
     if start and isinstance(detector, DetectorPair):
         detector.resume(mapper.looked_from)
@@ -100,6 +104,19 @@ def map_recording(
         raise
     mapper.flush()
     return run.report(start)
+
+
+def _pose_estimate(recording: Recording, semantic_map: SemanticMap, fit: str) -> str:
+    """How the poses were estimated, and how the recording was placed; "" where they were given."""
+    if isinstance(recording, LiveRecording):
+        return recording.pose_estimate
+    if not isinstance(recording, FolderRecording) or recording.estimate is None:
+        return ""
+    before = [r.pose_estimate for r in semantic_map.recordings() if r.name == recording.name]
+    if before:
+        return before[0]
+    placed = fit.removeprefix(f"{recording.name} was ")
+    return "; ".join(line for line in (recording.estimate.summary(), placed) if line)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +189,7 @@ class _Run:
     def report(self, skipped: int) -> MappingReport:
         """Report of the whole run."""
         mapper = self.mapper
+        known = () if mapper.pictures is None else mapper.pictures.recognised
         resolvers = mapper.label_resolvers
         detected = mapper.detection_report()
         unknown = resolvers[0].unknown_labels + resolvers[1].unknown_labels
@@ -188,6 +206,7 @@ class _Run:
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
             problems=mapper.problems,
+            recognised={one.iri: one.name for one in known},
             fit=self.fit,
             doubted=detected.doubted,
             most_probable=detected.things[: detected.doubted],

@@ -26,6 +26,8 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
         return recording
     (before,) = known
     _check_same(recording, before)
+    if isinstance(recording, FolderRecording):
+        _check_same_poses(recording, before)
     if isinstance(recording, FolderRecording) and recording.gravity_aligned:
         return recording.placed(before.T_map_world)
     if isinstance(recording, FolderRecording) and not recording.transform_given:
@@ -38,6 +40,16 @@ def resumed(recording: Recording, semantic_map: SemanticMap) -> Recording:
             "the same transform, another name or another map would work"
         )
     return recording
+
+
+def _check_same_poses(recording: FolderRecording, before: RecordingRecord) -> None:
+    """Estimated poses are in a world of their own."""
+    if (recording.estimate is not None) != bool(before.pose_estimate):
+        now, then = ("given", "estimated") if before.pose_estimate else ("estimated", "given")
+        raise LayoutError(
+            f"recording {recording.name!r} is in this map by {then} poses, not by {now} ones; "
+            "the same poses, another name or another map would work"
+        )
 
 
 def _check_same(recording: Recording, before: RecordingRecord) -> None:

@@ -49,6 +49,12 @@ def label_colour(label: str) -> _Colour:
     return round(255 * red), round(255 * green), round(255 * blue)
 
 
+def decode_jpeg(data: bytes) -> NDArray[np.uint8]:
+    """Image (H, W, 3) of what `encode_jpeg` gave."""
+    bgr = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(np.asarray(bgr, np.uint8)[:, :, ::-1])
+
+
 def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 80) -> bytes:
     """An RGB image (H, W, 3) as JPEG; `quality` from 1 to 100."""
     bgr = np.ascontiguousarray(rgb[:, :, ::-1])

@@ -12,8 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
-_PACKAGES = ("kg", "perception", "mapping", "planner")
-_FOLDERS = "kg|perception|mapping|planner|benchmarks|tests|queries|ontologies"
+_PACKAGES = ("kg", "perception", "mapping", "planner", "lab")
+_FOLDERS = "kg|perception|mapping|planner|lab|benchmarks|tests|queries|ontologies"
 
 
 def _name(page: Path) -> str:
@@ -44,7 +44,9 @@ def test_files_and_modules_of_a_page_exist(page: Path) -> None:
     code = re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))
     paths = [t for t in code if re.fullmatch(rf"(?:{_FOLDERS})/[\w./-]*[\w/]", t)]
     missing = [p for p in paths if "NAME" not in p and not (ROOT / p).exists()]
-    modules = [t for t in code if re.fullmatch(r"(?:kg|perception|mapping|planner)(?:\.\w+)+", t)]
+    modules = [
+        t for t in code if re.fullmatch(r"(?:kg|perception|mapping|planner|lab)(?:\.\w+)+", t)
+    ]
     missing += [name for name in modules if not _is_importable(name)]
     assert missing == []
 

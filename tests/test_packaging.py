@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
+import sysconfig
 import tomllib
 import zipfile
 from importlib.metadata import packages_distributions
@@ -18,10 +20,13 @@ PACKAGES = {"kg", "perception", "mapping", "planner"}
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
+    return build(ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+def build(project: Path, folder: Path) -> Path:
     built = subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
-        cwd=ROOT,
+        cwd=project,
         capture_output=True,
         text=True,
         check=False,
@@ -76,6 +81,37 @@ def test_wheel_carries_the_bundled_networks_and_their_licences(wheel_names: set[
 
 def test_wheel_declares_the_command(wheel_names: set[str]) -> None:
     assert any(name.endswith("entry_points.txt") for name in wheel_names)
+
+
+def test_the_lab_is_a_wheel_of_its_own_for_the_same_version(wheel: Path, tmp_path: Path) -> None:
+    lab = build(ROOT / "lab", tmp_path)
+    names = set(zipfile.ZipFile(lab).namelist())
+    tracked = {str(path.relative_to(ROOT)) for path in (ROOT / "lab").rglob("*.py")}
+    assert {name for name in names if ".dist-info" not in name} == tracked
+    version = wheel.name.split("-")[1]
+    assert lab.name.split("-")[1] == version
+    assert f'"hereabouts=={version}"' in (ROOT / "lab/pyproject.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("words", [["evaluate", "map"], ["simulate", "--help"]])
+def test_without_the_lab_its_commands_say_where_it_is(
+    wheel: Path, tmp_path: Path, words: list[str]
+) -> None:
+    with zipfile.ZipFile(wheel) as packed:
+        packed.extractall(tmp_path)
+    # without the site module, so that no editable install adds the folder of this repository
+    path = os.pathsep.join((str(tmp_path), sysconfig.get_path("purelib")))
+    done = subprocess.run(
+        [sys.executable, "-S", "-P", "-m", "planner.cli", *words],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"error: {words[0]} comes with hereabouts-lab")
+    assert "pip install ./lab" in done.stderr
 
 
 @pytest.mark.parametrize("name", sorted(PACKAGES))

@@ -34,7 +34,7 @@ WARM_UP: Final = 2.0  # [s] in which the crowd arrives
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """What a bystander met: times of answers (n,) [s], and how often it was refused."""
+    """The answers to a bystander: their times (n,) [s], and how many were refusals."""
 
     seconds: tuple[float, ...]
     refused: int
@@ -82,7 +82,7 @@ def attack(target: Target) -> Outcome:
 
 
 def measure(target: Target, kind: str) -> dict[str, Latency]:
-    """What each bystander meets while one address crowds the server in this way."""
+    """The answers to each bystander while one address crowds the server in this way."""
     found: dict[str, Latency] = {}
 
     def ask(name: str) -> None:

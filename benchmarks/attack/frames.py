@@ -26,7 +26,7 @@ Matrix = NDArray[np.float64]
 
 
 def attack(target: Target) -> Outcome:
-    """What is near in one map never includes things without a known way, nor at a wrong place."""
+    """Things near a place never include those of maps without a known transform, or elsewhere."""
     total = Outcome()
     for number in range(ATTEMPTS):
         folder = target.folder / f"frames-{number}"

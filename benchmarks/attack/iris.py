@@ -23,7 +23,7 @@ _SAYS: Final = "http://www.w3.org/2000/01/rdf-schema#comment"
 
 
 def attack(target: Target) -> Outcome:
-    """What an upload says it added is in the map, by IRIs that every reader takes."""
+    """All that an upload reports as added is in the map, by IRIs that every reader takes."""
     total = Outcome()
     for number in range(ATTEMPTS):
         total += _one(target, number)

@@ -30,7 +30,7 @@ from kg.serving.workers.process import Answer, WorkerDiedError
 LONGEST = 0.6  # [s] from one kill to the next
 WORKERS = 2
 WITHIN = 120.0  # [s] in which the pool must be whole again
-#: What each object was seen, after as many joins as take a worker some tens of milliseconds.
+#: Counts of observations by object, after as many joins as take a worker some tens of milliseconds.
 LONG = (
     "SELECT ?o ?n (COUNT(*) AS ?m) { ?o here:observationCount ?n . ?a here:isA ?b . "
     "?c here:isA here:Chair FILTER(STRLEN(STR(?a)) != STRLEN(STR(?c))) } GROUP BY ?o ?n"

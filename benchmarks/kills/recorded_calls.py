@@ -56,7 +56,7 @@ def recorded(words: Iterable[str], trace: Path) -> list[Call]:
 
 
 def told(call: Call) -> bytes:
-    """What the program wrote to stdout by this call."""
+    """Bytes that the program wrote to stdout by this call."""
     return call.data if call.arguments[0].startswith(b"1<") else b""
 
 

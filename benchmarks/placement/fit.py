@@ -2,7 +2,7 @@
 
     python benchmarks/placement/fit.py ../shared/data
 
-Deterministic. What it prints belongs into `kg/knowledge/placement/settings.py` (FITTED). Reads
+Deterministic. Its output belongs into `kg/knowledge/placement/settings.py` (FITTED). Reads
 homes/ of the folder; needs numpy only.
 """
 

@@ -15,7 +15,7 @@ from benchmarks.questions.asking import INTERFACES, Answered, answered_by, ask, 
 from benchmarks.questions.blind import BlindAnswers
 from benchmarks.questions.generator import questions_of
 from benchmarks.questions.graph_maps import mapped, true, truths
-from benchmarks.questions.house_drives import SESSIONS, drive
+from benchmarks.questions.house_drives import SESSIONS, HouseFacts, drive
 from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
 from kg.model.errors import GraphError
@@ -35,6 +35,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     make.add_argument("--houses", type=_seeds, default="601-606", metavar="N-M", help="seeds")
     make.add_argument("--each", type=int, default=6, help="questions of a family in each house")
     make.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="new folder")
+    make.add_argument(
+        "--no-recordings", action="store_true", help="write only the questions and the true maps"
+    )
     make.set_defaults(run=_make)
     asking = commands.add_parser("ask", help="ask maps of hereabouts through all interfaces")
     asking.add_argument("folder", type=Path)
@@ -58,18 +61,29 @@ def _seeds(text: str) -> list[int]:
 
 
 def _make(arguments: argparse.Namespace) -> int:
-    questions, houses = list[Question](), dict[str, object]()
+    questions, houses = list[Question](), dict[str, dict[str, object]]()
     for seed in arguments.houses:
-        folder = arguments.output / f"house-{seed}"
+        folder = None if arguments.no_recordings else arguments.output / f"house-{seed}"
         facts = drive(seed, folder)
-        for name, document in (("truth-before", facts.before), ("truth", facts.now)):
-            write_text(folder / f"{name}.json", json.dumps(document, indent=1) + "\n")
+        write_truth(facts, arguments.output, folder)
         questions += questions_of(facts, arguments.each)
         rooms = [room["label"] for room in facts.now["rooms"]]
-        houses[str(seed)] = {"folder": folder.name, "recordings": SESSIONS, "rooms": rooms}
+        houses[str(seed)] = {"rooms": rooms}
+        if folder is not None:
+            houses[str(seed)] |= {"folder": folder.name, "recordings": SESSIONS}
         _say(f"house {seed}: {sum(one.house == str(seed) for one in questions)} questions")
     save_questions(arguments.output, questions, houses)
     return 0
+
+
+def write_truth(facts: HouseFacts, output: Path, folder: Path | None) -> None:
+    """Write the true maps of both moments: beside the recordings, or as HOUSE.json in maps/."""
+    names = ("truth-before", "truth") if folder else (f"{facts.number}-before", facts.number)
+    place = folder or output / "maps"
+    place.mkdir(parents=True, exist_ok=True)
+    for name, document in zip(names, (facts.before, facts.now), strict=True):
+        text = json.dumps(document, separators=(",", ":"))
+        write_text(place / f"{name}.json", text + "\n")
 
 
 def _ask(arguments: argparse.Namespace) -> int:

@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from benchmarks.questions.house_drives import Doubtful, HouseFacts
-from benchmarks.questions.plain_map import NEVER, WHOLE, PlainMap, Thing, on_strip
+from benchmarks.questions.plain_map import NEVER, NOT_KNOWN, WHOLE, PlainMap, Thing, on_strip
 from benchmarks.questions.question_file import FAMILIES, Question
+from lab.houses.small_things import MOVABLE
 from planner.simulation.houses.furniture import OBJECTS
 
 BORDER: Final = 0.3  # [m] by which a thing may be off, and count or not
@@ -77,7 +78,13 @@ class _Asker:
             "last seen": self._last_seen,
             "moved since": self._moved_since,
             "never looked": self._never_looked,
+            "past": self._past,
+            "appeared since": self._appeared_since,
+            "vanished since": self._vanished_since,
+            "size": self._size,
             "why": self._why,
+            "picture": self._picture,
+            "unanswerable": self._unanswerable,
             "plan": self._plan,
         }
 
@@ -178,8 +185,9 @@ class _Asker:
             clear = min(abs(share - NEVER), abs(share - WHOLE)) >= 0.03
             if status == "present" or clear:
                 text = (
-                    f"What is known of {_a(category)} in the {room}: is one present, gone (all was "
-                    "viewed and none is there), hidden (a part was not viewed), or never looked?"
+                    f"What is known of {_a(category)} in the {room}: is one present, gone (it was "
+                    "there), looked, none seen (all was viewed), hidden (a part was not viewed), "
+                    "or never looked?"
                 )
                 yield text, {"category": category, "room": room}, {"mix": status}
 
@@ -189,13 +197,66 @@ class _Asker:
             frames = [list(frame) for frame in self._facts.frames[anchor["name"]]]
             yield text, _anchored("thing", anchor), {"answer": frames}
 
+    def _past(self) -> Iterator[Drawn]:
+        for category, room in self._pairs():
+            then, now = (
+                method(category, room) for method in (self.truth.past, self.truth.count_in_place)
+            )
+            if then != now:
+                text = (
+                    f"How many {_plural(category)} were known in the {room} when the first drive "
+                    "ended?"
+                )
+                yield text, {"category": category, "room": room}, {"mix": min(then, 2)}
+
+    def _appeared_since(self) -> Iterator[Drawn]:
+        yield from self._since(self.truth.appeared_since, "is known {} that was not known when")
+
+    def _vanished_since(self) -> Iterator[Drawn]:
+        yield from self._since(self.truth.vanished_since, "is gone {} that was known when")
+
+    def _since(self, method: Callable[[str | None], list[str]], words: str) -> Iterator[Drawn]:
+        for room in (None, *self._rooms):
+            there = method(room)
+            if there:
+                where = "in the house" if room is None else f"in the {room}"
+                text = f"What {words.format(where)} the first drive ended?"
+                yield text, {"room": room}, {"ignore": _labels(self._facts.doubtful, there)}
+
+    def _size(self) -> Iterator[Drawn]:
+        for anchor in self._anchors:
+            longest = self.truth.size(**_anchored("thing", anchor)) or 0.0
+            text = f"How long is the longer side of {_the(anchor)} over the floor, along its walls?"
+            if longest >= _LARGE:
+                yield text, _anchored("thing", anchor), {"tolerance": round(0.15 * longest, 2)}
+
+    def _picture(self) -> Iterator[Drawn]:
+        for anchor in self._anchors:
+            text = f"Which part of which frame is a picture of {_the(anchor)}?"
+            boxes = self._facts.boxes.get(anchor["name"], ())
+            answer = [[recording, frame, *box] for recording, frame, box in boxes]
+            if answer:
+                yield text, _anchored("thing", anchor), {"answer": answer}
+
+    def _unanswerable(self) -> Iterator[Drawn]:
+        for category, room in self._pairs():
+            known = self.truth.unanswerable(category, room)
+            share = self._rooms[room]["viewed_share"]
+            if known != 0 and not NEVER - 0.03 < share < NEVER + 0.03:
+                text = (
+                    f"How many {_plural(category)} were seen in the {room}, or is that not known "
+                    "since nobody looked there?"
+                )
+                yield text, {"category": category, "room": room}, {"mix": known == NOT_KNOWN}
+
     def _plan(self) -> Iterator[Drawn]:
-        for category in self._categories:
+        for category in sorted(MOVABLE):
             rooms = sorted(self._facts.rooms_with.get(category, ()))
-            if rooms and not self._in_doubt(category):
+            known = [one["room"] for one in self.truth.things if one["category"] == category]
+            if len(rooms) == 1 and rooms == known and not self._in_doubt(category):
                 text = f"Somebody wants {_a(category)}: which rooms to look in, in which order?"
-                known = bool(self.truth.count(category))
-                yield text, {"category": category}, {"answer": rooms, "mix": known}
+                before = self.truth.past(category, rooms[0])
+                yield text, {"category": category}, {"answer": rooms, "mix": bool(before)}
 
     def _pairs(self) -> Iterator[tuple[str, str]]:
         for category, room in itertools.product(self._categories, self._rooms):
@@ -226,6 +287,7 @@ class _Asker:
         return sorted({*about, *_labels(doubtful, ())} - sure)
 
 
+_LARGE: Final = 0.5  # [m] side of a thing whose size is asked for
 _CARRIERS: Final = ("bed", "bench", "chair", "couch", "dining table", "refrigerator")
 
 

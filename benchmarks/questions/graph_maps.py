@@ -110,7 +110,8 @@ def _object(semantic_map: SemanticMap, one: Mapping[str, Any], room: Mapping[str
         last_seen=one["last_seen"],
         place=base + room["name"],
         evidence=Evidence(
-            seen["frame"], seen["recording"], one["last_seen"], (0, 0, 9, 9), 0.9, "truth"
+            *(seen["frame"], seen["recording"], one["last_seen"]),
+            *(tuple(seen["box"]), 0.9, "truth"),
         ),
         extent=np.array(one["size"]),
         relations=tuple(

@@ -1,13 +1,14 @@
 """Two drives through a simulated house, written as recordings, and what is true after each.
 
-The door of one room is shut, and small things move between the drives. What is true is told as
-plain maps (`benchmarks.questions.plain_map`) of what was seen well; what was glimpsed is doubtful.
+The door of one room is shut, and small things move between the drives. The truth is a plain map
+(`benchmarks.questions.plain_map`) of things that were seen well; a thing at the edge is doubtful.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -15,21 +16,24 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.status import HouseTruth, Session, surfaces
+from lab.houses.house_changes import changed_house
+from lab.houses.random_house import random_house
+from lab.recordings.simulated_recording import DAY
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
-from planner.simulation.houses.random_house import random_house
-from planner.simulation.recording.house_changes import changed_house
-from planner.simulation.recording.simulated_recording import DAY
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
 from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 SESSIONS: Final = ("session-1", "session-2")
 _SPREAD: Final = DAY / 2  # [s] over which houses are driven through, each at its own time
 _SIDES: Final = (-0.2, 0.2)  # [m] from the middle of a wall into the rooms beside it
+
+Box = tuple[int, int, int, int]
+Boxes = dict[str, dict[int, Box]]  # frame -> number of a thing -> box
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +56,12 @@ class HouseFacts:
     frames: dict[str, list[tuple[str, str]]] = field(default_factory=dict)  # that show it well
     glimpsed: set[str] = field(default_factory=set)  # labels of things seen later, but not well
     rooms_with: dict[str, set[str]] = field(default_factory=dict)  # of each label, seen or not
+    #: thing -> recording, frame and box (x0, y0, x1, y1) [px] of every good view
+    boxes: dict[str, list[tuple[str, str, Box]]] = field(default_factory=dict)
 
 
-def drive(seed: int, folder: Path) -> HouseFacts:
-    """Write both recordings of the house of `seed` into `folder`; its facts."""
+def drive(seed: int, folder: Path | None) -> HouseFacts:
+    """Write both recordings of the house of `seed` into `folder`, if given; its facts."""
     house, random = _with_closed_room(random_house(seed), seed), np.random.default_rng([seed, 29])
     points, truth, facts = surfaces(house), HouseTruth(), _Facts(house.rooms, str(seed))
     for number, name in enumerate(SESSIONS):
@@ -65,10 +71,11 @@ def drive(seed: int, folder: Path) -> HouseFacts:
         start = START + number * DAY + 3571.0 * seed % _SPREAD
         tour = SimulatedTour(camera, name=name, start=start)
         session = Session(camera, tour, 1.0, np.concatenate([points, truth.spots()]))
-        stamps = _write(folder / name, session)
+        stamps, boxes = _driven(session, None if folder is None else folder / name)
         truth.add(session, len(points))
-        facts.add(session, stamps, truth)
-    _write_json(folder / "places.json", [_place(n, room) for n, room in facts.rooms])
+        facts.add(session, stamps, truth, boxes)
+    if folder is not None:
+        _write_json(folder / "places.json", [_place(n, room) for n, room in facts.rooms])
     return facts.told(house)
 
 
@@ -99,22 +106,36 @@ def _doors(room: HouseRoom, house: House) -> list[tuple[Wall, tuple[float, float
     return found
 
 
-def _write(folder: Path, session: Session) -> dict[str, float]:
-    """Write a drive with the detections of each preset of the senses; stamps of its frames."""
+def _driven(session: Session, folder: Path | None) -> tuple[dict[str, float], Boxes]:
+    """Stamps of a drive's frames, and the boxes of things in them; written with detections."""
     detectors = {name: SimulatedDetector(session.camera, SENSES[name]) for name in SENSES}
-    stamps = dict[str, float]()
+    stamps, boxes = dict[str, float](), Boxes()
     found: dict[str, dict[str, Detections]] = {name: {} for name in SENSES}
-    with RecordingWriter(folder, up=(0, 0, 1)) as writer:
+    writing = nullcontext() if folder is None else RecordingWriter(folder, up=(0, 0, 1))
+    with writing as writer:
         for frame in session.frames():
-            writer.add(frame)
             stamps[frame.id] = frame.stamp
-            for name, detector in detectors.items():
-                found[name][frame.id] = detector.detect(frame)
-    for name, detector in detectors.items():
-        path = folder / f"detections-{name}.json"
-        save_recorded_detections(path, detector.name, found[name])
-    _write_json(folder / "transform.json", {"T_map_world": np.eye(4).tolist()})
-    return stamps
+            boxes[frame.id] = _boxes(session.camera.view(frame.T_map_cam, frame.stamp))
+            if writer is not None:
+                writer.add(frame)
+                for name, detector in detectors.items():
+                    found[name][frame.id] = detector.detect(frame)
+    if folder is not None:
+        for name, detector in detectors.items():
+            path = folder / f"detections-{name}.json"
+            save_recorded_detections(path, detector.name, found[name])
+        _write_json(folder / "transform.json", {"T_map_world": np.eye(4).tolist()})
+    return stamps, boxes
+
+
+def _boxes(view: View) -> dict[int, Box]:
+    """The box (x0, y0, x1, y1) [px] around what a view shows of each thing."""
+    found = dict[int, Box]()
+    for number in np.unique(view.instance[view.instance >= 0]).tolist():
+        rows, columns = np.nonzero(view.instance == number)
+        low, high = (int(columns.min()), int(rows.min())), (columns.max() + 1, rows.max() + 1)
+        found[number] = (*low, int(high[0]), int(high[1]))
+    return found
 
 
 class _Facts:
@@ -126,12 +147,18 @@ class _Facts:
         self._numbers: dict[str, int] = {}  # of things that were ever known
         #: name -> recording, frame, stamp and position of every good view
         self._views: dict[str, list[tuple[str, str, float, Any]]] = {}
+        self._boxes: dict[str, list[tuple[str, str, Box]]] = {}
 
-    def add(self, session: Session, stamps: dict[str, float], truth: HouseTruth) -> None:
+    def add(
+        self, session: Session, stamps: dict[str, float], truth: HouseTruth, boxes: Boxes
+    ) -> None:
+        numbers = {item.name: n for n, item in enumerate(session.camera.house.objects)}
         for name, entry in session.truth().items():
             for frame in entry.get("frames", ()):
                 view = session.name, frame, stamps[frame], entry["position"]
                 self._views.setdefault(name, []).append(view)
+                box = session.name, frame, boxes[frame][numbers[name]]
+                self._boxes.setdefault(name, []).append(box)
         departed = [one for one in self._objects_before() if one["thing"] not in truth.known]
         self._facts.before = self._facts.now
         self._facts.now = self._document(truth)
@@ -152,6 +179,9 @@ class _Facts:
         self._facts.frames = {
             f"object/{number}": [view[:2] for view in self._views[name]]
             for name, number in self._numbers.items()
+        }
+        self._facts.boxes = {
+            f"object/{number}": self._boxes[name] for name, number in self._numbers.items()
         }
         return self._facts
 
@@ -191,11 +221,18 @@ class _Facts:
             "size": entry["extent"],
             "existence": 1.0,
             "last_seen": views[-1][2],
-            "seen_in": {"recording": views[-1][0], "frame": views[-1][1]},
+            "seen_in": {
+                "recording": views[-1][0],
+                "frame": views[-1][1],
+                "box": self._box(name, views[-1][:2]),
+            },
             "relations": []
             if on is None
             else [{"kind": "on", "target": f"object/{on}", "probability": 1.0}],
         }
+
+    def _box(self, name: str, frame: tuple[str, str]) -> list[int]:
+        return next(list(one[2]) for one in self._boxes[name] if one[:2] == frame)
 
 
 def _doubtful(truth: HouseTruth) -> Iterable[Doubtful]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -14,9 +15,11 @@ from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 
 from benchmarks.questions.graph_maps import AskedMap
+from benchmarks.questions.plain_map import NOT_KNOWN
 from benchmarks.questions.sparql_interfaces import SEEN_IN, in_order
 
 Answer = dict[str, Any]
+_BOX = re.compile(r"box (\d+) (\d+) (\d+) (\d+) px")
 
 
 class McpInterface:
@@ -46,20 +49,17 @@ class McpInterface:
         return dict(found.structured_content or {})
 
     def count(self, category: str) -> int:
-        listed = self.call("describe_map")["categories"]
-        counts = {one["untrusted_category"]: one["count"] for one in listed}
-        return int(counts.get(category, 0))
+        return int(self.call("list_things", what=category, limit=1)["total"])
 
     def count_in_place(self, category: str, room: str) -> int:
-        return len(self._of(category, room))
+        return int(self.call("list_things", inside=room, what=category, limit=1)["total"])
 
     def presence(self, category: str, room: str) -> bool:
         return self.never_looked(category, room) == "present"
 
     def nearest(self, category: str, to: str, to_room: str) -> list[float] | None:
-        near = self._around(to, to_room, 100.0)
-        first = next((one for one in near or () if one["untrusted_category"] == category), None)
-        return None if first is None else [first["x"], first["y"]]
+        near = self._around(to, to_room, 100.0, what=category)
+        return [near[0]["x"], near[0]["y"]] if near else None
 
     def within_radius(self, radius: float, of: str, of_room: str) -> list[str] | None:
         return _categories(self._around(of, of_room, radius))
@@ -68,64 +68,103 @@ class McpInterface:
         ends = self._one(one, one_room), self._one(other, other_room)
         if ends[0] is None or ends[1] is None:
             return None
-        ends_named = {"one": ends[0]["iri"], "other": ends[1]["iri"]}
-        return _categories(self.call("what_is_between", **ends_named, limit=100)["things"])
+        return _categories(self.pages("list_things", near=ends[0]["id"], to=ends[1]["id"]))
 
     def on_or_in(self, thing: str, thing_room: str) -> list[str] | None:
         carrier = self._one(thing, thing_room)
         if carrier is None:
             return None
-        return _categories(self.call("what_is_in", what=carrier["iri"], limit=100)["things"])
+        return _categories(self.pages("list_things", inside=carrier["id"]))
 
     def last_seen(self, category: str) -> float | None:
-        found = self.call("where_is", what=category, limit=100)
-        known = [one for one in found["things"] if one["probability"] >= 0.5]
+        found = self.call("where_is", what=category)
+        known = [one for one in self.pages("where_is", what=category) if one["probability"] >= 0.5]
         known = [one for one in known if one["untrusted_category"] == category]
-        times = [one["last_seen"] for one in (*known, *found["departed"]) if one["last_seen"]]
+        times = [one["last_seen"] for one in (*known, *found.get("departed", ()))]
         return datetime.fromisoformat(max(times)).timestamp() if times else None
 
     def moved_since(self, room: str | None) -> list[str] | None:
-        changed = self.call("what_changed", since=self._since, limit=100)["things"]
-        places = {one["iri"]: one["untrusted_label"] for one in self.call("describe_map")["places"]}
-        moved = [one for one in changed if one["kind"] == "moved"]
-        return _categories(one for one in moved if room in (None, places.get(one["place"])))
+        return self._changed("moved", room)
+
+    def appeared_since(self, room: str | None) -> list[str] | None:
+        return self._changed("appeared", room)
+
+    def vanished_since(self, room: str | None) -> list[str] | None:
+        return self._changed("gone", room)
+
+    def _changed(self, kind: str, room: str | None) -> list[str] | None:
+        places = self._places()
+        listed = self.pages("what_changed", since=self._since)
+        changed = [one for one in listed if one["kind"] == kind]
+        return _categories(one for one in changed if room in (None, places.get(one.get("place"))))
+
+    def past(self, category: str, room: str) -> int:
+        then = {"inside": room, "what": category, "at": self._since}
+        return int(self.call("list_things", limit=1, **then)["total"])
+
+    def size(self, thing: str, thing_room: str) -> float | None:
+        one = self._one(thing, thing_room)
+        if one is None:
+            return None
+        query = f"SELECT ?x ?y {{ <{one['id']}> here:extentX ?x ; here:extentY ?y }}"
+        rows = self.call("ask_sparql", query=query)["untrusted_rows"]
+        return max(rows[0]) if rows else None
+
+    def picture(self, thing: str, thing_room: str) -> list[Any] | None:
+        told = self._told(thing, thing_room)
+        found, box = SEEN_IN.search(told), _BOX.search(told)
+        return [found[2], found[1], *map(int, box.groups())] if found and box else None
+
+    def unanswerable(self, category: str, room: str) -> int | str:
+        never = self.never_looked(category, room) == "never looked"
+        return NOT_KNOWN if never else self.count_in_place(category, room)
 
     def never_looked(self, category: str, room: str) -> str:
         return str(self.call("status", what=category, place=room)["status"])
 
     def why(self, thing: str, thing_room: str) -> list[str] | None:
-        one = self._one(thing, thing_room)
-        if one is None:
-            return None
-        steps = self.call("why", what=one["iri"])["steps"]
-        found = SEEN_IN.search(" ".join(step["untrusted_text"] for step in steps))
+        found = SEEN_IN.search(self._told(thing, thing_room))
         return None if found is None else [found[2], found[1]]
 
+    def _told(self, thing: str, thing_room: str) -> str:
+        one = self._one(thing, thing_room)
+        steps = [] if one is None else self.pages("why", "steps", what=one["id"])
+        return " ".join(step["untrusted_text"] for step in steps)
+
     def plan(self, category: str) -> list[str]:
-        places = {one["iri"]: one["untrusted_label"] for one in self.call("describe_map")["places"]}
-        looks = self.call("find_plan", what=[category], limit=100)["looks"]
-        first = [look["reasons"][0]["iri"] for look in looks if look["reasons"]]
-        return in_order(places.get(iri) or self._room_of(iri) for iri in first)
+        places = self._places()
+        looks = self.pages("find_plan", "looks", what=[category])
+        first = [look["reasons"][0] for look in looks if look["reasons"]]
+        return in_order(places.get(name) or self._room_of(name) for name in first)
 
-    def _room_of(self, iri: str) -> str | None:
-        things = self.call("where_is", what=iri)["things"]
-        return things[0]["untrusted_place"] if things else None
+    def pages(self, tool: str, listed: str = "things", **arguments: Any) -> list[Answer]:
+        """All entries of a list, page by page."""
+        page = self.call(tool, **arguments)
+        found: list[Answer] = page[listed]
+        while "more" in page:
+            page = self.call(tool, skip=page["more"], **arguments)
+            found += page[listed]
+        return found
 
-    def _of(self, category: str, room: str) -> list[Answer]:
-        listed = self.call("what_is_in", what=room, limit=100)["things"]
-        return [one for one in listed if one["untrusted_category"] == category]
+    def _places(self) -> dict[str | None, str]:
+        listed = self.pages("describe_map", "places")
+        return {one["id"]: one["untrusted_label"] for one in listed}
+
+    def _room_of(self, name: str) -> str | None:
+        things = self.call("where_is", what=name)["things"]
+        return things[0].get("untrusted_place") if things else None
 
     def _one(self, category: str, room: str) -> Answer | None:
-        return next(iter(self._of(category, room)), None)
+        found = self.call("list_things", inside=room, what=category, limit=1)["things"]
+        return next(iter(found), None)
 
-    def _around(self, category: str, room: str, radius: float) -> Sequence[Answer] | None:
+    def _around(
+        self, category: str, room: str, radius: float, **only: str
+    ) -> Sequence[Answer] | None:
         one = self._one(category, room)
         if one is None:
             return None
-        found: Sequence[Answer] = self.call(
-            "what_is_near", what=one["iri"], radius=radius, limit=100
-        )["things"]
-        return found
+        return self.pages("list_things", near=one["id"], radius=radius, **only)
 
 
 def _categories(things: Any) -> list[str] | None:

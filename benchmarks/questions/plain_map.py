@@ -6,6 +6,7 @@ The schema is that of `hereabouts export --format json`; what a system does not 
                 "viewed_share": 0.95,
                 "objects": [{"name": "object/1", "category": "cup", "position": [1.0, 2.0, 0.8],
                              "existence": 0.9, "last_seen": 1772442000.0,
+                             "size": [0.1, 0.1, 0.1],
                              "seen_in": {"recording": "session-1", "frame": "frame-000017"},
                              "relations": [{"kind": "on", "target": "object/2"}]}]}],
      "elsewhere": [], "departed": [{"category": "cup", "last_seen": 1772442000.0}]}
@@ -30,6 +31,8 @@ MOVED: Final = 0.3  # [m]
 STRIP: Final = 1.0  # [m] width of the strip that is between two things
 NEVER, WHOLE = 0.05, 0.9  # shares of a room: never looked below, all of it from here on
 
+NOT_KNOWN: Final = "not known"
+
 Thing = Mapping[str, Any]
 
 
@@ -43,7 +46,10 @@ class PlainMap:
             self._rooms = {str(room["label"]): room for room in document["rooms"]}
             self.things = _things(document)
             self._before = _things(before) if before else []
-            self._departed = list(document.get("departed", ()))
+            self._departed = [
+                {"room": self._room_at(one.get("position", ())), **one}
+                for one in document.get("departed", ())
+            ]
         except (AttributeError, KeyError, TypeError) as error:
             raise GraphError(f"no plain map of rooms with objects: {error!r}") from error
 
@@ -111,7 +117,10 @@ class PlainMap:
         share = self._rooms.get(room, {}).get("viewed_share", 1.0)
         if self.presence(category, room):
             return "present"
-        return "never looked" if share < NEVER else "gone" if share >= WHOLE else "hidden"
+        if any((d["category"], d.get("room")) == (category, room) for d in self._departed):
+            return "gone"
+        looked = "looked, none seen" if share >= WHOLE else "hidden"
+        return "never looked" if share < NEVER else looked
 
     def why(self, thing: str, thing_room: str) -> list[str] | None:
         seen = (self._one(thing, thing_room) or {}).get("seen_in")
@@ -123,6 +132,41 @@ class PlainMap:
             return -self.count_in_place(category, label), share
 
         return sorted(self._rooms, key=worth)
+
+    def past(self, category: str, room: str) -> int:
+        return sum((one["category"], one["room"]) == (category, room) for one in self._before)
+
+    def appeared_since(self, room: str | None) -> list[str]:
+        return _categories(_new(self.things, self._before, room))
+
+    def vanished_since(self, room: str | None) -> list[str]:
+        return _categories(_new(self._before, self.things, room))
+
+    def size(self, thing: str, thing_room: str) -> float | None:
+        size = (self._one(thing, thing_room) or {}).get("size")
+        return None if size is None else float(max(size[:2]))
+
+    def picture(self, thing: str, thing_room: str) -> list[Any] | None:
+        seen = (self._one(thing, thing_room) or {}).get("seen_in") or {}
+        return [seen["recording"], seen["frame"], *seen["box"]] if "box" in seen else None
+
+    def unanswerable(self, category: str, room: str) -> int | str:
+        never = self.never_looked(category, room) == "never looked"
+        return NOT_KNOWN if never else self.count_in_place(category, room)
+
+    def _room_at(self, position: Any) -> str | None:
+        for label, room in self._rooms.items():
+            ring = (room.get("outline") or [[]])[0]
+            sides = list(zip(*ring, strict=False))
+            if (
+                len(position) > 1
+                and sides
+                and all(
+                    min(side) <= c < max(side) for side, c in zip(sides, position, strict=False)
+                )
+            ):
+                return label
+        return None
 
     def _of(self, category: str, room: str | None = None) -> list[Thing]:
         return [
@@ -145,6 +189,12 @@ def on_strip(thing: Thing, one: Thing, other: Thing, margin: float = 0.0) -> boo
     along, (dx, dy) = float((p - start) @ (end - start)) / length, (end - start) / length
     off = abs((p - start)[0] * dy - (p - start)[1] * dx)
     return -margin < along < length + margin and bool(off <= STRIP / 2 + margin)
+
+
+def _new(things: list[Thing], others: list[Thing], room: str | None) -> list[Thing]:
+    """Things in `room` whose names are not among the others."""
+    names = {one["name"] for one in others}
+    return [one for one in things if one["name"] not in names and room in (None, one["room"])]
 
 
 def _things(document: Mapping[str, Any]) -> list[Thing]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from benchmarks.questions.graph_maps import AskedMap
+from benchmarks.questions.plain_map import NOT_KNOWN
 from benchmarks.questions.sparql_interfaces import in_order
 from kg.model.records import ObjectRecord
 from planner.search.goals.status import status
@@ -78,14 +80,41 @@ class PythonInterface:
         return max((*gone, *known), default=None)
 
     def moved_since(self, room: str | None) -> list[str]:
-        place = None if room is None else self._map.resolve("place", room)
-        found = self._map.history.compare(self._since).changes
-        moved = [one for one in found if one.kind == "moved"]
-        base = self._map.base
-        return sorted({one.category for one in moved if place in (None, f"{base}{one.place}")})
+        return self._changed("moved", room)
 
     def never_looked(self, category: str, room: str) -> str:
         return status(self._map, category, room).value
+
+    def past(self, category: str, room: str) -> int:
+        with self._map.at(self._since) as then:
+            return len(_there(then.objects(category, place=room)))
+
+    def appeared_since(self, room: str | None) -> list[str]:
+        return self._changed("appeared", room)
+
+    def vanished_since(self, room: str | None) -> list[str]:
+        return self._changed("gone", room)
+
+    def _changed(self, kind: str, room: str | None) -> list[str]:
+        place = None if room is None else self._map.resolve("place", room)
+        found = self._map.history.compare(self._since).changes
+        changed = [one for one in found if one.kind == kind]
+        base = self._map.base
+        return sorted({one.category for one in changed if place in (None, f"{base}{one.place}")})
+
+    def size(self, thing: str, thing_room: str) -> float | None:
+        one = self._one(thing, thing_room)
+        return None if one is None or one.extent is None else float(max(one.extent[:2]))
+
+    def picture(self, thing: str, thing_room: str) -> list[Any] | None:
+        one = self._one(thing, thing_room)
+        if one is None or one.evidence is None:
+            return None
+        return [one.evidence.recording, one.evidence.frame, *map(round, one.evidence.box)]
+
+    def unanswerable(self, category: str, room: str) -> int | str:
+        never = self.never_looked(category, room) == "never looked"
+        return NOT_KNOWN if never else self.count_in_place(category, room)
 
     def why(self, thing: str, thing_room: str) -> list[str] | None:
         one = self._one(thing, thing_room)

@@ -12,6 +12,7 @@ from kg.model.errors import GraphError
 from perception.sources.recording_writer import write_text
 
 FILE: Final = "questions.json"
+LICENCE: Final = "CC0-1.0"  # of questions and truth, which are generated
 #: family -> type of its answers
 FAMILIES: Final[Mapping[str, str]] = {
     "count": "integer",
@@ -24,19 +25,29 @@ FAMILIES: Final[Mapping[str, str]] = {
     "last seen": "time",
     "moved since": "categories",
     "never looked": "status",
+    "past": "integer",
+    "appeared since": "categories",
+    "vanished since": "categories",
+    "size": "metres",
     "why": "frame",
+    "picture": "crop",
+    "unanswerable": "integer or not known",
     "plan": "rooms",
 }
 #: type -> how it is given in JSON, and how it is scored
 TYPES: Final[Mapping[str, str]] = {
     "integer": "a whole number; exact",
     "boolean": "true or false; exact",
+    "integer or not known": 'a whole number, or "not known"; exact',
+    "metres": "a length in metres; within the tolerance [m]",
+    "crop": "[recording, frame, x0, y0, x1, y1]: a box in pixels that overlaps one of those listed "
+    "by half (intersection over union)",
     "position": "[x, y] or [x, y, z] in metres; within the tolerance [m] over the floor",
     "categories": "a list of labels; F1 of the sets, those in `ignore` count neither way",
     "time": "seconds since 1970 UTC; within the tolerance [s]",
-    "status": "present, gone, hidden or never looked; exact",
+    "status": "present, gone, looked, none seen, hidden or never looked; exact",
     "frame": "[recording, frame]; one of those listed",
-    "rooms": "a list of labels of rooms, the best first; 1 / the number of the first right one",
+    "rooms": "a list of labels of rooms, the best first; the first is right",
 }
 
 
@@ -62,8 +73,10 @@ class Question:
 def save_questions(folder: Path, questions: Sequence[Question], houses: Mapping[str, Any]) -> None:
     """Write the questions and what there is of each house."""
     listed = [{**asdict(one), "type": one.type} for one in questions]
-    document = {"version": 1, "types": TYPES, "houses": houses, "questions": listed}
-    write_text(folder / FILE, json.dumps(document, indent=1) + "\n")
+    document = {"version": 2, "licence": LICENCE, "types": TYPES, "houses": houses}
+    lines = ",\n".join(json.dumps(one, separators=(",", ":")) for one in listed)
+    head = json.dumps(document, indent=1).removesuffix("\n}")
+    write_text(folder / FILE, f'{head},\n "questions": [\n{lines}\n]}}\n')
 
 
 def load_questions(folder: Path) -> list[Question]:

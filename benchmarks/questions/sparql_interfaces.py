@@ -10,6 +10,7 @@ from typing import Any, Final
 import requests
 
 from benchmarks.questions.graph_maps import AskedMap
+from benchmarks.questions.plain_map import NOT_KNOWN
 
 Row = Mapping[str, Any]
 
@@ -74,6 +75,28 @@ class SparqlInterface:
             and sum((row[c] - then[row["object"]][c]) ** 2 for c in "xyz") >= _MOVED**2
             and room in (None, row["place"])
         )
+
+    def past(self, category: str, room: str) -> int:
+        then = self.rows("objects-by-category", at=self._since, category=category)
+        return sum(row["place"] == room for row in then)
+
+    def appeared_since(self, room: str | None) -> list[str] | None:
+        return categories(self._new(self.rows("objects"), self._then(), room))
+
+    def vanished_since(self, room: str | None) -> list[str] | None:
+        return categories(self._new(self._then(), self.rows("objects"), room))
+
+    def unanswerable(self, category: str, room: str) -> int | str:
+        never = self.never_looked(category, room) == "never looked"
+        return NOT_KNOWN if never else self.count_in_place(category, room)
+
+    def _then(self) -> Sequence[Row]:
+        return self.rows("objects", at=self._since)
+
+    @staticmethod
+    def _new(rows: Sequence[Row], others: Sequence[Row], room: str | None) -> list[Row]:
+        known = {row["object"] for row in others}
+        return [r for r in rows if r["object"] not in known and room in (None, r["place"])]
 
     def never_looked(self, category: str, room: str) -> str | None:
         rows = self.rows("status", category=category)

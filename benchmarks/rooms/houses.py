@@ -11,12 +11,12 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.rooms.outcomes import MAPPERS, Outcome, outcome
-from mapping.evaluation.complete_truth import load_complete_truth
-from mapping.evaluation.truth_matching import TruthMatcher
+from lab.houses.random_house import random_house
+from lab.maps.complete_truth import load_complete_truth
+from lab.maps.truth_matching import TruthMatcher
+from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import RecordedDetector
-from planner.simulation.houses.random_house import random_house
-from planner.simulation.recording.object_truth import VisibilityRecord, object_truth
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector

@@ -17,8 +17,8 @@ from benchmarks.rooms.houses import map_house
 from benchmarks.rooms.outcomes import MAPPERS, Outcome, outcome
 from benchmarks.rooms.recordings import TRUTH, Networks, frames_of, look, looks
 from benchmarks.rooms.stretches import SHOW_ALL, matcher_of, stretches
-from mapping.evaluation.complete_truth import load_complete_truth
-from mapping.evaluation.truth_matching import TruthMatcher
+from lab.maps.complete_truth import load_complete_truth
+from lab.maps.truth_matching import TruthMatcher
 from perception.frames import Frame
 from perception.sources.recording import open_recording
 

@@ -11,12 +11,12 @@ from typing import Final
 from benchmarks.rooms.recordings import detector_of
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
-from mapping.evaluation.average_precision import existence_curve
-from mapping.evaluation.existence_scores import THRESHOLDS, matchings_by_existence
-from mapping.evaluation.identity import SHOWN
-from mapping.evaluation.map_evaluation import MapEvaluation, mapped_objects, pooled
-from mapping.evaluation.relation_scores import RelationOutcomes
-from mapping.evaluation.truth_matching import TruthMatcher
+from lab.maps.existence_curve import existence_curve
+from lab.maps.existence_scores import THRESHOLDS, matchings_by_existence
+from lab.maps.map_evaluation import MapEvaluation, mapped_objects, pooled
+from lab.maps.relation_scores import RelationOutcomes
+from lab.maps.session_identity import SHOWN
+from lab.maps.truth_matching import TruthMatcher
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.objects.settings import ObjectSettings
@@ -26,7 +26,7 @@ from perception.inference.recorded_detections import RecordedDetector
 
 DEFAULT, REFERENCE = "default", "reference"
 MAPPERS: Final = (DEFAULT, REFERENCE)
-_LEAST_SCORE: Final = {DEFAULT: ObjectSettings().min_score, REFERENCE: 0.25}
+_MIN_SCORE: Final = {DEFAULT: ObjectSettings().min_score, REFERENCE: 0.25}
 _MAKE: Final[dict[str, Callable[[SemanticMap, str], BayesObjectMapper | ReferenceObjectMapper]]] = {
     DEFAULT: lambda semantic_map, model: BayesObjectMapper(semantic_map, model=model),
     REFERENCE: lambda semantic_map, model: ReferenceObjectMapper(
@@ -57,7 +57,7 @@ def outcome(
     matcher: TruthMatcher,
 ) -> Outcome:
     """Map frames by what networks saw in them; the map's objects are matched, and not written."""
-    detector, seconds = detector_of(seen, _LEAST_SCORE[mapper]), 0.0
+    detector, seconds = detector_of(seen, _MIN_SCORE[mapper]), 0.0
     with in_memory_map(base="https://example.org/map/") as semantic_map:
         mapping = _MAKE[mapper](semantic_map, detector.name)
         for frame in frames:

@@ -1,6 +1,6 @@
 """Real rooms, and what each network sees in them: recordings that have a complete truth.
 
-A network looks once at each frame of a recording. What it sees is kept in a file, whose name has a
+A network looks once at each frame of a recording. Its output is kept in a file, whose name has a
 digest of the network but not of the code around it: after a change there the files are to go.
 """
 

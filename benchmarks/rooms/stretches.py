@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.truth_matching import TruthMatcher
+from lab.maps.complete_truth import TrueObject
+from lab.maps.truth_matching import TruthMatcher
 from mapping.projection import to_map
 from perception.frames import Frame
 

@@ -1,23 +1,21 @@
 """Calibration of plans: the predicted chance of being found by parts of a plan, and the realised.
 
 A plan is carried out as it is, look by look, without pictures on the way, which it does not count
-either. What is searched for is there, so predictions are those given that it is there.
+either. The object is in the home, so predictions are those given that it is there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
-from benchmarks.search.room_beliefs import room_weights
-from benchmarks.search.view_policy import PRESENT, Ablation, initial_state
-from planner.freespace.grid import Cells, FreeSpace
+from benchmarks.search.room_beliefs import RoomChances
+from benchmarks.search.view_policy import Ablation, initial_state
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.next_best_view import RobotState
 
@@ -38,13 +36,12 @@ def planned(
     building: HomeSpace,
     start: int,
     hidden: HiddenObject,
-    chances: Mapping[int, float] | ArrayLike,
+    rooms: RoomChances,
 ) -> PlanOutcome:
-    """Plan with `chances` (rooms,) that a room holds it, and carry the plan out."""
+    """Plan with the chances of `rooms` to hold it, and carry the plan out."""
     manner = Ablation()
     views = building.views
-    weight = room_instances(views.space, views.cells, chances, manner.everywhere)
-    state = initial_state(building, views, weight, manner)
+    state = initial_state(building, views, rooms, manner)
     made = plan(state, RobotState(start, 0.0), time_limit=np.inf, compare=False)
     steps = made.steps
     if not steps:
@@ -65,24 +62,6 @@ def planned(
         found=tuple(found_at < k for k in done),
         instances=len(hidden.cells),
     )
-
-
-def room_instances(
-    space: FreeSpace, cells: Cells, chances: Mapping[int, float] | ArrayLike, everywhere: float
-) -> NDArray[np.float64]:
-    """(k, c) chance that what a room holds lies in each cell, room by room.
-
-    Rooms are independent of each other, as in `planner.search.belief`. A share `everywhere`
-    of each is spread over all cells. Where no room holds any, all may.
-    """
-    weight = room_weights(space, cells, chances)
-    room = space.room.reshape(-1)[cells]
-    rows = weight * (room == np.unique(room)[:, np.newaxis])
-    rows = rows[rows.any(axis=1)]
-    if not len(rows):
-        return np.full((1, len(cells)), PRESENT / len(cells))
-    of_room = rows.sum(axis=1, keepdims=True)
-    return np.asarray((1 - everywhere) * rows + everywhere * of_room / len(cells))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.search.homes import Home
+from benchmarks.search.room_beliefs import RoomChances
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.knowledge.ontology.relations import relations
@@ -30,7 +30,7 @@ from kg.model import vocabulary as v
 class Prior:
     """Of one kind of object in one home."""
 
-    chances: NDArray[np.float64]  # (rooms,) that the room holds at least one
+    chances: RoomChances  # that the rooms hold at least one
     listed: tuple[bool, ...]  # (rooms,) whether the thesis' ontology puts it there
 
 
@@ -86,7 +86,11 @@ class PriorKnowledge:
     def _prior(self, home: Home, kind: str, table: PlacementTable) -> Prior:
         thing = self._catalogue.find(kind, "object").iri
         kinds = [self._kinds[room.label] for room in home.rooms]
-        chances = np.array([_chance(table, thing, of) for of in kinds])
+        chances = RoomChances(
+            np.array([_chance(table, thing, of) for of in kinds]),
+            tuple(" ".join(sorted(kind.iri for kind in of)) for of in kinds),
+            np.array([_worth(table, thing, of) for of in kinds]),
+        )
         return Prior(chances, tuple(self._lists(thing, of) for of in kinds))
 
     def _lists(self, thing: str, kinds: Sequence[RoomType]) -> bool:
@@ -100,6 +104,11 @@ def _chance(table: PlacementTable, thing: str, kinds: Sequence[RoomType]) -> flo
     if not kinds:
         return table.probability(thing, v.PLACE)
     return float(1 - np.prod([1 - table.probability(thing, kind.iri) for kind in kinds]))
+
+
+def _worth(table: PlacementTable, thing: str, kinds: Sequence[RoomType]) -> float:
+    known = [table.placement(thing, iri) for iri in [kind.iri for kind in kinds] or [v.PLACE]]
+    return min(one.alpha + one.beta for one in known)
 
 
 def _less(one: RoomStatistics, rooms: int, held: int) -> RoomStatistics:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from planner.freespace.geodesic import shortest_path
 from planner.freespace.grid import FreeSpace
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.search.viewpoints.sensor import Motion, Sensor, Sweep, angle_between, sweep_over
 
 #: [m] driven between two pictures on the way
 EVERY: Final = 1.0
@@ -57,7 +57,7 @@ class TrialRobot:
         last = float(left[self.cell])
         for step in range(1, len(path)):
             cell, ahead = int(path[step]), path[min(step + _AHEAD, len(path) - 1)]
-            behind = path[max(step - 1, 0)] if ahead == cell else cell
+            behind = path[max(step - _AHEAD, 0)] if ahead == cell else cell
             self._move(
                 cell, float(left[self.cell]), float(left[cell]), self._towards(behind, ahead)
             )
@@ -82,14 +82,15 @@ class TrialRobot:
         return float(np.arctan2(dy, dx))
 
     def turn_and_look(self, hidden: HiddenObject, heading: float, extent: float) -> bool:
-        """Sweep `extent` [rad] about `heading`, from the nearer end to the other."""
-        whole = extent >= 2 * np.pi - 1e-9
-        if not whole:
-            half = max(extent - self.sensor.field_of_view, 0.0) / 2
-            ends = np.array([heading - half, heading + half])
-            turns = angle_between(self.heading, ends)
-            self.seconds += float(turns.min()) / self.motion.turn_rate
-            self.heading = float(ends[1 - int(np.argmin(turns))])
-        self.seconds += float(self.motion.sweep_seconds(extent, self.sensor.field_of_view))
+        """Sweep over `extent` [rad] about `heading`; whether it shows something."""
+        return self.sweep(
+            hidden, sweep_over(self.heading, heading, extent, self.sensor.field_of_view)
+        )
+
+    def sweep(self, hidden: HiddenObject, sweep: Sweep) -> bool:
+        """Carry out a sweep; whether it shows something."""
+        turned = float(angle_between(self.heading, sweep.start)) + abs(sweep.turn)
+        self.seconds += turned / self.motion.turn_rate + self.motion.picture
+        self.heading = sweep.start + sweep.turn
         self.looks += 1
-        return hidden.shown(self.cell, heading, extent)
+        return hidden.shown(self.cell, sweep.middle, sweep.extent)

@@ -22,6 +22,7 @@ class Score:
     mean_seconds: float  # until found or given up
     mean_seconds_found: float | None  # of those found
     median_seconds: float
+    worst_tenth_seconds: float  # mean of the slowest tenth
     mean_metres: float
     spl: float  # success weighted by (shortest way / way driven), Anderson et al. 2018
     auc: float  # area under success against time until `HORIZON`, 0..1
@@ -41,6 +42,7 @@ def score(outcomes: Sequence[TrialOutcome], shortest: Sequence[TrialOutcome]) ->
         mean_seconds=float(seconds.mean()),
         mean_seconds_found=float(seconds[found].mean()) if found.any() else None,
         median_seconds=float(np.median(seconds)),
+        worst_tenth_seconds=float(np.sort(seconds)[-max(len(seconds) // 10, 1) :].mean()),
         mean_metres=float(metres.mean()),
         spl=float((found * way).mean()),
         auc=float((found * np.clip(1 - seconds / HORIZON, 0.0, 1.0)).mean()),

@@ -3,8 +3,8 @@
 The thesis' own world: straight lines, no walls, a turn in the middle of a place shows all of it.
 `sighted` drives to middles as the thesis does; `from_viewpoints` also stops at the edge of a place,
 where half a turn, or in a corner a quarter, has all of it in view: that a look shows as far as the
-place goes is the thesis' assumption, and is kept here. What is nearer than the camera sees is
-missed from there, and looked for in a second round, from the middles.
+place goes is the thesis' assumption, and is kept here. A thing that is too near for the
+camera is missed from there, and looked for in a second round, from the middles.
 """
 
 from __future__ import annotations

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.homes import Home, HomeRoom
+from benchmarks.search.room_beliefs import RoomChances
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
 from benchmarks.search.stopping_on_sight import (
     SENSOR,
@@ -158,12 +159,13 @@ def _covered(
     hidden = HiddenObject(space, SENSOR, [space.nearest(p_object, room)], "Table 4.5")
     chances = {goal.iri: goal.probability for goal in goals}
     p = np.array([chances.get(place.iri, 0.0) for place in places])
+    rooms = RoomChances.apart(p)
     outcomes = {
         "brute force": brute_force(building, begin, hidden),
         "thesis' rule": thesis_rule(building, begin, hidden, (p > 0).tolist()),
-        "ours, whole turns": ours(building, begin, hidden, p, Ablation(False, True)),
-        "ours, viewpoints": ours(building, begin, hidden, p, Ablation(on_the_way=False)),
-        "ours, viewpoints and on the way": ours(building, begin, hidden, p),
+        "ours, whole turns": ours(building, begin, hidden, rooms, Ablation(False, True)),
+        "ours, viewpoints": ours(building, begin, hidden, rooms, Ablation(on_the_way=False)),
+        "ours, viewpoints and on the way": ours(building, begin, hidden, rooms),
         "clairvoyant": oracle(building, begin, hidden),
     }
     assert all(outcome.found for outcome in outcomes.values()), outcomes

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.search.corrupted_priors import CORRUPTED
 from benchmarks.search.ground_truth import HiddenObject
@@ -31,7 +32,7 @@ PARTS: Final[Mapping[str, Ablation]] = {
     "nothing on the way": Ablation(on_the_way=False),
     "whole turns only": Ablation(on_the_way=False, whole_turns=True),
 }
-#: What is hidden where the ontology does not list it, searched by these.
+#: Ways of searching for an object where the ontology does not list it.
 UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))
 
 #: How long it takes to give up what is not there: searched once in each home, by ours.
@@ -139,7 +140,7 @@ def _query(
 ) -> tuple[str, int, HiddenObject]:
     """Name of a query, the cell it starts at, and what is hidden."""
     name = f"{settings.seed} {building.home.name} {kind}"
-    rng = _generator(name)
+    rng = seeded(name)
     cells = _hiding_places(building, kind, rng)
     start = int(rng.choice(building.space.floor()))
     return name, start, HiddenObject(building.space, settings.sensor, cells, name)
@@ -176,9 +177,15 @@ def _search(
 def _robustness(
     building: HomeSpace, start: int, hidden: HiddenObject, prior: Prior, name: str, plain: Ablation
 ) -> dict[str, TrialOutcome]:
-    rng = _generator(f"{name} misled")
+    rng = seeded(f"{name} misled")
     found = {
-        how: ours(building, start, hidden, mislead(prior.chances, rng), plain)
+        how: ours(
+            building,
+            start,
+            hidden,
+            replace(prior.chances, p=mislead(prior.chances.p, rng)),
+            plain,
+        )
         for how, mislead in CORRUPTED.items()
     }
     unlisted = [room for room in building.covers if not prior.listed[room]]
@@ -193,15 +200,26 @@ def _robustness(
 
 def _hiding_places(building: HomeSpace, kind: str, rng: np.random.Generator) -> list[int]:
     """A floor cell for every instance, drawn evenly from its room's floor."""
-    cells: list[int] = []
+    return [
+        int(cell)
+        for floor, count in hiding_floors(building, kind)
+        for cell in rng.choice(floor, count)
+    ]
+
+
+def hiding_floors(building: HomeSpace, kind: str) -> list[tuple[NDArray[np.intp], int]]:
+    """Floor cells (n,) of each room that holds a kind of object, and how many it holds."""
+    floors = []
     for number, room in enumerate(building.home.rooms):
         floor, count = building.space.floor(number), room.holds.get(kind, 0)
         if not len(floor):  # covered by smaller rooms altogether: the nearest floor will do
             floor = np.array([building.space.nearest(building.middles[number])])
-        cells += [int(cell) for cell in rng.choice(floor, count)]
-    return cells
+        if count:
+            floors.append((floor, count))
+    return floors
 
 
-def _generator(name: str) -> np.random.Generator:
+def seeded(name: str) -> np.random.Generator:
+    """A generator of random numbers, always the same for a name."""
     digest = hashlib.sha256(name.encode()).digest()
     return np.random.default_rng(list(digest[:16]))

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Ring
 from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord
@@ -56,6 +58,8 @@ def rooms_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> dic
 def geojson_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> dict[str, Any]:
     """GeoJSON of places (Polygon) and objects (Point) of existence `min_existence` or above.
 
+    The property "footprint" has the corners of an object's box.
+
     RFC 7946 has longitude and latitude, and other systems by prior arrangement (section 4). "crs"
     is a foreign member (section 6.1) in the form of earlier GeoJSON, so that readers such as GDAL
     do not read metres as degrees.
@@ -70,7 +74,7 @@ def geojson_document(semantic_map: SemanticMap, min_existence: float = 0.5) -> d
         for place in semantic_map.places()
     ]
     for record in _shown(semantic_map, min_existence):
-        fields = {"kind": "object", **names.object(record)}
+        fields = {"kind": "object", **names.object(record), "footprint": _footprint(record)}
         features.append(
             _feature(None, {"type": "Point", "coordinates": fields.pop("position")}, fields)
         )
@@ -116,6 +120,7 @@ class _Names:
             "category": self._catalogue.label(record.category),
             "position": [round(float(c), 3) for c in record.p_map],
             "size": None if size is None else [_finite(c) for c in size],
+            "yaw": _finite(record.yaw),
             "deviation": None if deviation is None else _finite(deviation),
             "existence": round(record.existence, 4),
             "may_be": {
@@ -124,7 +129,13 @@ class _Names:
             },
             "observations": record.observations,
             "last_seen": record.last_seen,
-            "seen_in": None if seen is None else {"recording": seen.recording, "frame": seen.frame},
+            "seen_in": None
+            if seen is None
+            else {
+                "recording": seen.recording,
+                "frame": seen.frame,
+                "box": [round(value) for value in seen.box],
+            },
             "place": None if record.place is None else self.short(record.place),
             "relations": [
                 {
@@ -164,6 +175,14 @@ def _feature(
 def _closed(ring: Ring) -> list[list[float]]:
     """A linear ring, whose last corner is its first."""
     return [[float(x), float(y)] for x, y in (*ring, ring[0])]
+
+
+def _footprint(record: ObjectRecord) -> list[list[float]] | None:
+    """Corners [m] of an object's box from above, without the first again."""
+    corners = record.footprint
+    if corners is None or not np.isfinite(corners).all():
+        return None
+    return [[round(float(x), 3), round(float(y), 3)] for x, y in corners]
 
 
 def _finite(value: float) -> float | None:

@@ -29,7 +29,7 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
                 f"no transaction #{when} is kept; there are #{log.floor} to #{log.last}"
             )
         return when
-    time = moment(when)
+    time = moment(when, "#42 (a transaction) or ")
     if time < log.floor_time:
         began = iso(log.floor_time)
         raise HistoryError(f"the past before {began} is not kept, got {iso(time)}")
@@ -50,10 +50,10 @@ def iso(time: float) -> str:
     return text.removesuffix("+00:00") + "Z"
 
 
-def moment(when: str | datetime) -> float:
+def moment(when: str | datetime, others: str = "") -> float:
     """Seconds since 1970 of ISO 8601 text (UTC by default) or a datetime.
 
-    Raises HistoryError for other texts.
+    Raises HistoryError for other texts; the message has `others`, which the caller takes, too.
     """
     try:
         given = datetime.fromisoformat(when) if isinstance(when, str) else when
@@ -61,6 +61,6 @@ def moment(when: str | datetime) -> float:
         iso(time)  # raises for a year beyond 9999
     except (ValueError, OverflowError):
         raise HistoryError(
-            f"no moment {str(when)!r}; write #42 (a transaction) or 2026-08-01T12:30:00Z"
+            f"no moment {str(when)[:60]!r}; write {others}2026-08-01T12:30:00Z"
         ) from None
     return time

@@ -1,1 +1,1 @@
-"""Background knowledge: ontologies, ConceptNet, and objects' usual places."""
+"""Background knowledge: ontologies, words, ConceptNet, and objects' usual places."""

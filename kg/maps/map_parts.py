@@ -108,10 +108,11 @@ class MapAssertions(Protocol):
         """Assert a property, which overrides perception until it is retracted.
 
         - `iri`: an object or place; ``object/17`` is short for its IRI
-        - `prop`: of an object category, position, existence, label, on or inside; of a place
-          category, label or area
-        - `value`: a category's label or IRI, (x, y, z) [m], "present" or "absent", a label, or an
-          object
+        - `prop`: of an object category, position, extent, existence, label, on or inside; of a
+          place category, label or area. The name of an object asserts the category of that name,
+          and adds it to the ontology below the nearest known one if it is new
+        - `value`: a category's label or IRI, (x, y, z) [m], (dx, dy, dz, yaw) [m, rad],
+          "present" or "absent", a label, or an object
         - `by`: the author; on a server the holder of the token
 
         Raises UnknownCategoryError, and InvalidFactError for unknown things, invalid properties or

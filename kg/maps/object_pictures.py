@@ -1,9 +1,11 @@
-"""Pictures of a map's objects: a small JPEG of each one's best observation, in the map's folder."""
+"""Pictures of a map's objects: small JPEGs of each one's best observations, in the map's folder."""
 
 from __future__ import annotations
 
+import os
 import re
 import zlib
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +14,8 @@ from kg.model.records import ObjectRecord
 
 FOLDER: Final = "pictures"  # in the folder of a map
 MAX_BYTES: Final = 10_000  # of one picture
-MAX_PICTURES: Final = 5_000  # of one map; the oldest are dropped
+MAX_PICTURES: Final = 5_000  # of one map; former views go first, then the oldest
+MAX_VIEWS: Final = 4  # of one object: its best observation, and the last that were best before
 _NUMBER = re.compile(r".*/object/([0-9]{1,18})")
 _NAME = re.compile(r"[0-9]{1,18}-[0-9a-f]{8}\.jpg")
 
@@ -30,8 +33,23 @@ class ObjectPictures:
             return None  # a link may lead to files that are not the map's
         return path if path.stat().st_size <= MAX_BYTES else None
 
+    def views_of(self, iri: str) -> list[Path]:
+        """Files with views of an object, the latest first; up to `MAX_VIEWS`."""
+        number = _NUMBER.fullmatch(iri)
+        return self._views(number[1])[:MAX_VIEWS] if number else []
+
+    def read(self, record: ObjectRecord) -> bytes | None:
+        """The JPEG of the best observation of `record`; None without a picture."""
+        path = self.path_of(record)
+        try:
+            return None if path is None else path.read_bytes()
+        except OSError:
+            return None  # removed meanwhile
+
     def write(self, record: ObjectRecord, jpeg: bytes) -> None:
         """Write `jpeg` as the picture of the best observation of `record`.
+
+        The pictures of former best observations stay as further views, up to `MAX_VIEWS` in all.
 
         Raises GraphError if the folder cannot be written, ValueError for a larger picture.
         """
@@ -45,9 +63,9 @@ class ObjectPictures:
             self._folder.mkdir(exist_ok=True)
             part.write_bytes(jpeg)
             part.replace(path)
-            for former in self._folder.glob(f"{path.name.partition('-')[0]}-*.jpg"):
-                if former != path:
-                    former.unlink(missing_ok=True)
+            former = [view for view in self._views(path.name.partition("-")[0]) if view != path]
+            for view in former[MAX_VIEWS - 1 :]:
+                view.unlink(missing_ok=True)
         except OSError as error:
             raise GraphError(f"cannot write {path}: {error.strerror}") from error
 
@@ -57,14 +75,48 @@ class ObjectPictures:
         for path in self._folder.glob(f"{number[1]}-*.jpg") if number else ():
             path.unlink(missing_ok=True)
 
+    def join(self, iri: str, other: str) -> None:
+        """Give the pictures of the object `other` to `iri`, which is the same thing.
+
+        The best views of both stay, up to `MAX_VIEWS`. Raises GraphError if the folder cannot be
+        written.
+        """
+        kept, gone = _NUMBER.fullmatch(iri), _NUMBER.fullmatch(other)
+        if kept is None or gone is None or iri == other:
+            return
+        in_turn = zip_longest(self._views(kept[1]), self._views(gone[1]))
+        ranked = [path for pair in in_turn for path in pair if path is not None]
+        try:
+            latest = max((path.stat().st_mtime_ns for path in ranked), default=0)
+            for rank, path in enumerate(ranked[:MAX_VIEWS]):
+                os.utime(path, ns=(latest - rank, latest - rank))
+                path.replace(self._folder / f"{kept[1]}-{path.name.partition('-')[2]}")
+            for path in ranked[MAX_VIEWS:]:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise GraphError(f"cannot write {self._folder}: {error.strerror}") from error
+
     def limit(self) -> None:
-        """Remove the oldest pictures beyond `MAX_PICTURES`."""
+        """Remove pictures beyond `MAX_PICTURES`: former views first, then the oldest."""
         if not self._folder.is_dir():
             return
         paths = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]
-        if len(paths) > MAX_PICTURES:
-            for path in sorted(paths, key=lambda p: p.stat().st_mtime)[:-MAX_PICTURES]:
-                path.unlink(missing_ok=True)
+        if len(paths) <= MAX_PICTURES:
+            return
+        paths.sort(key=lambda path: path.stat().st_mtime)
+        latest = {path.name.partition("-")[0]: path for path in paths}
+        paths.sort(key=lambda path: latest[path.name.partition("-")[0]] == path)  # keeps the order
+        for path in paths[:-MAX_PICTURES]:
+            path.unlink(missing_ok=True)
+
+    def _views(self, number: str) -> list[Path]:
+        """Regular files of an object's views, the latest first."""
+        found = [
+            (-path.stat().st_mtime_ns, path.name, path)
+            for path in self._folder.glob(f"{number}-*.jpg")
+            if _NAME.fullmatch(path.name) and path.is_file() and not path.is_symlink()
+        ]
+        return [path for _, _, path in sorted(found)]
 
     def _path(self, record: ObjectRecord) -> Path | None:
         number, shown = _NUMBER.fullmatch(record.iri), record.evidence

@@ -21,6 +21,7 @@ from kg.maps.facts.searches import SearchRecords
 from kg.maps.map_metadata import Description, description_of
 from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms
 from kg.maps.networkx_graph import network
+from kg.maps.object_pictures import ObjectPictures
 from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.parameter_resolution import ParameterResolver
 from kg.maps.query.query_files import ParameterizedQuery, resolve_query
@@ -85,7 +86,7 @@ class SemanticMap(ABC):
     """Listeners to transactions, and to changes of a query's result."""
 
     surface_store: SurfaceStore | None = None
-    """Where the surface is written; None for a map on a server or of the past."""
+    """Store of the surface; None for a map on a server or of the past."""
 
     def __init__(self, store: TransactionalStore, base: str, categories: StoredCatalogue) -> None:
         self.store, self.base, self._categories = store, base, categories
@@ -175,6 +176,13 @@ class SemanticMap(ABC):
         )
         return tuple(record for record in found if record.existence >= min_existence)
 
+    def unnamed_things(self) -> tuple[ObjectRecord, ...]:
+        """Things that stand out of the surface and that nobody named, oldest first.
+
+        `objects` leaves them out, as all lists of objects do.
+        """
+        return self._facts.unnamed_things(self.engine)
+
     def places(
         self,
         category: str | None = None,
@@ -226,6 +234,11 @@ class SemanticMap(ABC):
     def recordings(self) -> tuple[RecordingRecord, ...]:
         """The progress of each recording, by name."""
         return recordings_in(self.engine, self.base)
+
+    def picture(self, iri: str) -> bytes | None:
+        """JPEG of the best observation of an object; None without one, and for past moments."""
+        found = self.perceived.objects([iri])
+        return ObjectPictures(path).read(found[0]) if found and (path := self.store.path) else None
 
     def query(self, question: str | Path | ParameterizedQuery, /, **parameters: object) -> Table:
         """The result of a query: the name of a shipped one, a ``.rq`` file, or SPARQL text.

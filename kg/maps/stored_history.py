@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
@@ -31,6 +32,8 @@ class StoredHistory:
     def __init__(self, store: TransactionalStore, base: str, log: HistoryLog | None) -> None:
         self._store, self._base, self._log = store, base, log
         self._states = PastStates()
+        self.surface_area: Callable[[int], float] = lambda _: 0.0
+        """[m^2] of the map's surface at a transaction."""
 
     @property
     def log(self) -> HistoryLog:
@@ -70,7 +73,8 @@ class StoredHistory:
         log, categories = self.log, Categories.of(self._store.engine)
         before = sequence_of(log, t1)
         after = log.last if t2 is None else sequence_of(log, t2)
-        return compare(log, categories, self._base, before, after, far)
+        found = compare(log, categories, self._base, before, after, far)
+        return replace(found, surface=(self.surface_area(before), self.surface_area(after)))
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing."""

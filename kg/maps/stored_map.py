@@ -70,7 +70,7 @@ class StoredMap(SemanticMap):
         self.history = StoredHistory(store, self.base, history)
         self.ontology = StoredOntology(store, categories, self._guard)
         self.assertions = AssertionService(
-            store, self._facts, self.perceived, self._writer, self._guard
+            *(store, self._facts, self.perceived, self._writer, self._guard), names=self.ontology
         )
         self.rooms = RoomEditor(
             *(store, self._facts, self.perceived, self._writer),
@@ -81,6 +81,7 @@ class StoredMap(SemanticMap):
         self.subscriptions = StoredSubscriptions(self.query, store)
         if store.path is not None or not (store.read_only or store.shared):
             self.surface_store = SurfaceStore(store.path, store.sequence, read_only=store.read_only)
+            self.history.surface_area = self.surface_store.area
         self.read_surface: Callable[[int], Surface] | None = None  # of a past state, or of a copy
 
     @property

@@ -10,7 +10,13 @@ from pyoxigraph import Quad
 
 from kg.knowledge.ontology.catalogue import StoredCatalogue
 from kg.knowledge.ontology.loading import Ontology
-from kg.knowledge.ontology.provisional_classes import add_provisional_classes, clean
+from kg.knowledge.ontology.provisional_classes import (
+    add_provisional_classes,
+    clean,
+    remove_unused_name,
+)
+from kg.knowledge.words.classes import add_label_classes
+from kg.maps.thing_names import category_of_name, checked_name, nearest_category
 from kg.maps.update.validation import UpdateValidator
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
@@ -59,17 +65,46 @@ class StoredOntology:
             return taken
 
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
-        """The category of each label of a network; provisional ones are added."""
+        """The category of each label of a network; classes of words or provisional ones are new."""
         names = {label: clean(label) for label in labels}
         with self._guard:
             self._store.check_writable()
             known = self._categories()
             unknown = [n for n in names.values() if n and not known.for_label(n, kind)]
+            if unknown and kind == "object":
+                if add_label_classes(self._store, known, unknown, model) is not None:
+                    self.reread()
+                    known = self._categories()
+                unknown = [n for n in unknown if not known.for_label(n, kind)]
             if add_provisional_classes(self._store, known, unknown, kind, model) is not None:
                 self.reread()
             known = self._categories()
             found = {label: known.for_label(n, kind) for label, n in names.items() if n}
         return {label: category.iri for label, category in found.items() if category is not None}
+
+    def category_named(self, name: str, by: str) -> str:
+        """IRI of the category with the name that a person gives a thing; a new one is added.
+
+        Raises InvalidFactError for what is no name of a thing.
+        """
+        checked = checked_name(name)
+        with self._guard:
+            self._store.check_writable()
+            known = self._categories()
+            found = category_of_name(known, checked)
+            if found is None:
+                above = nearest_category(known, checked)
+                nearest = () if above is None else (above.iri,)
+                add_provisional_classes(self._store, known, [checked], "name", by, nearest)
+                self.reread()
+                found = self._categories().find(checked, "object")
+            return found.iri
+
+    def forget_name(self, iri: str, by: str | None) -> None:
+        """Remove a category that `category_named` added, where nothing refers to it any more."""
+        with self._guard:
+            if remove_unused_name(self._store, iri, by) is not None:
+                self.reread()
 
     def reread(self) -> None:
         """Read the categories and shapes again at their next use."""

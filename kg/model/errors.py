@@ -25,6 +25,7 @@
     │   └── PoolBusyError        all query workers are busy and the queue is full
     ├── OntologyError            an ontology does not parse, or breaks its shapes
     │   ├── UnknownCategoryError no category has that label
+    │   │   └── UndetectableError  the word is known, and no category includes such things
     │   └── ConceptNetError      ConceptNet, or a file of it, cannot be read
     ├── RecordingError           a recording cannot be read: poses, images, intrinsics
     │   └── FrameError           a frame or its detections are invalid; a ValueError too
@@ -152,6 +153,10 @@ class OntologyError(HereaboutsError):
 
 class UnknownCategoryError(OntologyError):
     """No category has that label."""
+
+
+class UndetectableError(UnknownCategoryError):
+    """The word is known, and no category includes such things: no detector can see them."""
 
 
 class ConceptNetError(OntologyError):

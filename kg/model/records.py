@@ -13,6 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.areas import Area, Outline, Rectangle
+from kg.model.oriented_boxes import footprint
+
+#: in place of a detector's name: the thing stands out of the mapped surface
+SURFACE: Final = "surface"
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +27,8 @@ class Evidence:
     recording: str  # recording name
     stamp: float  # [s]
     box: tuple[float, float, float, float]  # xyxy [px] in that frame
-    score: float  # detector score, 0..1
-    model: str  # name of the detector
+    score: float  # detector score, 0..1; of SURFACE the share of the thing in view
+    model: str  # name of the detector, or SURFACE
 
 
 RelationKind = Literal["on", "inside", "beside"]
@@ -53,11 +57,17 @@ class ObjectRecord:
     last_seen: float  # [s]
     place: str | None = None  # IRI of the place that contains it
     evidence: Evidence | None = None
-    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
+    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along its own axes
     deviation: float | None = None  # [m] standard deviation of each coordinate of `p_map`
     relations: tuple[Relation, ...] | None = None  # None: a write keeps the relations in the map
     #: alternative categories: IRI -> probability that an object of that category is there
     labels: Mapping[str, float] = field(default_factory=dict)
+    yaw: float = 0.0  # [rad] of its box about z, counterclockwise from the map's axes
+
+    @property
+    def footprint(self) -> NDArray[np.float64] | None:
+        """(4, 2) [m] corners of its box from above; None without an extent."""
+        return None if self.extent is None else footprint(self.p_map, self.extent, self.yaw)
 
     @property
     def covariance(self) -> NDArray[np.float64] | None:
@@ -77,7 +87,8 @@ class DepartedRecord:
     first_seen: float  # [s]
     last_seen: float  # [s]
     found_gone: float  # [s] when the position was first known to be empty
-    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along the map's axes
+    extent: NDArray[np.float64] | None = None  # (3,) [m] of its box along its own axes
+    yaw: float = 0.0  # [rad] of its box about z, counterclockwise from the map's axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +177,8 @@ class RecordingRecord:
     last_frame: str
     T_map_world: NDArray[np.float64]  # (4, 4)
     scene_model: str = ""  # name of the scene classifier; "" without one
+    pose_estimate: str = ""  # how poses were estimated from the images; "": they were given
+    detects: tuple[str, ...] = ()  # IRIs of the categories of its detector; (): unknown
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,8 +186,8 @@ class Assertion:
     """Assertion by a person of one property of an object or place, and the perceived value."""
 
     subject: str  # IRI of the object or place
-    property: str  # "category", "position", "existence", "label", "on" or "inside"
-    value: str  # IRI of a category or object; "x y z" [m]; "present"; "absent"; "nothing"; a label
+    property: str  # "category", "position", "extent", "existence", "label", "on" ...
+    value: str  # IRI of a category or object; numbers; "present"; "absent"; "nothing"; a label
     by: str
     stamp: float  # [s] when it was asserted
     perceived: str | None = None  # as `value`; for existence a number 0..1; None: unknown

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import sqlite3
 import stat
 from pathlib import Path
 from typing import Final
 
 MAX_BYTES: Final = 1 << 29  # of a file that is read whole
 SQLITE_STEPS: Final = 1_000_000  # of SQLite's machine between two calls of a `StepLimit`
-_LEAST_STEPS, _STEPS_PER_BYTE = 20_000_000, 10  # a second, and more for large files
+_MIN_STEPS, _STEPS_PER_BYTE = 20_000_000, 10  # takes about a second, longer for large files
 
 
 def check_regular(path: Path, max_bytes: int = MAX_BYTES) -> None:
@@ -46,7 +47,7 @@ class StepLimit:
 
     def __init__(self, path: Path) -> None:
         size = path.stat().st_size if path.exists() else 0
-        self._calls = (_LEAST_STEPS + _STEPS_PER_BYTE * size) // SQLITE_STEPS
+        self._calls = (_MIN_STEPS + _STEPS_PER_BYTE * size) // SQLITE_STEPS
         self.reset()
 
     def reset(self) -> None:
@@ -57,6 +58,40 @@ class StepLimit:
         """Whether SQLite is to interrupt."""
         self._left -= 1
         return self._left < 0
+
+
+def open_sqlite(path: Path, schema: str, version: int, max_bytes: int) -> sqlite3.Connection:
+    """A SQLite file of one table beside a map, made where it is missing; limited by a `StepLimit`.
+
+    Raises OSError as `check_regular`, sqlite3.Error, and ValueError for a link or another version.
+    """
+    if path.is_symlink():
+        raise ValueError("it is a link")
+    if path.exists():
+        check_regular(path, max_bytes)
+    file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
+    try:
+        file.execute("PRAGMA trusted_schema = OFF")
+        file.set_progress_handler(StepLimit(path), SQLITE_STEPS)
+        found = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
+        (number,) = file.execute("PRAGMA user_version").fetchone()
+        if found and (found, number) != ([schema], version):
+            raise ValueError("it is of another version")
+        file.execute("PRAGMA journal_mode = WAL")
+        file.execute("PRAGMA synchronous = NORMAL")
+        if not found:
+            file.execute(schema)
+            file.execute(f"PRAGMA user_version = {version}")
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def remove_sqlite(path: Path) -> None:
+    """Remove a SQLite file with its log; raises OSError."""
+    for suffix in ("", "-wal", "-shm"):
+        Path(f"{path}{suffix}").unlink(missing_ok=True)
 
 
 def _check(status: os.stat_result, path: Path, max_bytes: int) -> None:

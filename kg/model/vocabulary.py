@@ -25,6 +25,9 @@ ROOMS_ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/rooms/"  # + the s
 
 #: + kind#name: category of a detector's label that no other category has
 PROVISIONAL: Final = "https://w3id.org/hereabouts/provisional/"
+#: + name of a WordNet sense: class of the things of a word (`kg.knowledge.words.classes`)
+WORD: Final = "https://w3id.org/hereabouts/word/"
+WORD_SOURCE: Final = "WordNet 3.0"  # dct:source of such a class, unless a network has the word
 
 # named graphs
 ONTOLOGY_GRAPH: Final = NamedNode(GRAPH + "ontology")
@@ -45,6 +48,7 @@ RECORDING: Final = HERE + "Recording"
 PLACE_BELIEF: Final = HERE + "PlaceBelief"
 LABEL_BELIEF: Final = HERE + "LabelBelief"
 DEPARTED_OBJECT: Final = HERE + "DepartedObject"
+UNNAMED_THING: Final = HERE + "UnnamedThing"
 FRAME_CLASS: Final = HERE + "CoordinateFrame"
 LOCATED_AT_RELATION: Final = HERE + "LocatedAtRelation"
 NEAR_BY_RELATION: Final = HERE + "NearByRelation"
@@ -58,6 +62,7 @@ CARRIES: Final = HERE + "carries"  # here:on, here:inside
 BACK_HEIGHT: Final = HERE + "backHeight"
 
 PROVISIONAL_MARK: Final = HERE + "provisional"
+MARKER: Final = HERE + "marker"
 
 # provenance of an imported relation, by which later edits by hand are recognised
 WEIGHT: Final = HERE + "weight"
@@ -94,6 +99,7 @@ IN_CELL: Final = HERE + "inCell"
 EXTENT_X: Final = HERE + "extentX"
 EXTENT_Y: Final = HERE + "extentY"
 EXTENT_Z: Final = HERE + "extentZ"
+YAW: Final = HERE + "yaw"
 DEVIATION: Final = HERE + "positionDeviation"
 
 FROM_FLOOR: Final = HERE + "fromFloor"  # of a place found in the mapped floor
@@ -184,6 +190,8 @@ RELATIVE_TO: Final = HERE + "relativeTo"  # from frame to frame, by here:transfo
 TRANSFORM: Final = HERE + "transform"
 FROM_RECORDING: Final = HERE + "fromRecording"
 SCENE_MODEL: Final = HERE + "sceneModel"
+POSE_ESTIMATE: Final = HERE + "poseEstimate"
+DETECTS: Final = HERE + "detects"
 
 # borrowed terms
 RDF_TYPE: Final = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
@@ -206,6 +214,7 @@ BOT_SPACE: Final = "https://w3id.org/bot#Space"
 BOT_INTERFACE_OF: Final = "https://w3id.org/bot#interfaceOf"
 BOT_ADJACENT_ZONE: Final = "https://w3id.org/bot#adjacentZone"
 GEO_HAS_GEOMETRY: Final = "http://www.opengis.net/ont/geosparql#hasGeometry"
+GEO_HAS_BOUNDING_BOX: Final = "http://www.opengis.net/ont/geosparql#hasBoundingBox"
 GEO_AS_WKT: Final = "http://www.opengis.net/ont/geosparql#asWKT"
 PROV_AGENT: Final = "http://www.w3.org/ns/prov#Agent"
 PROV_ATTRIBUTED_TO: Final = "http://www.w3.org/ns/prov#wasAttributedTo"
@@ -222,6 +231,7 @@ XSD_HEX: Final = NamedNode(XSD + "hexBinary")
 OWL_THING: Final = "http://www.w3.org/2002/07/owl#Thing"
 OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_NAMED_INDIVIDUAL: Final = "http://www.w3.org/2002/07/owl#NamedIndividual"
+RDFS_SEE_ALSO: Final = "http://www.w3.org/2000/01/rdf-schema#seeAlso"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
 OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
 OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"

@@ -98,6 +98,12 @@ def axis_literals(
     ]
 
 
+def yaw_literals(yaw: float, what: str) -> list[tuple[str, Literal]]:
+    """The literal of a box's `yaw` [rad]; none for a box along the map's axes."""
+    turned = number_literal(yaw, f"{what}: yaw", minimum=-math.pi, maximum=math.pi)
+    return [] if float(turned.value) == 0 else [(v.YAW, turned)]
+
+
 def axes_of(
     properties: Mapping[str, Sequence[str]], predicates: Sequence[str]
 ) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from urllib.parse import quote, unquote
 
+import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
@@ -21,6 +22,7 @@ _STAMP = NamedNode(v.XSD + "dateTimeStamp")
 SENSOR = "sensor/"  # + the model's name, after the map's IRI
 PROGRAM = "agent/hereabouts"  # the agent of searches, after the map's IRI
 GEOMETRY = "/geometry"  # after the IRI of a feature
+FOOTPRINT = "/footprint"  # after the IRI of an object with an extent
 CRS = "crs"  # after the map's IRI: its coordinate reference system
 
 _Fact = tuple[str, str, NamedNode | Literal]
@@ -99,11 +101,19 @@ def geometry_quads(
     places: tuple[PlaceRecord, ...],
     robot: RobotRecord | None,
 ) -> Iterator[Quad]:
-    """geo:Feature, geo:hasGeometry and geo:asWKT of each record, and the reference system."""
+    """geo:Feature, geo:hasGeometry and geo:asWKT of each record, and the reference system.
+
+    The geometry of an object is its position; geo:hasBoundingBox is the footprint of its box.
+    """
     crs = NamedNode(base + CRS)
     yield from crs_quads(base)
     for record in objects:
         yield from _geometry(record.iri, f"{crs} {_point(record.p_map)}")
+        corners = record.footprint
+        if corners is not None and np.isfinite(corners).all() and np.ptp(corners, axis=0).all():
+            ring = tuple((round(float(x), 3), round(float(y), 3)) for x, y in corners)
+            wkt = polygon_text((ring,), crs.value)
+            yield from _shape(record.iri, v.GEO_HAS_BOUNDING_BOX, FOOTPRINT, wkt)
     for place in places:
         yield from _geometry(place.iri, polygon_text(place.area.rings, crs.value))
     if robot is not None:
@@ -119,9 +129,13 @@ def crs_quads(base: str) -> Iterator[Quad]:
 
 
 def _geometry(iri: str, wkt: str) -> Iterator[Quad]:
-    geometry = NamedNode(iri + GEOMETRY)
     yield Quad(NamedNode(iri), v.RDF_TYPE, NamedNode(v.GEO_FEATURE), v.MAP_GRAPH)
-    yield Quad(NamedNode(iri), NamedNode(v.GEO_HAS_GEOMETRY), geometry, v.MAP_GRAPH)
+    yield from _shape(iri, v.GEO_HAS_GEOMETRY, GEOMETRY, wkt)
+
+
+def _shape(iri: str, predicate: str, suffix: str, wkt: str) -> Iterator[Quad]:
+    geometry = NamedNode(iri + suffix)
+    yield Quad(NamedNode(iri), NamedNode(predicate), geometry, v.MAP_GRAPH)
     yield Quad(geometry, v.RDF_TYPE, NamedNode(v.GEO_GEOMETRY), v.MAP_GRAPH)
     yield Quad(
         geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=v.GEO_WKT_LITERAL), v.MAP_GRAPH

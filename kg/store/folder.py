@@ -61,7 +61,7 @@ def check_is_map(path: Path) -> None:
 
 
 def made_folder(folder: Path) -> list[Path]:
-    """Create a folder and those above it; gives the folders that got a new name in them."""
+    """Create a folder and its parents; returns the folders that contain a new one."""
     new = [at for at in (folder, *folder.parents) if not at.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     return [at.parent for at in new]

@@ -17,16 +17,15 @@ import uuid
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
+from pyoxigraph import NamedNode, Quad, Store
 
 from kg.model import vocabulary as v
-from kg.model.errors import GraphError, InvalidFactError
+from kg.model.errors import GraphError
 from kg.model.transactions import Cause, ChangeSet, Listener
 from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.xml_characters import unwritable
 from kg.store.atomic_file import sync_folder
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
 from kg.store.folder import (
@@ -37,28 +36,17 @@ from kg.store.folder import (
     reason_of,
     remove_abandoned,
 )
+from kg.store.journal import Journal
 from kg.store.process_memory import TRIM_EVERY, trim_heap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
+from kg.store.transaction_quads import (
+    check_blank_nodes,
+    check_characters,
+    sequence_quad,
+    stored_sequence,
+)
 
 FLUSH_EVERY = 3.0  # [s]
-
-
-class Journal(Protocol):
-    """Write-ahead log: each transaction is recorded here before the store applies it."""
-
-    last_time: float  # [s] of the last recorded transaction
-
-    def append(self, change: ChangeSet) -> None:
-        """Record a transaction; raises GraphError on failure."""
-
-    def withdraw(self, sequence: int) -> None:
-        """Remove that transaction and later ones, which the store rejected."""
-
-    def flush(self) -> None:
-        """Do background work, on the flushing thread."""
-
-    def close(self) -> None:
-        """Close the files."""
 
 
 class TransactionalStore:
@@ -234,8 +222,8 @@ class TransactionalStore:
                 removed = tuple(q for q in delete if q not in insert and q in self.engine)
             if not added and not removed:
                 return None
-            _check_blank_nodes((*added, *removed))
-            _check_characters(added)
+            check_blank_nodes((*added, *removed))
+            check_characters(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
@@ -421,33 +409,3 @@ def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.E
         if sequence != written and time.monotonic() - trimmed > TRIM_EVERY:
             trim_heap()
             trimmed, written = time.monotonic(), sequence
-
-
-def _check_blank_nodes(quads: Iterable[Quad]) -> None:
-    # an update renames the blank nodes that it inserts, and it cannot delete any
-    for quad in quads:
-        if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):
-            raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
-
-
-def _check_characters(quads: Iterable[Quad]) -> None:
-    for quad in quads:
-        text = quad.object.value if isinstance(quad.object, Literal) else ""
-        if (character := unwritable(text)) is not None:
-            raise InvalidFactError(
-                f"a text with {character} cannot be written, since XML cannot represent it: "
-                f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
-            )
-
-
-def sequence_quad(number: int) -> Quad:
-    """The quad that states the number of the last stored transaction."""
-    graph = v.DATASET_GRAPH
-    return Quad(graph, NamedNode(v.SEQUENCE), Literal(number), graph)
-
-
-def stored_sequence(engine: QuadStore) -> int:
-    """The number of the last transaction in a store; 0 before the first."""
-    graph = v.DATASET_GRAPH
-    quads = engine.quads_for_pattern(graph, NamedNode(v.SEQUENCE), None, graph)
-    return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)

@@ -19,6 +19,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
 from mapping.alignment.floor_match import floor_tiles
 from mapping.alignment.temporary_map import temporary_map
+from mapping.key_views.view_store import ViewStore
 from mapping.mapper import Mapper
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
@@ -57,6 +58,14 @@ class CorrectionReport:
         distance, tiles = values.pop("distance"), values.pop("tiles")
         return values | {"median_distance": round(distance, 3), "floor_tiles": tiles}
 
+    def summary(self) -> str:
+        """One line."""
+        return (
+            f"{self.recording} has its corrected poses: {self.kept} objects moved by "
+            f"{self.distance:.2f} m (median), {self.new} new, {self.removed} gone, "
+            f"{self.tiles} floor tiles changed"
+        )
+
 
 def is_mapped(recording: FolderRecording, semantic_map: SemanticMap) -> bool:
     """Whether the map holds frames of that recording."""
@@ -92,6 +101,10 @@ def correct_poses(
             here, new = semantic_map.surface_store, temporary.surface_store
             if here is not None and new is not None:
                 here.replace(recording.name, new, semantic_map.sequence)
+            if (folder := semantic_map.store.path) is not None:
+                views = ViewStore(folder, semantic_map.sequence)
+                views.move(recording.name, _motions(previous, recording))
+                views.close()
     if options.find_places:
         with Mapper(semantic_map, options, recording=recording.name):
             pass  # at its end it finds the rooms of all floor
@@ -116,6 +129,8 @@ class _Correction:
         self._map, self._temporary = semantic_map, temporary
         self._alone = len([r for r in semantic_map.recordings() if r.frames_applied]) == 1
         self._motion = _motions(previous, recording)
+        records = semantic_map.recordings()
+        self._estimate = next(r.pose_estimate for r in records if r.name == recording.name)
         self._distances = list[float]()
         self._new = 0
         self._iris = dict[str, str]()  # of objects: in the temporary map -> in the map
@@ -141,7 +156,9 @@ class _Correction:
             removed=removed,
             places=places.take_changed(),
             robot=self._temporary.robot(),
-            recording=replace(progress, T_map_world=self._recording.T_map_world),
+            recording=replace(
+                progress, T_map_world=self._recording.T_map_world, pose_estimate=self._estimate
+            ),
             floor=self._floor(),
         )
 

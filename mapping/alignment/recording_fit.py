@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -18,6 +19,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
 from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
 from mapping.alignment.object_match import landmarks
+from mapping.alignment.relocalisation import placed_by_views
 from mapping.alignment.search import Alignment, AlignmentSearch
 from mapping.alignment.temporary_map import temporary_map
 from mapping.labels.label_table import LabelTable
@@ -40,6 +42,28 @@ _WAYS: Final = (
     "are in the map frame"
 )
 _log = logging.getLogger(__name__)
+
+
+def fitted(
+    recording: Recording, semantic_map: SemanticMap, *, same_frame: bool = False
+) -> tuple[Recording, str]:
+    """Recording with its place in the map, and one line about its fit, or "".
+
+    A recording with estimated poses, which are in a world of its own, is looked for in the map
+    (`mapping.alignment.relocalisation`); others are checked as by `check_fit`. Raises LayoutError
+    where it is not recognised, or does not fit.
+    """
+    if not isinstance(recording, FolderRecording) or recording.estimate is None:
+        return recording, check_fit(recording, semantic_map, same_frame=same_frame)
+    known = [record.name for record in semantic_map.recordings() if record.frames_applied]
+    if recording.transform_given or not known or recording.name in known:
+        return recording, ""
+    if same_frame:
+        raise LayoutError(
+            f"{recording.name!r}: estimated poses are in a world of their own, not in the map "
+            "frame; without --same-frame its place is looked for in the map"
+        )
+    return placed_by_views(recording, semantic_map)
 
 
 def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bool = False) -> str:
@@ -89,13 +113,16 @@ def aligned(
 ) -> tuple[FolderRecording, str]:
     """Align a recording with the map; returns the moved recording, and a line about the fit.
 
-    Some of its frames are mapped, and their floor and objects are matched with the map's
-    (`mapping.alignment.search`). The first recording of a map, and one that is in the map already,
-    are returned unchanged with "". Raises LayoutError where no transform fits, or several do.
+    Where views of it are recognised in those of the map, they place it. Else some of its frames are
+    mapped, and their floor and objects are matched with the map's (`mapping.alignment.search`).
+    The first recording of a map, and one that is in the map already, are returned unchanged with
+    "". Raises LayoutError where no transform fits, or several do.
     """
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
     if not known or recording.name in known:
         return recording, ""
+    with suppress(LayoutError):
+        return placed_by_views(recording, semantic_map)
     frames = list(spread(recording, SEARCHED))
     with temporary_map(semantic_map) as temporary:
         with Mapper(

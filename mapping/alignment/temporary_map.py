@@ -14,7 +14,7 @@ from kg.serving.opening import in_memory_map
 def temporary_map(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
     """Empty map in memory with the ontology of `semantic_map`.
 
-    It has the shipped ontology if that of an older map lacks terms that maps are now written in.
+    It has the shipped ontology if an older map lacks terms of the present vocabulary.
     """
     with in_memory_map() as temporary:
         ontology = semantic_map.ontology.quads()

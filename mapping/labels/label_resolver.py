@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
+from kg.knowledge.words.classes import sense_of_label
 from kg.maps.semantic_map import SemanticMap
 from mapping.labels.label_table import LabelTable
 from mapping.reference.settings import UnknownLabels
@@ -13,9 +14,10 @@ from mapping.reference.settings import UnknownLabels
 class LabelResolver:
     """Resolver of one network's labels in a map's ontology, again whenever that has changed.
 
-    `kind` is "object" or "place". `table` comes first, then the ontology's names; any other label
-    becomes a provisional category, or is ignored, by `unknown`. `unknown_labels` counts labels
-    without a category; `provisional` has the labels of provisional ones.
+    `kind` is "object" or "place". `table` comes first, then the ontology's names; a known word
+    becomes a category of its own, any other label a provisional one, or is ignored, by `unknown`.
+    `unknown_labels` counts labels without a category; `provisional` has the labels of provisional
+    ones. `network` has all labels of the network, () if they are unknown.
     """
 
     def __init__(
@@ -33,11 +35,21 @@ class LabelResolver:
         self._iris: dict[str, str | None] = {}
         self.unknown_labels: Counter[str] = Counter()
         self.provisional: dict[str, None] = {}  # in the order in which they were met
+        self.network: tuple[str, ...] = ()
+        self._learned: tuple[str, ...] = ()
 
     def learn(self, labels: Iterable[str]) -> None:
-        """Make provisional categories of labels without one, if `unknown` is "provisional"."""
+        """Make categories of labels without one, if `unknown` is "provisional".
+
+        With the first labels, those of the network that are known words become categories, so that
+        the map tells what the network can see. Others become provisional ones when they are met.
+        """
         if self._unknown == "ignore":
             return
+        if self._kind == "object" and self._learned != self.network:
+            self._learned = self.network
+            words = [label for label in self.network if self._known(label) is None]
+            labels = [*labels, *(label for label in words if sense_of_label(label) is not None)]
         new = [label for label in dict.fromkeys(labels) if self._known(label) is None]
         new = [label for label in new if not self._table.ignores(label)]
         if new:
@@ -49,6 +61,11 @@ class LabelResolver:
         if iri is None and not self._table.ignores(label):
             self.unknown_labels[label] += 1
         return iri
+
+    @property
+    def detects(self) -> tuple[str, ...]:
+        """IRIs of the categories of all labels of the network, sorted."""
+        return tuple(sorted({iri for label in self.network if (iri := self._known(label))}))
 
     def ignores(self, label: str) -> bool:
         """Whether the table says to ignore `label`."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
 from kg.model.records import ObjectRecord
 from mapping.detection_report import Fate
 from mapping.labels.label_resolver import LabelResolver
@@ -22,9 +23,12 @@ from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
 from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.existence import logit
+from mapping.objects.extents.extent_grower import ExtentGrower
+from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
 from mapping.objects.reidentification.identity import IdentityResolver
 from mapping.objects.reidentification.merging import duplicates
+from mapping.objects.reidentification.moves import LookRatio
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor
 from mapping.objects.track_store import RunState, TrackStore
@@ -51,7 +55,9 @@ _NEARBY = 6.0  # [m] tracks farther from every sighting are skipped
 class BayesObjectMapper(ObjectMapper):
     """Bayes mapper of objects.
 
-    Where others change an object, its track starts anew from its record.
+    Where others change an object, its track starts anew from its record. With `voxels` of the
+    surface, objects get boxes that are grown from it; else those of their latest sightings. With
+    `looks`, pictures count for what moved where.
     """
 
     fates: DetectionFates
@@ -66,8 +72,11 @@ class BayesObjectMapper(ObjectMapper):
         model: str = "",
         labels: LabelTable | None = None,
         unknown_labels: UnknownLabels = "ignore",
+        voxels: Voxels | None = None,
+        looks: LookRatio | None = None,
     ) -> None:
         super().__init__(semantic_map, places)
+        self._grower = None if voxels is None else ExtentGrower(voxels)
         self._settings = settings or ObjectSettings()
         self._catalogue = semantic_map.catalogue
         self.labels = LabelResolver(
@@ -83,7 +92,7 @@ class BayesObjectMapper(ObjectMapper):
         self._new: set[str | None] = set()  # IRIs that the last frame gave
         self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
-            semantic_map, self.cache, self._settings, self._updater.usual_size
+            semantic_map, self.cache, self._settings, self._updater.usual_size, looks
         )
 
     @property
@@ -134,6 +143,8 @@ class BayesObjectMapper(ObjectMapper):
         ]
         self._tracks += born
         merged = self._merge([*seen, *born])
+        if self._grower is not None:
+            self._grower.grow_one(seen)
         return self._changes([*seen, *born], missed, merged)
 
     def add_sightings(
@@ -193,6 +204,16 @@ class BayesObjectMapper(ObjectMapper):
         self._updater.assess(track)
         return self._changes([], [track], ())
 
+    def finish(self) -> ObjectChanges:
+        """Objects with other boxes than in the map, once all views count."""
+        if self._grower is None:
+            return ObjectChanges()
+        self.refresh()
+        tracks = self._grower.grow_rest(self._tracks)
+        grown = {track.iri: self._record(track) for track in tracks if track.iri is not None}
+        self.cache.update(grown)
+        return ObjectChanges(tuple(grown.values()))
+
     def undo(self, changes: ObjectChanges) -> None:
         """Discard changes that could not be written; their objects are read again."""
         super().undo(changes)
@@ -225,7 +246,9 @@ class BayesObjectMapper(ObjectMapper):
         known = {track.iri for track in kept}
         self._identity.refresh(touched)
         self._tracks = kept + [
-            self._track(held[iri]) for iri in touched if iri in held and iri not in known
+            self._track(held[iri])
+            for iri in touched
+            if iri in held and iri not in known and _is_tracked(held[iri])
         ]
 
     def _forget_categories(self) -> None:
@@ -356,7 +379,14 @@ class BayesObjectMapper(ObjectMapper):
         departed, forgotten = self._identity.departures.changes(updater.stamp)
         removed |= forgotten
         counts = len(new), len(seen), len(missed)
-        return ObjectChanges(tuple(written.values()), tuple(sorted(removed)), *counts, departed)
+        joined = [(gone.iri, kept.iri) for kept, gone in merged if gone.iri and kept.iri]
+        return ObjectChanges(
+            tuple(written.values()),
+            tuple(sorted(removed)),
+            *counts,
+            departed,
+            (*joined, *self._identity.departures.joined),
+        )
 
     def _improbable(self, track: Track) -> bool:
         """Whether an object leaves the map; misses alone do not prove that it is gone."""
@@ -425,7 +455,7 @@ class BayesObjectMapper(ObjectMapper):
                 track.written = held.pop(track.iri)
             track.changed = False
             tracks.append(track)
-        return tracks + [self._track(record) for record in held.values()]
+        return tracks + [self._track(record) for record in held.values() if _is_tracked(record)]
 
     def _track(self, record: ObjectRecord) -> Track:
         return track_of(record, self._settings, self._updater.usual_size)
@@ -439,3 +469,8 @@ class BayesObjectMapper(ObjectMapper):
     def _asserted(self, track: Track) -> tuple[NDArray[np.float64] | None, str | None]:
         """Position and category of a track as people assert them, where they differ from ours."""
         return self.cache.asserted(track.iri)
+
+
+def _is_tracked(record: ObjectRecord) -> bool:
+    """Whether detections decide about an object; `mapping.things` does of those it found."""
+    return record.category != v.UNNAMED_THING

@@ -37,6 +37,7 @@ class ObjectChanges:
     seen: int = 0
     missed: int = 0
     departed: tuple[DepartedRecord, ...] = ()  # records of removed objects that left
+    joined: tuple[tuple[str, str], ...] = ()  # IRI of a removed object, and of that which it is
 
     def followed_by(self, later: ObjectChanges) -> ObjectChanges:
         """Both changes as one, with the last state of each object."""
@@ -50,6 +51,7 @@ class ObjectChanges:
             self.seen + later.seen,
             self.missed + later.missed,
             tuple(record for iri, record in left.items() if iri in removed),
+            (*self.joined, *later.joined),
         )
 
 
@@ -119,6 +121,10 @@ class ObjectMapper(ABC):
             robot: (2,) [m] position they were taken from; the Bayes mapper gives less weight to
                 things seen again from there.
         """
+
+    def finish(self) -> ObjectChanges:
+        """Changes that are left at the end of a recording, as boxes of objects."""
+        return ObjectChanges()
 
     def save(self, sequence: int) -> None:  # noqa: B027 - nothing to store by default
         """Store the mapper's own state beside the map, before its transaction of that number."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
+from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,23 +18,25 @@ from typing import Any, Final
 
 import numpy as np
 
+from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import Evidence
-from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
+from kg.model.regular_files import open_sqlite, remove_sqlite
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence
+from mapping.objects.extents.box_views import MAX_VIEWS, NUMBERS, pose_of
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.tracks import Track
+from mapping.objects.tracks import Track, viewpoint
 
 FILE: Final = "tracks.sqlite"
 MAX_BYTES: Final = 1 << 28  # of a file that is read
-_VERSION: Final = 3
+_VERSION: Final = 4
 _SCHEMA: Final = (
     "CREATE TABLE tracks (number INTEGER, mark INTEGER, state TEXT, PRIMARY KEY (number, mark))"
 )
 _RUN: Final = 0  # number of the row that holds the state of the run
 _PLAIN: Final = (
     *("iri", "size", "looks", "absent", "peak", "observations", "weight"),
-    *("first_seen", "last_seen", "last_frame", "place"),
+    *("first_seen", "last_seen", "last_frame", "place", "shown", "grown"),
 )
 _POINTS: Final = ("p_map", "low", "high")
 
@@ -104,24 +107,7 @@ class TrackStore:
         self._stored = set(present)
 
     def _opened(self) -> sqlite3.Connection:
-        if self._path.is_symlink():
-            raise ValueError("not a store of tracks")
-        if self._path.exists():
-            check_regular(self._path, MAX_BYTES)
-        file = sqlite3.connect(self._path, isolation_level="IMMEDIATE", check_same_thread=False)
-        file.execute("PRAGMA trusted_schema = OFF")
-        file.set_progress_handler(StepLimit(self._path), SQLITE_STEPS)
-        schema = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
-        (version,) = file.execute("PRAGMA user_version").fetchone()
-        if schema and (schema, version) != ([_SCHEMA], _VERSION):
-            file.close()
-            raise ValueError("another version")
-        file.execute("PRAGMA journal_mode = WAL")
-        file.execute("PRAGMA synchronous = NORMAL")
-        if not schema:
-            file.execute(_SCHEMA)
-            file.execute(f"PRAGMA user_version = {_VERSION}")
-        return file
+        return open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
 
     def _discard(self) -> None:
         """Start anew; where that fails, nothing is kept."""
@@ -129,8 +115,7 @@ class TrackStore:
             self._file.close()
         self._stored, self._file = set(), None
         try:
-            for suffix in ("", "-wal", "-shm"):
-                Path(f"{self._path}{suffix}").unlink(missing_ok=True)
+            remove_sqlite(self._path)
             self._file = self._opened()
         except (sqlite3.Error, OSError, ValueError):
             self._file = None
@@ -156,6 +141,8 @@ def _state(track: Track) -> dict[str, Any]:
         "together": [[number, times] for number, times in track.together.items()],
         "best": None if track.best is None else asdict(track.best),
         "labels": track.labels,
+        "views": b64encode(b"".join(row.tobytes() for row in track.views.values())).decode(),
+        "box": None if (box := track.box) is None else [*box.centre, *box.extent, box.yaw],
     }
 
 
@@ -175,10 +162,20 @@ def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
     track.clear_views = {tuple(view) for view in state["clear_views"]}
     track.together = {int(other): int(times) for other, times in state["together"]}
     track.labels = {str(c): float(p) for c, p in state["labels"].items()}
+    rows = np.frombuffer(b64decode(state["views"]), np.float32).reshape(-1, NUMBERS)
+    if not np.isfinite(rows).all():
+        raise ValueError("a view that is not finite")
+    track.views = {viewpoint(pose_of(row)): row for row in rows[:MAX_VIEWS]}
+    if (box := state["box"]) is not None:
+        sides = np.array(box, np.float64).reshape(7)
+        track.box = OrientedBox(sides[:3], sides[3:6], float(sides[6]))
+        if not ((sides[3:6] > 0).all() and abs(sides[6]) <= np.pi):
+            raise ValueError("a box without sides")
     if state["best"] is not None:
         best = dict(state["best"])
         track.best = Evidence(**best | {"box": tuple(best["box"])})
     numbers = [track.size, track.looks, track.weight, track.first_seen, track.last_seen]
+    numbers += [track.shown, track.grown, *(box or ())]
     boxes = (*points.values(), *lows, *highs, track.sizes)
     if len(lows) != len(highs) or not all(np.isfinite(part).all() for part in (*boxes, numbers)):
         raise ValueError("a number that is not finite")

@@ -10,6 +10,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence
 from mapping.objects.absence import recall
 from mapping.objects.existence import visibility
+from mapping.objects.extents.box_views import view_row
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, Viewpoint
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
@@ -45,6 +46,8 @@ class TrackUpdater:
         track.absence.hit(weight)
         track.clear_views.clear()
         self.locate(track, sighting, weight, frame.stamp)
+        if (row := view_row(frame, sighting)) is not None:
+            track.show(row)
         visible = (
             0.0
             if sighting.cut

@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.facts.label_beliefs import STEP
+from kg.model.oriented_boxes import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
+from mapping.objects.extents.box_views import MAX_VIEWS, Row, pose_of
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track
+_STEP = 0.05  # [m]
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
 
 
@@ -81,6 +84,10 @@ class Track:
     low: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) [m] corners of its own
     high: Floats = field(default_factory=lambda: np.zeros(3))
     viewpoints: dict[Viewpoint, int] = field(default_factory=dict)  # with the looks from there
+    views: dict[Viewpoint, Row] = field(default_factory=dict)  # its box, as first seen from there
+    shown: int = 0  # views so far
+    grown: int = 0  # views when its box was last looked for
+    box: OrientedBox | None = None  # grown from the surface
     clear_views: set[Viewpoint] = field(default_factory=set)  # through its volume, since seen
     number: int = field(default_factory=numbers.next)  # no other track has it
     together: dict[int, int] = field(default_factory=dict)  # frames that also showed track `number`
@@ -100,7 +107,9 @@ class Track:
 
     @property
     def position(self) -> Floats:
-        """(3,) [m]: the mean of the visible surface; of a long thing its extent's centre."""
+        """(3,) [m]: the centre of its box, or of a long thing's extent, or the surface's mean."""
+        if self.box is not None:
+            return self.box.centre
         if float((self.high - self.low)[:2].max()) > self.settings.centred:
             return (self.low + self.high) / 2
         return self.p_map
@@ -131,6 +140,8 @@ class Track:
             self.weight = 0.0
             self.lows.clear()
             self.highs.clear()
+            self.views.clear()
+            self.shown, self.grown, self.box = 0, 0, None
         weight = novelty * (0.3 if sighting.cut else 1.0) / (0.5 + (sighting.depth or 1.0) ** 2 / 4)
         self.weight = min(self.weight + weight, s.most_weight)
         self.p_map = self.p_map + (sighting.p_map - self.p_map) * min(weight / self.weight, 1.0)
@@ -154,6 +165,16 @@ class Track:
         outliers = int(len(self.lows) * s.outliers + 0.5)
         self.low = np.sort(self.lows, axis=0)[outliers]
         self.high = np.sort(self.highs, axis=0)[-1 - outliers]
+
+    def show(self, row: Row) -> None:
+        """Keep a view of its box, if it is the first from its viewpoint."""
+        seen_from = viewpoint(pose_of(row))
+        if seen_from in self.views:
+            return
+        self.views[seen_from] = row
+        self.shown += 1
+        if len(self.views) > MAX_VIEWS:
+            del self.views[next(iter(self.views))]
 
     def assume_extent(self) -> None:
         """Use a cube of its size as the extent, where only the position was measured."""
@@ -221,6 +242,8 @@ class Track:
             self.add_box(low, high)
         for viewpoint, looks in other.viewpoints.items():
             self.viewpoints[viewpoint] = max(looks, self.viewpoints.get(viewpoint, 0))
+        for row in other.views.values():
+            self.show(row)
         self.observations += other.observations
         self.first_seen = min(self.first_seen, other.first_seen)
         self.last_seen = max(self.last_seen, other.last_seen)
@@ -250,6 +273,7 @@ class Track:
         return DepartedRecord(**self._common_fields(), peak=self.peak, found_gone=found_gone)
 
     def _common_fields(self) -> dict[str, Any]:
+        box = self.box
         return {
             "iri": self.iri,
             "category": self.category,
@@ -257,7 +281,8 @@ class Track:
             "observations": self.observations,
             "first_seen": self.first_seen,
             "last_seen": self.last_seen,
-            "extent": self.high - self.low,
+            "extent": _in_steps(self.high - self.low) if box is None else box.extent,
+            "yaw": 0.0 if box is None else box.yaw,
         }
 
 
@@ -266,11 +291,14 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
 
     A thing whose record has no extent is of its category's usual size.
     """
-    extent, size = record.extent, 0.0
+    extent, size, box = record.extent, 0.0, None
     if extent is None:
         extent = np.full(3, (usual_size(record.category) or UNUSUAL).longest)
     else:
         size = float(extent.max())
+        if record.yaw:
+            box = OrientedBox(record.p_map, extent, record.yaw)
+            extent = upright_bounds(extent, record.yaw)
     prior = {
         category: size_log_likelihood(size, usual_size(category))
         for category in (record.category, *record.labels)
@@ -281,7 +309,8 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         evidence[category].set_log_odds(odds, 0.0, prior[category])
     track = Track(
         p_map=record.p_map,
-        size=max(float(extent.max()), 0.05),
+        size=max(size or float(extent.max()), 0.05),
+        box=box,
         settings=settings,
         iri=record.iri,
         evidence=evidence,
@@ -314,6 +343,11 @@ def track_of_departed(
     del fields["found_gone"]
     known = ObjectRecord(**fields, confidence=3 * peak, existence=peak)
     return track_of(known, settings, usual_size)
+
+
+def _in_steps(extent: Floats) -> Floats:
+    """Sides [m] in steps of 5 cm, since those of the latest sightings change with each."""
+    return np.asarray(np.round(extent / _STEP) * _STEP)
 
 
 def _log_odds(record: ObjectRecord) -> dict[str, float]:

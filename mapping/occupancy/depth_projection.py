@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mapping.occupancy.occupancy_settings import OccupancySettings
 
-_LEVEL: Final = 0.25  # slope up to which a surface is level; walls by noise alone reach far more
+_LEVEL: Final = 0.25  # greatest slope of a level surface; the slope of walls is far greater
 _MIDDLE: Final = 0.25  # half side of the middle of a larger cell, whose view counts for all of it
 _INTERPOLATED: Final = np.arange(1, 4)[:, None] / 4  # shares of the way between two neighbours
 

@@ -23,7 +23,7 @@ from mapping.occupancy.room_outlines import room_areas
 from perception.binary_masks import connected_components, distance_to_walls
 
 NO_ROOM: Final = -1
-_MAX_DISTANCE: Final = 1.6  # [m] distances beyond are alike: a door is never that wide
+_MAX_DISTANCE: Final = 1.6  # [m] larger distances count as this one: a door is never that wide
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ def segmented(floor: MappedFloor, settings: SegmentationSettings | None = None) 
 
 
 def _without_pillars(states: NDArray[np.uint8], max_length: float) -> NDArray[np.uint8]:
-    """`states` with tall parts up to `max_length` cells long as low ones."""
+    """`states` in which tall parts of up to `max_length` cells count as low."""
     parts = connected_components(states == TALL)
     at = np.argwhere(parts >= 0)
     if not len(at):

@@ -92,7 +92,7 @@ class PlaceMapper:
         return updated
 
     def step(self, frame: Frame, scene: SceneScores) -> tuple[PlaceRecord, ...]:
-        """`view` for the place that `frame` counts for; nothing where there is none."""
+        """Add `view` to the place that `frame` shows; nothing if it shows no single place."""
         iri = self.viewed_place(frame)
         return () if iri is None else (self.view(iri, frame, scene),)
 

@@ -38,7 +38,7 @@ class ViewedFloor:
             self._occupancy.add_views(p_map, close, height, stamp)
 
     def _points(self, view: FloorView) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Points no further apart than views are remembered, and which are viewed from close by."""
+        """Points of the remembered views' grid, and whether each is viewed from close by."""
         s = self._settings
         parts = max(int(np.ceil(view.cell / (s.cell * s.view) - 1e-6)), 1)  # of a cell's side
         steps = ((np.arange(parts) + 0.5) / parts - 0.5) * view.cell
@@ -75,7 +75,7 @@ _WALLS: Final = SegmentationSettings().walls  # [m] that outlines of found rooms
 def update_place_views(
     places: PlaceRegistry, occupancy: OccupancyMap, floor: Sequence[FloorTile]
 ) -> None:
-    """Update how much was viewed of the places that changed tiles, `floor`, lie in."""
+    """Update the viewed shares of the places in which the changed tiles, `floor`, lie."""
     if not floor:
         return
     for place in places.places():

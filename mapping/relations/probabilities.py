@@ -103,12 +103,15 @@ def truly_beside(boxes: Boxes, settings: RelationSettings) -> NDArray[np.bool_]:
 
 
 def _apart(boxes: Boxes, s: RelationSettings) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-    """Gaps between footprints, steps between undersides (n, n) [m], and which sizes compare."""
-    apart = np.maximum(
-        boxes.low[:, None, :2] - boxes.high[None, :, :2],
-        boxes.low[None, :, :2] - boxes.high[:, None, :2],
-    )
+    """Gaps between footprints, steps between undersides (n, n) [m], and which sizes compare.
+
+    A gap is measured along the axes of either footprint, and the larger one counts.
+    """
+    reach = boxes.reach_along(boxes)
+    own = np.diagonal(reach).T[None, :, :]  # half sides along their own axes
+    apart = np.abs(boxes.seen_from(boxes)) - reach - own
     gap = np.hypot(*np.moveaxis(np.maximum(apart, 0.0), 2, 0))
+    gap = np.maximum(gap, gap.T)
     step = np.abs(boxes.low[:, None, 2] - boxes.low[None, :, 2])
     ratio = boxes.longest[:, None] / boxes.longest[None, :]
     alike = np.maximum(ratio, ratio.T) <= s.alike
@@ -121,8 +124,8 @@ def _over(things: Boxes, carriers: Carriers, s: RelationSettings) -> Floats:
     boxes = carriers.boxes
     edge = np.minimum(s.edge, boxes.length / 4)
     noise = np.hypot(edge[None, :], things.deviation[:, None])
-    centre = (things.low + things.high)[:, None, :2] / 2
-    shares = _between(centre, boxes.low[None, :, :2], boxes.high[None, :, :2], noise[..., None])
+    half = (boxes.high - boxes.low)[None, :, :2] / 2
+    shares = _between(things.seen_from(boxes), -half, half, noise[..., None])
     return np.asarray(shares.prod(axis=2))
 
 

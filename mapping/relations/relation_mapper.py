@@ -28,6 +28,7 @@ from mapping.relations.probabilities import (
 
 MOVED: Final = 0.03  # of its length, or 2 cm, by which a box moves before it is computed again
 MAX_DISTANCE: Final = 1.0  # [m] between two boxes with a relation
+FURNITURE: Final = 0.6  # [m] length from which on a support, as a chair or a table, is on the floor
 MIN_PROBABILITY: Final = 0.2  # probability from which on a relation is kept
 STEP: Final = 0.05  # by which a probability changes before it is written again
 MAX_NEIGHBOURS: Final = 3  # of an object
@@ -75,6 +76,31 @@ class RelationMapper:
                 record = replace(written.get(iri, perceived[iri]), relations=relations)
                 written[iri] = perceived[iri] = record
         return replace(changes, updated=tuple(written.values()))
+
+    def of_things(self, things: Sequence[ObjectRecord]) -> tuple[ObjectRecord, ...]:
+        """Records of other things, with their relations to objects; those of objects stay."""
+        return tuple(replace(one, relations=self._of_thing(one)) for one in things)
+
+    def _of_thing(self, thing: ObjectRecord) -> _Relations:
+        box = box_of(replace(thing, existence=1.0), 0.0)
+        if box is None:
+            return ()
+        near = [iri for iri in self._boxes.within([box], MAX_DISTANCE) if iri != thing.iri]
+        names, boxes = [thing.iri, *near], [box, *(self._boxes[iri] for iri in near)]
+        arrays = Boxes.of(boxes)
+        on, inside, carriers = self._carried(names, boxes, arrays)
+        found = list[Relation]()
+        kinds: tuple[tuple[RelationKind, Floats], ...] = (("on", on[0]), ("inside", inside[0]))
+        for kind, shares in kinds:
+            if shares.max(initial=0.0) >= MIN_PROBABILITY:
+                best = int(shares.argmax())
+                found.append(self._relation(thing.iri, kind, names[carriers[best]], shares[best]))
+        beside = beside_probabilities(arrays, self._settings)[0]
+        beside[carriers] *= 1 - (on + inside)[0]
+        for other in np.argsort(-beside, kind="stable")[:MAX_NEIGHBOURS].tolist():
+            if beside[other] >= MIN_PROBABILITY:
+                found.append(self._relation(thing.iri, "beside", names[other], beside[other]))
+        return tuple(found)
 
     def _read_ontology(self) -> None:
         self._catalogue = self._map.catalogue
@@ -151,7 +177,7 @@ class RelationMapper:
     def _carried(
         self, near: Sequence[str], boxes: Sequence[Box], arrays: Boxes
     ) -> tuple[Floats, Floats, list[int]]:
-        """Probabilities (n, m) of on and inside, and which of the n are the m carriers."""
+        """Probabilities (n, m) of on and inside, and the indices of the m carriers among the n."""
         kinds = self._kinds
         carriers = [
             i
@@ -165,7 +191,10 @@ class RelationMapper:
             contains=np.array([box.category in kinds.containers for box in held], bool),
             back=np.array([kinds.backs.get(box.category, 0.0) for box in held], np.float64),
         )
-        allowed = np.arange(len(near))[:, None] != np.array(carriers, np.intp)[None, :]
+        others = np.arange(len(near))[:, None] != np.array(carriers, np.intp)[None, :]
+        furniture = kinds.supports - kinds.containers
+        on_floor = [box.category in furniture and box.length >= FURNITURE for box in boxes]
+        allowed = others & ~np.array(on_floor, bool)[:, None]
         on, inside = support_probabilities(arrays, given, allowed, self._settings)
         return on, inside, carriers
 

@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxel_grid import MAX_VOXELS, VoxelGrid
-from kg.maps.surface.voxels import LOCAL_BITS, RANGE, SIDE, FrameVoxels, Keys, cells_of, keys_of
+from kg.maps.surface.voxels import (
+    LOCAL_BITS,
+    RANGE,
+    SIDE,
+    FrameVoxels,
+    Keys,
+    Surface,
+    cells_of,
+    keys_of,
+    surface_of,
+)
 from mapping.occupancy.depth_projection import FramePoints, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.projection import to_camera
@@ -22,6 +32,7 @@ _MARGIN: Final = (2.0, 0.03)  # voxels, and share of its depth, that a voxel is 
 _AROUND: Final = 0.05  # of its side: a person's box is wider by this
 
 Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
+Floats = NDArray[np.float64]
 _T = TypeVar("_T", bound=np.generic)
 
 
@@ -65,6 +76,14 @@ class SurfaceMapper:
         if self._store is not None and self._frame is not None:
             self._store.accept(self._frame, self._recording, self._mark)
             self._frame = None
+
+    def within(self, low: Floats, high: Floats) -> tuple[Floats, float]:
+        """Centres (n, 3) [m] of the voxels between two corners (3,) [m], and their side [m]."""
+        return self._grid.within(low, high), self._grid.size
+
+    def surface(self) -> Surface:
+        """All voxels that are there."""
+        return surface_of(self._grid.size, *self._grid.present())
 
     def finish(self) -> None:
         """Write all chunks."""

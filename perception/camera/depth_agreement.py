@@ -59,14 +59,19 @@ def depth_samples(depth: NDArray[np.float32], K: Floats) -> DepthSamples:
     with np.errstate(invalid="ignore"):
         edge = (np.abs(near - grid) > EDGE * grid).any(axis=0)
         grid[edge | ~(grid > 0) | (grid > MAX_DEPTH)] = np.nan
-    rows, columns = np.nonzero(np.isfinite(grid))
-    z = grid[rows, columns]
     scaled = K.copy()
     scaled[:2] /= step
     scaled[:2, 2] -= first / step
-    x = (columns - scaled[0, 2]) * z / scaled[0, 0]
-    y = (rows - scaled[1, 2]) * z / scaled[1, 1]
-    return DepthSamples(grid, scaled, np.column_stack([x, y, z]).astype(np.float32))
+    return gridded_samples(grid, scaled)
+
+
+def gridded_samples(grid: NDArray[np.float32], K: Floats) -> DepthSamples:
+    """Samples of depth (h, w) [m], nan = unknown, with intrinsics `K` (3, 3) of that grid [px]."""
+    rows, columns = np.nonzero(np.isfinite(grid))
+    z = grid[rows, columns]
+    x = (columns - K[0, 2]) * z / K[0, 0]
+    y = (rows - K[1, 2]) * z / K[1, 1]
+    return DepthSamples(grid, K, np.column_stack([x, y, z]).astype(np.float32))
 
 
 def agreement(a: DepthSamples, b: DepthSamples, T_a_b: Floats) -> Agreement:
@@ -94,7 +99,7 @@ def nearest_pixels(
 
 
 def _seen(camera: DepthSamples, points: Floats) -> tuple[int, int, int]:
-    """How many points agree, contradict, and lie in view of measured depth."""
+    """Numbers of points that agree, that contradict, and that lie in view of measured depth."""
     seen, rows, columns = nearest_pixels(camera, points)
     measured = camera.depth[rows, columns]
     with np.errstate(invalid="ignore"):

@@ -26,7 +26,7 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class EdgeOffset:
-    """How depth's edges have to be moved to lie on colour's."""
+    """The shift that moves the edges of depth onto those of colour."""
 
     scale: float  # about the middle of the image
     right: float  # [px of an image 640 wide]

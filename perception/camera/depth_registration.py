@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, nearest_pixels
+from perception.camera.rigid_motions import motion_of
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +34,7 @@ class Correction:
 
 def register(a: DepthSamples, b: DepthSamples, T_a_b: Floats) -> Correction:
     """Correction of the motion `T_a_b` (4, 4), right to some decimetres."""
-    T, normals = T_a_b.copy(), _normals(a)
+    T, normals = T_a_b.copy(), surface_normals(a)
     for gate in np.geomspace(*GATES, STEPS):
         step = _step(a, normals, b.points @ T[:3, :3].T + T[:3, 3], float(gate))
         if step is None:
@@ -46,6 +47,23 @@ def register(a: DepthSamples, b: DepthSamples, T_a_b: Floats) -> Correction:
 
 def _step(a: DepthSamples, normals: Floats, points: Floats, gate: float) -> Floats | None:
     """One Gauss-Newton step (4, 4) of the points (n, 3) [m] of camera a; None with too few."""
+    found = plane_residuals(a, normals, points, gate)
+    if found is None:
+        return None
+    J, off, _ = found
+    weight = 1 / (1 + (off / (0.3 * gate)) ** 2)
+    H = (J * weight[:, None]).T @ J + DAMPING * weight.sum() * np.eye(6)
+    twist = np.linalg.solve(H, (J * weight[:, None]).T @ off)
+    return motion_of(twist)
+
+
+def plane_residuals(
+    a: DepthSamples, normals: Floats, points: Floats, gate: float
+) -> tuple[Floats, Floats, Floats] | None:
+    """Jacobian (n, 6), distance (n,) [m] and depth (n,) [m] of points off the planes of camera a.
+
+    None with too few points nearer than `gate` [m] to the plane that the camera shows there.
+    """
     seen, rows, columns = nearest_pixels(a, points)
     z = a.depth[rows, columns]
     target = np.column_stack(
@@ -62,26 +80,10 @@ def _step(a: DepthSamples, normals: Floats, points: Floats, gate: float) -> Floa
     if used.sum() < MIN_POINTS:
         return None
     p, n, off = p[used], n[used], off[used]
-    weight = 1 / (1 + (off / (0.3 * gate)) ** 2)
-    J = np.hstack([np.cross(p, n), n])
-    H = (J * weight[:, None]).T @ J + DAMPING * weight.sum() * np.eye(6)
-    twist = np.linalg.solve(H, (J * weight[:, None]).T @ off)
-    return _motion(twist)
+    return np.hstack([np.cross(p, n), n]), off, p[:, 2]
 
 
-def _motion(twist: Floats) -> Floats:
-    """Rigid motion (4, 4) of a small rotation vector and a translation (6,)."""
-    angle = float(np.linalg.norm(twist[:3]))
-    T = np.eye(4)
-    T[:3, 3] = twist[3:]
-    if angle > 1e-12:
-        x, y, z = twist[:3] / angle
-        S = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        T[:3, :3] += np.sin(angle) * S + (1 - np.cos(angle)) * S @ S
-    return T
-
-
-def _normals(camera: DepthSamples) -> Floats:
+def surface_normals(camera: DepthSamples) -> Floats:
     """Unit normals (h, w, 3) by central differences; nan at edges and borders."""
     height, width = camera.depth.shape
     columns, rows = np.meshgrid(np.arange(width), np.arange(height))

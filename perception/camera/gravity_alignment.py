@@ -31,6 +31,7 @@ FLATNESS = 0.004  # largest RMS residual of a patch's inverse depth, relative
 ALIGNED = np.cos(np.radians(6.0))  # normals that agree on one direction
 SQUARE = np.sin(np.radians(4.0))  # normals square to it
 CAMERA_UP = np.cos(np.radians(50.0))  # how far up may lie from the cameras' own up
+CONTRADICTED = 1.5  # times as many surfaces must fit another up, to contradict the given one
 HEIGHT_BIN = 0.05  # [m]
 FLOOR_SHARE = 0.08  # of the level patches that a level needs to be a floor
 LOWEST = 1.0  # percentile of all heights that stands for the floor where no level does
@@ -78,19 +79,45 @@ def parse_up(up: Up) -> NDArray[np.float64]:
     return unit
 
 
-def gravity_aligned_transform(recording: Recording, *, up: Up | None = None) -> NDArray[np.float64]:
+def gravity_aligned_transform(
+    recording: Recording, *, up: Up | None = None, doubted: bool = False
+) -> NDArray[np.float64]:
     """Gravity-aligned transform T_map_world (4, 4) of a recording.
 
     `up` in the recording's world (see parse_up), None = found from the surfaces seen. Raises
-    RecordingError where neither a direction nor a floor can be made out.
+    RecordingError where neither a direction nor a floor can be made out, and where floors and walls
+    contradict an `up` that is `doubted`.
     """
     step = max(1, len(recording) // FRAMES)
     T_world_map = np.linalg.inv(recording.T_map_world).astype(np.float64)
     samples = [next(recording.frames(i)) for i in range(0, len(recording), step)]
     patches = _patches(samples, T_world_map)
     direction = parse_up(up) if up is not None else find_up(patches)
+    if doubted:
+        _check_up(recording.name, patches, direction)
     height = find_floor(patches, direction)
     return level_transform(direction, height)
+
+
+def _check_up(name: str, patches: Patches, up: NDArray[np.float64]) -> None:
+    """Raise RecordingError where many more surfaces are level or upright by another direction."""
+    try:
+        found = find_up(patches)
+    except RecordingError:
+        return
+    given, best = _agreement(patches.normal, np.stack([up, found], axis=1))
+    if found @ up < CAMERA_UP and best > CONTRADICTED * given:
+        said = ",".join(f"{x:.2f}" for x in up)
+        raise RecordingError(
+            f"{name}: its poses have up at {said}, but floors and walls say otherwise; --up "
+            f"{','.join(f'{x:.3f}' for x in found)} would work, --up {said} keeps it as it is"
+        )
+
+
+def _agreement(n: NDArray[np.float64], ups: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Count of normals (n, 3) that are level, half where upright, by each direction (3, m)."""
+    count: NDArray[np.float64] = (n @ ups > ALIGNED).sum(0) + 0.5 * (abs(n @ ups) < SQUARE).sum(0)
+    return count
 
 
 def level_transform(up: NDArray[np.float64], floor: float) -> NDArray[np.float64]:
@@ -113,7 +140,7 @@ def find_up(patches: Patches) -> NDArray[np.float64]:
             f"no floor found: only {len(facing)} flat patches face up; say where up is (up=...)"
         )
     candidates = facing[np.random.default_rng(0).integers(len(facing), size=300)]
-    score = (n @ candidates.T > ALIGNED).sum(0) + 0.5 * (abs(n @ candidates.T) < SQUARE).sum(0)
+    score = _agreement(n, candidates.T)
     best: NDArray[np.float64] = candidates[int(score.argmax())]
     for _ in range(5):
         level, wall = n[n @ best > ALIGNED], n[abs(n @ best) < SQUARE]

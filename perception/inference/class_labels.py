@@ -106,7 +106,7 @@ def coco_by_id() -> tuple[str, ...]:
 
 
 def is_object(label: str) -> bool:
-    """Whether a class is one of things; lists also have names for "no object"."""
+    """Whether the label names a kind of object; lists of labels also name "no object"."""
     return label.strip("_ ").lower() not in (NO_OBJECT, "", "background", "no object")
 
 

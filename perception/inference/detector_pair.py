@@ -33,6 +33,12 @@ class DetectorPair:
         return f"{self._first.name} and {self._second.name}"
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of both; () where those of one are unknown."""
+        both = [tuple(getattr(one, "labels", ())) for one in (self._first, self._second)]
+        return tuple(dict.fromkeys(both[0] + both[1])) if all(both) else ()
+
+    @property
     def device(self) -> str:
         """Device of the first detector: "cpu", "cuda", ...; "" where it is no network."""
         return str(getattr(self._first, "device", ""))

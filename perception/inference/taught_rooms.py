@@ -9,10 +9,6 @@ room changes nothing.
 
 from __future__ import annotations
 
-import io
-import tokenize
-import zipfile
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,16 +19,12 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from perception.frames import Frame, SceneScores
+from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 from perception.inference.scene_classifier import OnnxSceneClassifier
 
 FILE: Final = "taught_rooms.npz"  # in the folder of a map
 MAX_EXAMPLES: Final = 5000
 _MAX_BYTES: Final = 1 << 28  # bytes of the file
-#: errors of zipfile, zlib and numpy for damaged files
-_DAMAGE: Final = (
-    *(OSError, ValueError, KeyError, TypeError, EOFError, SyntaxError, RuntimeError),
-    *(zipfile.BadZipFile, zlib.error, tokenize.TokenError),
-)
 _PENALTY: Final = 0.003
 _STEPS: Final = 300
 _CONSTANT: Final = 0.3  # value of the feature that stands for the intercept
@@ -106,22 +98,14 @@ class RoomExamples:
 
     def save(self, folder: Path) -> None:
         """Write them into the folder of a map, over former ones; raises ModelError."""
-        path = folder / FILE
-        packed = io.BytesIO()
-        np.savez_compressed(
-            packed,
-            network=np.array(self.network),
-            features=self.features.astype(np.float16),
-            probability=self.probability,
-            label=np.array(self.label, dtype=np.str_),
-            place=np.array(self.place, dtype=np.str_),
-        )
-        part = path.with_suffix(".part")
-        try:
-            part.write_bytes(packed.getvalue())
-            part.replace(path)
-        except OSError as error:
-            raise ModelError(f"cannot write {path}: {error.strerror}") from error
+        arrays = {
+            "network": np.array(self.network),
+            "features": self.features.astype(np.float16),
+            "probability": self.probability,
+            "label": np.array(self.label, dtype=np.str_),
+            "place": np.array(self.place, dtype=np.str_),
+        }
+        write_arrays(folder / FILE, arrays)
 
     @classmethod
     def load(cls, folder: Path) -> Self | None:
@@ -133,18 +117,15 @@ class RoomExamples:
         if not path.is_file():
             return None
         try:
-            with zipfile.ZipFile(path) as archive:
-                if sum(entry.file_size for entry in archive.infolist()) > _MAX_BYTES:
-                    raise ValueError("it is too large")
-            with np.load(path, allow_pickle=False) as data:
-                return cls(
-                    str(data["network"]),
-                    data["features"].astype(np.float32),
-                    data["probability"].astype(np.float32),
-                    tuple(map(str, data["label"].tolist())),
-                    tuple(map(str, data["place"].tolist())),
-                )
-        except _DAMAGE as error:
+            data = read_arrays(path, _MAX_BYTES)
+            return cls(
+                str(data["network"]),
+                data["features"].astype(np.float32),
+                data["probability"].astype(np.float32),
+                tuple(map(str, data["label"].tolist())),
+                tuple(map(str, data["place"].tolist())),
+            )
+        except DAMAGE as error:
             raise ModelError(
                 f"{path} is damaged ({error}); without it rooms can be taught again"
             ) from error

@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
 from perception.camera.depth_edges import EdgeOffset, edge_offset
-from perception.camera.poses import CONVENTIONS, Pose
+from perception.camera.poses import CONVENTIONS, Pose, motion
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]
@@ -30,11 +31,12 @@ APART: Final = 0.3  # [m] between the two frames of a pair ...
 TURNED: Final = np.radians(25.0)  # ... that are not turned more against each other
 REACH: Final = 60  # frames between the two, at most
 EDGE_FRAMES: Final = 24  # whose edges are compared
+MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anything
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
+FARTHEST: Final = 100.0  # [m] median of an image's depth
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
 POOR: Final = 0.8  # another reading may be the right one
-BAD: Final = 0.65  # something is wrong
 BETTER: Final = 0.15  # by how much another reading must agree better
 SCALES: Final = 2.0 ** np.arange(-5, 5.01, 0.25)  # factors of depth that are tried
 USUAL_SCALES: Final = (1.0, 10.0, 100.0, 256.0, 1000.0, 2000.0, 4000.0, 5000.0, 6553.5, 10000.0)
@@ -43,6 +45,7 @@ EDGES_APART: Final = 6.0  # [px of 640] between the edges of depth and of colour
 
 _log = logging.getLogger(__name__)
 FrameAt = Callable[[int], Frame]
+Readings = Mapping[str, Callable[[Pose], Pose]]  # poses as read -> camera to world, by name
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +56,9 @@ class FramePair:
     b: DepthSamples
     poses: tuple[Pose, Pose]  # camera -> world, as read
 
-    def share(self, convention: str, scale: float) -> Agreement:
-        """Agreement by another convention of poses and depth `scale` times as large."""
-        T_a, T_b = (CONVENTIONS[convention](T) for T in self.poses)
+    def share(self, convention: str, scale: float, readings: Readings = CONVENTIONS) -> Agreement:
+        """Agreement by another reading of the poses and depth `scale` times as large."""
+        T_a, T_b = (readings[convention](T) for T in self.poses)
         T = np.linalg.inv(T_a) @ T_b
         T[:3, 3] /= scale
         return agreement(self.a, self.b, T)
@@ -72,15 +75,22 @@ class DepthFindings:
 
 
 def check_depth(
-    name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
+    name: str,
+    poses: Sequence[Pose],
+    convention: str,
+    depth_scale: float,
+    frame_at: FrameAt,
+    others: Mapping[str, Pose] | None = None,
 ) -> None:
     """Check `poses` (n of (4, 4), camera -> world by `convention`) against the frames' depth.
 
     `depth_scale` [units a metre] is the one that depth was read with; `frame_at` reads a frame.
-    Raises RecordingError where another depth scale or convention of poses explains the depth and
-    the present one does not; warns where none does, and where depth is not registered to colour.
+    `others` has poses (4, 4) of the camera in frames that the poses may be of, by the option that
+    says so. Raises RecordingError where depth and poses disagree, and names another depth scale,
+    frame or convention of poses that explains the depth; warns where depth is not registered to
+    colour.
     """
-    findings = depth_findings(name, poses, convention, depth_scale, frame_at)
+    findings = depth_findings(name, poses, convention, depth_scale, frame_at, others)
     if findings.error is not None:
         raise RecordingError(findings.error)
     for warning in findings.warnings:
@@ -88,10 +98,18 @@ def check_depth(
 
 
 def depth_findings(
-    name: str, poses: Sequence[Pose], convention: str, depth_scale: float, frame_at: FrameAt
+    name: str,
+    poses: Sequence[Pose],
+    convention: str,
+    depth_scale: float,
+    frame_at: FrameAt,
+    others: Mapping[str, Pose] | None = None,
 ) -> DepthFindings:
     """Findings by which `check_depth` raises and warns."""
     read = dict[int, Frame]()
+    readings: Readings = CONVENTIONS | {
+        option: partial(_times, T) for option, T in (others or {}).items()
+    }
 
     def frame(index: int) -> Frame:
         if index not in read:
@@ -108,19 +126,23 @@ def depth_findings(
             for i, j in _chosen_pairs(poses, reading)
         ]
 
+    middle = float(np.nanmedian(frame(0).depth)) if np.isfinite(frame(0).depth).any() else 0.0
+    if middle > FARTHEST:
+        return DepthFindings(None, None, _too_far(name, middle, depth_scale), ())
     pairs = pairs_by(convention)
     share = _median_share(pairs, convention, 1.0)
+    if share is None and len(pairs) >= 2 * MIN_PAIRS:
+        share = 0.0  # frames beside each other show nothing in common
     error, warnings = None, []
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
-        error = _another_convention(name, [*pairs, *pairs_by(inverse)], convention)
-    if error is None and share is not None and share < POOR:
-        error = _another_scale(name, pairs, convention, depth_scale)
-    if share is not None and share < BAD:
-        warnings.append(
-            f"{name}: depth does not fit the poses: only {100 * share:.0f} % of the points that "
-            "two frames share agree; intrinsics, poses or their stamps are wrong, or much of the "
-            "scene moves"
+        error = _another_reading(name, [*pairs, *pairs_by(inverse)], convention, readings)
+    if error is None and share is not None and share < GOOD:
+        error = _another_scale(name, pairs, convention, depth_scale) or (
+            f"{name}: depth does not fit the poses: {share:.0%} of the points that two frames "
+            f"share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps are "
+            "wrong, or much of the scene moves; --poses FILE gives other poses, --no-check maps it "
+            "as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     # the first few, of all parts of the recording, may be enough
@@ -131,8 +153,23 @@ def depth_findings(
     return DepthFindings(share, offset, error, tuple(warnings))
 
 
+def _too_far(name: str, middle: float, depth_scale: float) -> str:
+    return (
+        f"{name}: depth has a median of {middle:.0f} m, as millimetres have that are taken for "
+        f"metres; --depth-scale {depth_scale * 1000:g} would work, --no-check maps it as it is"
+    )
+
+
+def _times(T_frame_cam: Pose, T_world_frame: Pose) -> Pose:
+    T: Pose = T_world_frame @ T_frame_cam
+    return T
+
+
 def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int]]:
-    """Pairs of frames some motion apart by a convention of poses, spread over the recording."""
+    """Pairs of frames some motion apart by a convention of poses, spread over the recording.
+
+    Of a camera that hardly moves, frames far apart in time.
+    """
     T = [CONVENTIONS[convention](pose) for pose in poses]
     found = []
     for i in np.unique(np.linspace(0, max(len(T) - 2, 0), ANCHORS).astype(int)):
@@ -143,11 +180,27 @@ def _chosen_pairs(poses: Sequence[Pose], convention: str) -> list[tuple[int, int
             if turn <= TURNED:
                 found.append((int(i), j))
             break
+    if len(found) < MIN_PAIRS and len(T) >= MIN_STILL:
+        later = len(T) // 2
+        found += [
+            (int(i), int(i) + later)
+            for i in np.linspace(0, len(T) - later - 1, PAIRS).astype(int)
+            if _is_near(T[i], T[i + later])
+        ]
     return found[:: max(1, -(-len(found) // PAIRS))]
 
 
+def _is_near(a: Pose, b: Pose) -> bool:
+    distance, turn = motion(a, b)
+    return bool(distance < APART and turn <= TURNED)
+
+
 def better_convention(
-    found: Mapping[str, Sequence[Agreement]], convention: str, good: float = GOOD
+    found: Mapping[str, Sequence[Agreement]],
+    convention: str,
+    good: float = GOOD,
+    poor: float = POOR,
+    better: float = BETTER,
 ) -> tuple[float, float, str] | None:
     """Whether another convention explains depth that the given one does not.
 
@@ -157,19 +210,23 @@ def better_convention(
     """
     given = median_share(found[convention]) or 0.0
     best, other = max((median_share(found[one]) or 0.0, one) for one in found)
-    return (given, best, other) if given < POOR and best >= max(good, given + BETTER) else None
+    return (given, best, other) if given < poor and best >= max(good, given + better) else None
 
 
-def _another_convention(name: str, pairs: list[FramePair], convention: str) -> str | None:
-    """Message for poses that fit by another convention; None where none fits."""
-    found = {one: [pair.share(one, 1.0) for pair in pairs] for one in CONVENTIONS}
-    better = better_convention(found, convention)
+def _another_reading(
+    name: str, pairs: list[FramePair], convention: str, readings: Readings
+) -> str | None:
+    """Message for poses that fit by another convention, or of another frame; None where none."""
+    found = {one: [pair.share(one, 1.0, readings) for pair in pairs] for one in readings}
+    better = better_convention(found, convention, poor=GOOD, better=BETTER / 3)
     if better is None:
         return None
     given, best, other = better
+    option = other if other.startswith("--") else f"--pose-convention {other}"
+    poses = "of another frame" if option is other else f"by the convention {other}"
     return (
-        f"{_problem(name, given)} ({best:.0%}) if these are {other} poses; "
-        f"--pose-convention {other} would work, --no-check maps it as it is"
+        f"{_problem(name, given)} ({best:.0%}) if these are poses {poses}; "
+        f"{option} would work, --no-check maps it as it is"
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -64,6 +64,13 @@ class RecordingListing:
     depth_camera: DepthCamera | None = None  # None = depth is registered to colour
     up: NDArray[np.float64] | None = None  # (3,) up in the recording's world, where it is known
     T_map_world: NDArray[np.float64] | None = None  # (4, 4) where the recording itself says it
+    no_poses: str = ""  # why those of the entries are none, in a sentence; "": they are poses
+    #: why poses that there are cannot be used, and what would help; the entries have none then
+    unused_poses: str = ""
+    up_of_first_camera: NDArray[np.float64] | None = None  # (3,) of an IMU, where poses are missing
+    no_camera: str = ""  # why there is no camera, and what would give it
+    #: poses (4, 4) of the camera in other frames that the entries may be poses of, by option
+    other_frames: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +81,9 @@ class Streams:
     depth: str | None = None
     camera: str | None = None  # colour's CameraInfo
     pose: str | None = None
+    pose_frame: str | None = None  # whose poses that topic gives, instead of the frame it names
+    camera_frame: str | None = None  # of the colour images, instead of that in their headers
+    camera_in: str | None = None  # FRAME=x,y,z,roll,pitch,yaw, or a URDF file
     map_frame: str | None = None
     tolerance: float = TOLERANCE  # [s] between colour and depth of one frame
 

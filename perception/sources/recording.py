@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -13,15 +14,41 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError, did_you_mean
 from kg.model.extensions import RECORDINGS, load_extensions
-from perception.camera.gravity_alignment import gravity_aligned_transform, read_gravity
+from perception.camera.gravity_alignment import (
+    gravity_aligned_transform,
+    parse_up,
+    read_gravity,
+)
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
 from perception.camera.rectification import Rectifier
 from perception.camera.registration import register_depth
+from perception.camera.turns import (
+    clear_turns,
+    side_up,
+    turned_camera,
+    turned_image,
+    turned_poses,
+)
 from perception.frames import Frame
+from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
 from perception.sources.depth_check import check_depth
-from perception.sources.folders import numbered_images, seven_scenes, stray_scanner, tum
+from perception.sources.estimated_poses import (
+    OnEstimated,
+    check_height,
+    wants_estimate,
+    with_estimated_poses,
+)
+from perception.sources.folders import (
+    numbered_images,
+    record3d,
+    seven_scenes,
+    stray_scanner,
+    transforms_json,
+    tum,
+)
+from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import Format, FrameEntry, RecordingListing
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 
@@ -32,9 +59,14 @@ FORMATS: tuple[Format, ...] = (
     numbered_images.TRAJECTORY_LOG,
     numbered_images.HOLOLENS,
     stray_scanner.FORMAT,
+    record3d.FORMAT,
+    transforms_json.TRANSFORMS,
+    transforms_json.POLYCAM,
     bag.FORMAT,
+    numbered_images.IMAGES,
 )
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
+_log = logging.getLogger(__name__)
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -51,6 +83,8 @@ class FolderRecording:
     start_time: float  # [s] added to every stamp; 0 where stamps are absolute
     gravity_aligned: bool = False  # whether T_map_world was found from what it shows, not given
     transform_given: bool = False  # whether the caller gave T_map_world
+    turns: int = 0  # quarters, counter-clockwise, that images are turned by; poses are turned too
+    estimate: TrackingReport | None = None  # of poses that were estimated from the images
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""
@@ -79,9 +113,9 @@ class FolderRecording:
             )
         return Frame(
             id=entry.id,
-            rgb=self.rectifier.colour(rgb),
-            depth=self._depth(entry),
-            K=camera.K,
+            rgb=turned_image(self.rectifier.colour(rgb), self.turns),
+            depth=turned_image(self._depth(entry), self.turns),
+            K=(turned_camera(camera, self.turns) if self.turns else camera).K,
             T_map_cam=self.T_map_world @ entry.T_world_cam,
             stamp=entry.stamp + self.start_time,
         )
@@ -108,10 +142,13 @@ def open_recording(
     options: RecordingOptions = DEFAULT_OPTIONS,
     *,
     listing: RecordingListing | None = None,
+    on_estimated: OnEstimated | None = None,
 ) -> FolderRecording:
     """Open the recording at `path`, a folder or a bag, and check all that needs no decoding.
 
-    `listing` is the recording's listing where it was read already. Raises RecordingError.
+    Where it has no poses they are estimated, which decodes all frames; `on_estimated` is called
+    after each. `listing` is the recording's listing where it was read already. Raises
+    RecordingError.
     """
     folder, o = Path(path), options
     chosen = format_of(folder, o.format)
@@ -119,7 +156,11 @@ def open_recording(
         raise RecordingError(
             f"{folder} is a {chosen.name} recording: streams are chosen in bags and MCAP files only"
         )
-    listing = _listing(listing or chosen.read(folder, o.streams), o, folder)
+    listing = listing or chosen.read(folder, o.streams)
+    if listing.unused_poses and o.poses is None and not o.estimate_poses:
+        raise RecordingError(listing.unused_poses)
+    estimating = wants_estimate(listing, o)
+    listing = _listing(listing, o, folder, estimating)
     relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
     begin = time.time() if o.start_time is None else o.start_time
     convert = _convention(o.pose_convention)
@@ -128,7 +169,7 @@ def open_recording(
         replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
         for entry in listing.entries
     )
-    listing = replace(listing, entries=entries)
+    listing = replace(listing, entries=entries, up=_up(listing, folder))
     recording = FolderRecording(
         name=o.name or _name(folder),
         format=chosen.name,
@@ -139,9 +180,18 @@ def open_recording(
         start_time=begin if relative else 0.0,
     )
     _check_images(recording)
+    if estimating:
+        return _by_estimated_poses(recording, o, on_estimated)
     if o.check:
+        check_intrinsics(recording.name, [e.T_world_cam for e in entries], recording.frame)
+        others = listing.other_frames if o.poses is None else {}
         check_depth(
-            recording.name, as_read, o.pose_convention, recording.depth_scale, recording.frame
+            recording.name,
+            as_read,
+            o.pose_convention,
+            recording.depth_scale,
+            recording.frame,
+            others,
         )
     if o.T_map_world is not None:
         T = np.asarray(o.T_map_world, np.float64)
@@ -149,13 +199,70 @@ def open_recording(
         return replace(recording.placed(T), transform_given=True)
     if listing.T_map_world is not None and o.up is None:
         return replace(recording, T_map_world=listing.T_map_world, gravity_aligned=True)
-    T = gravity_aligned_transform(recording, up=o.up if o.up is not None else _up(listing, folder))
+    up, doubted = (listing.up, o.check) if o.up is None else (o.up, False)
+    T = gravity_aligned_transform(recording, up=up, doubted=doubted and up is not None)
+    if up is None:
+        _warn_of_sides(recording)
+    recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
 
 
-def _listing(listing: RecordingListing, options: RecordingOptions, path: Path) -> RecordingListing:
+def _warn_of_sides(recording: FolderRecording) -> None:
+    """Warn of a camera that turned as one that is held on its side, where up was only guessed."""
+    side = side_up([entry.T_world_cam for entry in recording.listing.entries])
+    if side is not None:
+        _log.warning(
+            "%s: its camera turned from side to side about an axis across its images, as one that "
+            "is held on its side does; if the images lie on their side, --up=%s or --up=%s lays "
+            "the map upright",
+            recording.name,
+            *(",".join(f"{x:.3f}" for x in sign * side) for sign in (1.0, -1.0)),
+        )
+
+
+def _upright(recording: FolderRecording, o: RecordingOptions) -> FolderRecording:
+    """The recording with its images turned upright, where the camera is mounted otherwise."""
+    listing, up = recording.listing, recording.listing.up if o.up is None else parse_up(o.up)
+    turns = 0 if up is None else clear_turns([e.T_world_cam for e in listing.entries], up)
+    if not turns:
+        return recording
+    _log.warning(
+        "%s: its images are turned by %d degrees, since its poses have up at another side than "
+        "their top",
+        recording.name,
+        90 * turns,
+    )
+    entries = tuple(
+        replace(e, T_world_cam=gridded_pose(turned_poses(e.T_world_cam, turns)))
+        for e in listing.entries
+    )
+    return replace(recording, listing=replace(listing, entries=entries), turns=turns)
+
+
+def _by_estimated_poses(
+    recording: FolderRecording, o: RecordingOptions, on_estimated: OnEstimated | None
+) -> FolderRecording:
+    """The recording by poses that its images give, placed as the options say."""
+    found = with_estimated_poses(
+        recording.listing, recording.frame, o, recording.name, on_estimated
+    )
+    recording = replace(recording, listing=found.listing, estimate=found.report)
+    if o.T_map_world is not None:
+        checked_pose(np.asarray(o.T_map_world, np.float64), "given T_map_world")
+        return replace(recording.placed(o.T_map_world), transform_given=True)
+    T = gravity_aligned_transform(recording, up=found.up if o.up is None else o.up)
+    if o.check:
+        heights = [float((T @ e.T_world_cam)[2, 3]) for e in recording.listing.entries]
+        check_height(recording.name, heights, recording.depth_scale)
+    return replace(recording, T_map_world=T, gravity_aligned=True)
+
+
+def _listing(
+    listing: RecordingListing, options: RecordingOptions, path: Path, estimating: bool
+) -> RecordingListing:
     """Listing of the selected frames, with the camera and the poses that the options give."""
-    entries = options.selection.of(listing.entries, str(path))
+    selection = options.selection.reached if estimating else options.selection
+    entries = selection.of(listing.entries, str(path))
     if options.poses is not None:
         entries = _with_poses(entries, options.poses)
     camera = listing.camera
@@ -251,7 +358,10 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
     """The camera fitted to the first image, which is decoded for its size."""
     if listing.camera is None:
         raise RecordingError(
-            f"{folder} has no intrinsics: add intrinsics.json or K.txt, or give intrinsics"
+            listing.no_camera
+            or f"{folder} has no intrinsics: a file intrinsics.json in it with "
+            '{"fx": 525, "fy": 525, "cx": 319.5, "cy": 239.5} of its colour camera [px], or '
+            "--intrinsics FILE, would work"
         )
     height, width = listing.entries[0].colour.colour().shape[:2]
     return Rectifier.for_camera(listing.camera.fitted(width, height))

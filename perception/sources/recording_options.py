@@ -31,6 +31,17 @@ class Selection:
     stop: float | None = None  # [s] after the recording's first frame
     keyframes: bool = False  # reads only frames whose camera has moved since the last one read
 
+    @property
+    def reached(self) -> Selection:
+        """All frames between the first and the last that are selected."""
+        last = None if self.limit is None or self.keyframes else (self.limit - 1) * self.every + 1
+        return Selection(limit=last, start=self.start, stop=self.stop)
+
+    @property
+    def thinned(self) -> Selection:
+        """The selection from the frames of `reached`."""
+        return Selection(every=self.every, limit=self.limit, keyframes=self.keyframes)
+
     def of(self, entries: Sequence[FrameEntry], name: str) -> tuple[FrameEntry, ...]:
         """The selected entries; raises RecordingError where there is none."""
         if not entries:
@@ -68,6 +79,8 @@ class RecordingOptions:
         depth_scale: depth units a metre.
         start_time: [s since 1970] added to stamps that count from zero; now by default.
         poses: file of a trajectory in TUM format that replaces the recording's own poses.
+        estimate_poses: whether poses are estimated from the images (`perception.odometry`); None:
+            where there are none. Without poses, False raises RecordingError.
         pose_convention: a name of `perception.camera.poses.CONVENTIONS`.
         check: whether a sample of the depth is compared with poses and colour
             (`perception.sources.depth_check`).
@@ -83,6 +96,7 @@ class RecordingOptions:
     depth_scale: float | None = None
     start_time: float | None = None
     poses: Path | None = None
+    estimate_poses: bool | None = None
     pose_convention: str = "camera-to-world"
     check: bool = True
     streams: Streams = field(default_factory=Streams)

@@ -64,8 +64,8 @@ def _uses(index: BagIndex, choice: Choice | None) -> dict[str, str]:
     if choice.depth_apart and choice.depth_camera is not None:
         uses[choice.depth_camera.topic] = "depth camera"
     poses = [topic for topic, stream in index.streams.items() if stream.type in TRANSFORMS]
-    if choice.pose is not None:
-        poses.append(choice.pose.topic)
+    if choice.pose_topic is not None:
+        poses.append(choice.pose_topic.topic)
     return uses | dict.fromkeys(poses, "poses")
 
 

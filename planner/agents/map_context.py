@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from kg.history.timestamps import iso
+from kg.history.timestamps import duration, iso
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import QueryParameterError, UnknownCategoryError
-from planner.agents.answers import MapIdentity
+from planner.agents.answers import MapState
 from planner.freespace.planning_map import Row
 from planner.search.goals.candidate_queries import map_time
+from planner.search.goals.place_names import place_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,21 +23,24 @@ class MapContext:
 
     semantic_map: SemanticMap
     author: Callable[[], str] | None = None
-    max_listed: int = 50  # categories and places of a description
 
     @property
     def writable(self) -> bool:
         """Whether there are tools that write."""
         return self.author is not None
 
-    def identity(self) -> MapIdentity:
-        """The map and its state; taken first, so that an answer is never older than this state."""
-        return MapIdentity(
-            untrusted_title=self.semantic_map.description.title,
-            base=self.semantic_map.base,
-            sequence=self.semantic_map.sequence,
-            time=iso(map_time(self.semantic_map)),
-        )
+    def state(self) -> MapState:
+        """The state of the map; taken first, so that an answer is never older than it."""
+        return state_of(self.semantic_map)
+
+    @contextmanager
+    def at(self, when: str | None) -> Iterator[SemanticMap]:
+        """The map now, or at a past moment (`instant`)."""
+        if when is None:
+            yield self.semantic_map
+        else:
+            with self.semantic_map.at(instant(when)) as then:
+                yield then
 
     def is_thing(self, what: str) -> bool:
         """Whether a text names one object rather than a kind or a place."""
@@ -49,26 +55,30 @@ class MapContext:
 
         Raises QueryParameterError, which lists the places, for none or several.
         """
-        try:
-            return self.semantic_map.resolve("place", text)
-        except QueryParameterError as error:
-            try:
-                believed = self.semantic_map.places(text)
-            except UnknownCategoryError:
-                raise error from None
-            if len(believed) > 1:
-                iris = ", ".join(place.iri for place in believed)
-                raise QueryParameterError(
-                    f"several places have the category {text!r}; give one of {iris}"
-                ) from None
-            if not believed:
-                raise
-            return believed[0].iri
+        return place_named(self.semantic_map, text)
+
+
+def state_of(semantic_map: SemanticMap) -> MapState:
+    """The number of the last transaction of a map, and the time of its latest observation."""
+    return MapState(sequence=semantic_map.sequence, time=clock(map_time(semantic_map)))
+
+
+def instant(text: str) -> str:
+    """A moment of the history as written, or what a duration before now (30m, 2h, 1d) means."""
+    text = text.strip().removesuffix(" ago")
+    if re.fullmatch(r"\d+(\.\d+)?[smhdwy]", text):
+        return iso(time.time() - duration(text))
+    return text
+
+
+def clock(seconds: float) -> str:
+    """A time [s since 1970] as ISO 8601 in UTC, to the second."""
+    return iso(seconds).partition(".")[0] + "Z"
 
 
 def time_or_none(value: object) -> str | None:
-    """A time as ISO 8601 in UTC; None for other values."""
-    return iso(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
+    """A time as ISO 8601 in UTC, to the second; None for other values."""
+    return clock(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
 
 
 def number_or_none(row: Row, column: str) -> float | None:

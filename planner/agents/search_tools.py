@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import math
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import PoolBusyError, QueryParameterError
 from planner.agents import answers as a
+from planner.agents.list_tools import Limit, Metres, Skip, Word
 from planner.agents.map_context import MapContext
-from planner.agents.map_tools import Limit, Metres, Word, known_things
+from planner.agents.map_tools import known_thing
 from planner.agents.open_searches import OpenSearch, OpenSearches
+from planner.agents.untrusted_text import LABEL, escaped
 from planner.execution.protocol import RobotPose
 from planner.execution.viewpoint_adapter import NextView
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.targets import resolve
-from planner.search.plans.view_plan import Start, ViewStep, planned, robot_start
+from planner.search.plans.answer_sentences import find_sentences
+from planner.search.plans.report import worthwhile
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import Start, ViewStep, plan_from, robot_start
 
 Wanted = Annotated[
     list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')
@@ -28,9 +35,9 @@ SearchName = Annotated[str, Field(max_length=40, description="as next_look named
 Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
 
 _MAX_WAITING: Final = 8  # plans that are made or wait; one is made at a time
-_KNOWN: Final = 5  # objects listed of each target
+_KNOWN: Final = 3  # objects listed
 _REASONS: Final = 3  # of each look
-_FACTS: Final = 6  # of each reason
+_FACTS: Final = 3
 
 
 class SearchTools:
@@ -49,34 +56,44 @@ class SearchTools:
         y: Metres | None = None,
         heading_degrees: Degrees = 0.0,
         limit: Limit = 10,
+        skip: Skip = 0,
     ) -> a.PlanAnswer:
-        """A search plan: where to stand, where to look, in which order, why, and how long it takes.
+        """A search plan: where to stand and look, in which order, why, and how long it takes.
 
-        It starts at x, y, or where the robot is. Takes about a second.
+        It starts at x, y, or where the robot is.
         """
-        identity, context = self._context.identity(), self._context
-        start = self._start(x, y, heading_degrees)
+        map_state, semantic_map, now = (
+            self._context.state(),
+            self._context.semantic_map,
+            time.time(),
+        )
+        start = start_of(semantic_map, x, y, heading_degrees)
         with self._turn():
-            found = planned(context.semantic_map, what, start)
+            state = build_search(semantic_map, what, at=now)
+            found = None if state is None else plan_from(semantic_map, state, start)
+        targets = resolve(semantic_map, what)
         known = [
             one
-            for target in resolve(context.semantic_map, what)
-            for one in known_things(
-                known_objects(context.semantic_map, target, located=_KNOWN), _KNOWN
-            )[0]
+            for target in targets
+            for one in known_objects(semantic_map, target, located=_KNOWN)[:_KNOWN]
         ]
         steps = () if found is None else found.steps
+        worth = worthwhile(steps)
         seconds = None if found is None else found.expected_seconds
+        sentences = [
+            line for target in targets for line in find_sentences(semantic_map, target, now, state)
+        ]
         return a.PlanAnswer(
-            map=identity,
-            known=known,
-            present=0.0 if found is None else round(found.present, 6),
-            probability=0.0 if found is None else round(found.probability, 6),
-            expected_seconds=None
-            if seconds is None or not math.isfinite(seconds)
-            else round(seconds, 3),
-            looks=[_look(step) for step in steps[:limit]],
-            left_out=max(len(steps) - limit, 0),
+            map=map_state,
+            untrusted_answer=sentences[:_KNOWN],
+            known=[known_thing(one) for one in known[:_KNOWN]],
+            present=0.0 if found is None else found.present,
+            probability=0.0 if found is None else found.probability,
+            expected_seconds=None if seconds is None or not math.isfinite(seconds) else seconds,
+            further_looks=len(steps) - worth or None,
+            looks=[_look(step) for step in steps[:worth][skip : skip + limit]],
+            total=worth,
+            skip=skip,
         )
 
     @contextmanager
@@ -98,13 +115,12 @@ class SearchTools:
         y: Metres | None = None,
         heading_degrees: Degrees = 0.0,
     ) -> a.NextLook:
-        """The one look to take now, from x, y (or from where the robot is). `what` begins a search.
+        """The one look to take now, from x, y (or where the robot is). `what` begins a search.
 
-        Go there, look, call report_look, then ask again with `search`, which the answer names: each
-        look without a find counts, and so do changes of the map by others.
+        Go there, look, call report_look, then ask again with `search`, which the answer names.
         """
-        identity = self._context.identity()
-        pose = RobotPose(*self._start(x, y, heading_degrees))
+        state = self._context.state()
+        pose = RobotPose(*start_of(self._context.semantic_map, x, y, heading_degrees))
         with self._turn():
             if (what is None) == (search is None):
                 raise QueryParameterError("give `what` to begin a search, or `search` to go on")
@@ -115,7 +131,7 @@ class SearchTools:
                 open_search = self._searches.add(begun)
             proposed = open_search.next(pose)
             return a.NextLook(
-                **self._progress(identity, open_search, give_up=proposed is None),
+                **self._progress(state, open_search, give_up=proposed is None),
                 look=None if proposed is None else _proposed(proposed),
             )
 
@@ -129,68 +145,68 @@ class SearchTools:
     ) -> a.SearchProgress:
         """Report the look that next_look proposed: the objects that it showed, or none.
 
-        The search goes on from it; the map is not written (assert_fact does, where there is it).
+        The map is not written.
         """
-        identity = self._context.identity()
+        state = self._context.state()
         with self._turn():
             open_search = self._searches.get(search)
             open_search.report([(one.what, one.x, one.y) for one in found], reached=reached)
-            return a.SearchProgress(**self._progress(identity, open_search))
-
-    def _start(self, x: float | None, y: float | None, degrees: float) -> Start:
-        if (x is None) != (y is None):
-            raise QueryParameterError("give both x and y, or neither to start where the robot is")
-        if x is None or y is None:
-            return robot_start(self._context.semantic_map)
-        return x, y, math.radians(degrees)
+            return a.SearchProgress(**self._progress(state, open_search))
 
     @staticmethod
     def _progress(
-        identity: a.MapIdentity, search: OpenSearch, *, give_up: bool = False
+        state: a.MapState, search: OpenSearch, *, give_up: bool = False
     ) -> dict[str, Any]:
         over = "given up" if give_up else "searching"
         return {
-            "map": identity,
+            "map": state,
             "search": search.name,
             "state": over if search.wanted else "found",
             "untrusted_wanted": search.wanted,
             "looks_reported": search.looks,
-            "left": round(search.left, 6),
+            "left": search.left,
         }
+
+
+def start_of(
+    semantic_map: SemanticMap, x: float | None, y: float | None, degrees: float = 0.0
+) -> Start:
+    """A start at x, y [m], or where the robot is; raises QueryParameterError for one without the
+    other.
+    """
+    if (x is None) != (y is None):
+        raise QueryParameterError("give both x and y, or neither to start where the robot is")
+    if x is None or y is None:
+        return robot_start(semantic_map)
+    return x, y, math.radians(degrees)
 
 
 def _proposed(view: NextView) -> a.ProposedLook:
     return a.ProposedLook(
-        x=round(view.x, 3),
-        y=round(view.y, 3),
-        heading=round(view.middle, 4),
-        extent=round(view.extent, 4),
+        x=view.x,
+        y=view.y,
+        heading=view.middle,
+        extent=view.extent,
         untrusted_place=view.place or None,
-        probability=round(view.probability, 6),
-        seconds=round(view.seconds, 3),
-        left_if_in_vain=round(view.left, 6),
-        untrusted_reasons=list(view.why),
+        probability=view.probability,
+        seconds=view.seconds,
+        left_if_in_vain=view.left,
+        untrusted_reasons=list(view.why[:_FACTS]),
     )
 
 
 def _look(step: ViewStep) -> a.Look:
+    facts = step.why[0].candidate.facts if step.why else ()
     return a.Look(
-        x=round(float(step.p_map[0]), 3),
-        y=round(float(step.p_map[1]), 3),
-        heading=round(step.heading, 4),
-        extent=round(step.extent, 4),
+        x=float(step.p_map[0]),
+        y=float(step.p_map[1]),
+        heading=step.heading,
+        extent=step.extent,
         place=step.place or None,
-        probability=round(step.probability, 6),
-        seconds=round(step.seconds, 3),
-        metres=round(step.metres, 3),
-        left=round(step.left, 6),
-        reasons=[
-            a.Reason(
-                iri=reason.candidate.iri,
-                kind=reason.candidate.kind,
-                probability=round(reason.probability, 6),
-                untrusted_facts=list(reason.candidate.facts[:_FACTS]),
-            )
-            for reason in step.why[:_REASONS]
-        ],
+        probability=step.probability,
+        seconds=step.seconds,
+        metres=step.metres,
+        left=step.left,
+        reasons=[reason.candidate.iri for reason in step.why[:_REASONS]],
+        untrusted_why=escaped(facts[0], LABEL) if facts else None,
     )

@@ -26,6 +26,11 @@ def escaped(value: object, max_length: int) -> str:
     return written if len(written) <= max_length else written[: max_length - 1] + "…"
 
 
+def in_one_line(message: str) -> str:
+    """A message in one visible line, since it may contain text of the map."""
+    return escaped(" ".join(message.split()), SENTENCE)
+
+
 def _visible(character: str) -> str:
     code = ord(character)
     if unicodedata.category(character) not in _HIDDEN and not any(code in r for r in _SELECTORS):

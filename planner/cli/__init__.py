@@ -14,10 +14,12 @@ import importlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
+from typing import NoReturn
 
-from kg.model.errors import GraphError, HereaboutsError, MapNotFoundError
+from kg.model.errors import ExtensionError, GraphError, HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 
@@ -38,6 +40,7 @@ COMMANDS = (
     "diff",
     "compact",
     "assert_",
+    "name",
     "retract",
     "update",
     "restore",
@@ -56,21 +59,29 @@ COMMANDS = (
     "ontology",
     "models",
     "teach",
-    "evaluate",
-    "simulate",
 )
 
+#: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
+LAB_COMMANDS = ("evaluate", "simulate")
 
 #: options that name what a command writes
-_OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun")
+_OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun", "review")
 
 #: command of each module whose name is not the command's
 _NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}
 
 
-def build_parser(modules: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
-    """The parser of the command line, with the commands of `modules`; by default all."""
-    parser = argparse.ArgumentParser(
+class _Parser(argparse.ArgumentParser):
+    """A parser that tells wrong usage in one line, with the command's example."""
+
+    def error(self, message: str) -> NoReturn:
+        example = f"; {self.epilog}" if "example:" in (self.epilog or "") else ""
+        self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the options\n")
+
+
+def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of the command line, with the commands of `modules`; by default all installed."""
+    parser = _Parser(
         prog="hereabouts",
         description="A semantic map for robots: RGB-D frames with poses go in; a live knowledge "
         "graph of objects and places comes out.",
@@ -78,16 +89,26 @@ def build_parser(modules: Iterable[str] = COMMANDS) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in modules:
+    for name in _installed() if modules is None else modules:
         _declare(subparsers, name)
     return parser
 
 
-def _declare(
-    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], module_name: str
-) -> None:
+def _installed() -> tuple[str, ...]:
+    return COMMANDS + LAB_COMMANDS if _has_lab() else COMMANDS
+
+
+def _has_lab() -> bool:
+    try:
+        return find_spec("lab.cli.evaluate") is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) -> None:
     """Declare the command of a module by its docstring: summary, description, example."""
-    module = importlib.import_module(f"planner.cli.{module_name}")
+    package = "lab" if module_name in LAB_COMMANDS else "planner"
+    module = importlib.import_module(f"{package}.cli.{module_name}")
     summary, *text = (" ".join(part.split()) for part in (module.__doc__ or "").split("\n\n"))
     example = text.pop() if text and text[-1].startswith("example") else None
     parser = subparsers.add_parser(
@@ -102,9 +123,10 @@ def _declare(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of the console script."""
-    words = sys.argv[1:] if argv is None else argv
-    arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
+    words = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    arguments = argparse.Namespace()
     try:
+        arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
         _check_outputs(arguments)
         return int(arguments.run(arguments))
     except HereaboutsError as error:
@@ -151,7 +173,14 @@ def _modules_for(words: Sequence[str]) -> Sequence[str]:
     """The modules that parsing `words` needs; all of them if no command comes first."""
     if words and words[0] == "--version":
         return ()
-    return [name for name in COMMANDS if words[:1] == [_NAMED.get(name, name)]] or COMMANDS
+    if words and words[0] in LAB_COMMANDS:
+        if not _has_lab():
+            raise ExtensionError(
+                f"{words[0]} comes with hereabouts-lab, which is not installed; in a clone of "
+                "hereabouts: pip install ./lab"
+            )
+        return words[:1]
+    return [name for name in COMMANDS if words[:1] == [_NAMED.get(name, name)]] or _installed()
 
 
 class _Version(argparse.Action):

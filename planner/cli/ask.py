@@ -1,8 +1,8 @@
-"""Query the map: a shipped query, a query file, or SPARQL text.
+"""Ask the map: a question in English, a shipped query, a query file, or SPARQL text.
 
-`hereabouts queries` lists the shipped queries.
+`hereabouts queries` lists the shipped queries, and questions that they answer.
 
-example: hereabouts ask kitchen.map objects-within-radius -p x=0 -p y=1
+example: hereabouts ask kitchen.map "where is the cup?"
 """
 
 from __future__ import annotations
@@ -10,14 +10,19 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
+from kg.model.errors import QueryParameterError
 from planner.cli.arguments import MAP_HELP, add_at, name_value, plain_value
-from planner.cli.console import counted, note, print_table, write
+from planner.cli.console import counted, json_value, note, print_table, write, write_json
+from planner.cli.name import note_unnamed
 
 if TYPE_CHECKING:
     from kg.maps.query.evaluation import Table
     from kg.maps.semantic_map import SemanticMap
+
+#: queries whose answers leave out things without a name
+_LISTS: Final = ("summary", "objects", "objects-in-place")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -32,8 +37,8 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "question",
         nargs="?",
-        metavar="NAME|FILE.rq|SPARQL",
-        help="name of a shipped query, query file, or SPARQL text",
+        metavar="QUESTION|NAME|FILE.rq|SPARQL",
+        help="question such as 'where is the cup?', shipped query, query file, or SPARQL text",
     )
     parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
     parser.add_argument(
@@ -75,8 +80,14 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as opened:
         semantic_map = opened.enter_context(_opened(arguments))
         _note_frames(semantic_map)
+        if _is_plain(semantic_map, arguments):
+            return _answer_plainly(semantic_map, arguments, opened)
         answer = _ask(semantic_map, arguments, parameters, opened)
-    _print(answer, arguments.format)
+        _print(answer, arguments.format)
+        if arguments.format == "table" and arguments.at is None and arguments.question in _LISTS:
+            place = parameters.get("place")
+            where = None if place is None else semantic_map.resolve("place", str(place))
+            note_unnamed(semantic_map, arguments.map or "MAP", where)
     return 0
 
 
@@ -105,6 +116,45 @@ def _note_frames(semantic_map: SemanticMap) -> None:
             )
 
 
+def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
+    """Whether the query is a question in English; one word only if it is a known name."""
+    from planner.questions.answers import is_plain
+
+    text = arguments.question
+    if text is None or arguments.parameter or not is_plain(text):
+        return False
+    return len(text.split()) != 1 or semantic_map.catalogue.get(text) is not None
+
+
+def _answer_plainly(
+    semantic_map: SemanticMap, arguments: argparse.Namespace, opened: ExitStack
+) -> int:
+    from kg.history.timestamps import moment
+    from planner.questions.answers import answer_question
+    from planner.search.goals.candidate_queries import map_time
+
+    now = None
+    if arguments.at is not None:
+        semantic_map = opened.enter_context(semantic_map.at(arguments.at))
+        is_number = arguments.at.startswith("#")
+        now = map_time(semantic_map) if is_number else moment(arguments.at)
+    answer = answer_question(semantic_map, arguments.question, now)
+    if arguments.format == "json":
+        rows = [dict(zip(answer.columns, map(json_value, row), strict=True)) for row in answer.rows]
+        write_json({**answer.to_json(), "rows": rows})
+        return 0
+    if arguments.format != "table":
+        raise QueryParameterError(
+            f"an answer in words is no {arguments.format}; the same facts: {answer.command}"
+        )
+    write("\n".join(answer.lines))
+    if answer.rows:
+        print_table(answer.columns, answer.rows)
+    if answer.command:
+        note(answer.command)
+    return 0
+
+
 def _ask(
     semantic_map: SemanticMap,
     arguments: argparse.Namespace,
@@ -121,6 +171,9 @@ def _ask(
         question = inline_query(arguments.execute, values)
     else:
         question = resolve_query(arguments.question, values)
+    for parameter in question.parameters:
+        if parameter.type == "category" and parameter.name in values:
+            _note_meaning(semantic_map, str(parameters[parameter.name]))
     if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
         parameters = {"least": "0", **parameters}
     if not question.shipped:
@@ -133,6 +186,16 @@ def _ask(
     if arguments.at is not None:
         semantic_map = opened.enter_context(semantic_map.at(arguments.at))
     return semantic_map.query(question, **parameters)
+
+
+def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
+    """Note how the name of a category was understood, where it is not the category's own."""
+    from kg.knowledge.words.meaning import understand
+
+    if semantic_map.catalogue.get(name) is None:
+        meaning = understand(semantic_map.catalogue, name)
+        if meaning.categories and meaning.how != "spelling":
+            note(meaning.note)
 
 
 def _print(answer: Table, form: str) -> None:

@@ -1,7 +1,7 @@
 """Assert a property of an object or place; it outranks perception until retracted.
 
-Objects have a category, position, existence, label, and what they are on or inside; places have a
-category and a label. `hereabouts ask MAP conflicts` lists the assertions that perception
+Objects have a category, position, extent, existence, label, and what they are on or inside; places
+have a category and a label. `hereabouts ask MAP conflicts` lists the assertions that perception
 contradicts.
 
 example: hereabouts assert kitchen.map object/17 category bowl --by ann
@@ -22,7 +22,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "value",
         nargs="+",
         metavar="VALUE",
-        help="category: name or IRI; position: X Y Z in metres; existence: present or absent; "
+        help="category: name or IRI; position: X Y Z in metres; "
+        "extent: DX DY DZ in metres and the box's YAW in radians; existence: present or absent; "
         "label: text; on, inside: another object (object/3) or nothing; "
         "area: POLYGON ((x y, ...)) in metres",
     )
@@ -32,10 +33,12 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def add_what(parser: argparse.ArgumentParser) -> None:
     """The thing and the property that `assert` and `retract` are about."""
-    parser.add_argument("thing", metavar="THING", help="object/17, place/1 or a full IRI")
+    parser.add_argument(
+        "thing", metavar="THING", help="object/17, place/1, a label such as 'cup 2', or an IRI"
+    )
     parser.add_argument(
         "property",
-        choices=("category", "position", "existence", "label", "on", "inside", "area"),
+        choices=("category", "position", "extent", "existence", "label", "on", "inside", "area"),
         help="property of the thing",
     )
 
@@ -48,11 +51,12 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("an assertion needs an author: --by NAME")
     value, by = " ".join(arguments.value), arguments.by or ""
     with open_map(arguments.map) as semantic_map:
-        change = semantic_map.assertions.add(arguments.thing, arguments.property, value, by=by)
+        thing = semantic_map.resolve("iri", arguments.thing)
+        if arguments.property in ("on", "inside") and value != "nothing":
+            value = semantic_map.resolve("iri", value)
+        change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
         (assertion,) = (
-            a
-            for a in semantic_map.assertions.all(arguments.thing)
-            if a.property == arguments.property
+            a for a in semantic_map.assertions.all(thing) if a.property == arguments.property
         )
         sequence = semantic_map.sequence
     if arguments.json:

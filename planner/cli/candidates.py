@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import GraphError, UnknownCategoryError
+from kg.model.errors import GraphError
 from mapping.detection_report import (
     FILE,
     CategoryFates,
@@ -17,6 +17,7 @@ from mapping.detection_report import (
 )
 from planner.cli.console import counted, heading, note, print_table, write, write_json
 from planner.cli.text_table import printable
+from planner.search.goals.search_goals import resolve_target
 
 _NAMED: Final = 6  # things in one line
 ROWS: Final = 20  # things of all categories in a table
@@ -105,13 +106,11 @@ def _report(semantic_map: SemanticMap) -> DetectionReport:
 
 def _name(semantic_map: SemanticMap, report: DetectionReport, category: str) -> str:
     """The category's label, or a label that a network gave."""
-    try:
-        return semantic_map.catalogue.find(category, "object").label
-    except UnknownCategoryError:
-        labels = {name.casefold(): name for name in report.categories}
-        if category.casefold() not in labels:
-            raise
+    labels = {name.casefold(): name for name in report.categories}
+    known = semantic_map.catalogue.get(category, "object")
+    if known is None and category.casefold() in labels:
         return labels[category.casefold()]
+    return resolve_target(semantic_map.catalogue, category).label
 
 
 def _of_category(report: DetectionReport, name: str) -> DetectionReport:

@@ -10,9 +10,13 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from planner.cli.arguments import MAP_HELP, add_json
 from planner.cli.console import counted, note, print_table, write_json
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +35,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.map is not None:
         with open_map(arguments.map, read_only=True) as semantic_map:
             findings += check_map(semantic_map.engine)
+            for recording in semantic_map.recordings():
+                if recording.pose_estimate:
+                    note(f"{recording.name}: estimated {recording.pose_estimate}")
+            _note_missing_history(semantic_map)
             if semantic_map.description.licence is None:
                 note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")
     if arguments.json:
@@ -42,3 +50,13 @@ def run(arguments: argparse.Namespace) -> int:
         )
     note(counted(len(findings), "finding"))
     return 1 if findings else 0
+
+
+def _note_missing_history(semantic_map: SemanticMap) -> None:
+    """Tell where a folder has lost its history, as an incomplete copy has."""
+    from kg.model.errors import HistoryError
+
+    try:
+        _ = semantic_map.history.log
+    except HistoryError as error:
+        note(f"{error}, without what happened before")

@@ -53,6 +53,15 @@ def write_json(value: object) -> None:
     write(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+def json_value(value: object) -> object:
+    """A value for JSON: times as ISO 8601, tuples as lists."""
+    if isinstance(value, dict):
+        return {name: json_value(item) for name, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [json_value(item) for item in value]
+    return value.isoformat() if isinstance(value, datetime) else value
+
+
 def heading(text: str) -> None:
     """A line on stdout that starts a part of a longer answer."""
     write(f"\n{_styled(text, '1', sys.stdout)}")
@@ -81,7 +90,7 @@ def print_plan(plan: Plan) -> None:
 
 
 def print_looks(plan: ViewPlan, max_looks: int | None = None) -> None:
-    """The first `max_looks` of a plan as a table, and below it each reason once."""
+    """The first `max_looks` of a plan as a table, and below it the reasons that bear it."""
     from planner.search.plans.report import looks_table, reason_lines
 
     steps = plan.steps[:max_looks]

@@ -13,7 +13,11 @@ from pathlib import Path
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, progress, write_json
-from planner.cli.recording_options import add_recording_arguments, recording_options
+from planner.cli.recording_options import (
+    add_recording_arguments,
+    opened_recording,
+    recording_options,
+)
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -31,10 +35,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from perception.sources.bag_writer import write_bag
-    from perception.sources.recording import open_recording
 
     path = arguments.recording
-    recording = open_recording(path, recording_options(arguments, path))
+    recording = opened_recording(path, recording_options(arguments, path))
     output = Path(arguments.output)
     with progress() as bar:
         task = bar.add_task(recording.name, total=len(recording), status="")

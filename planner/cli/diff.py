@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = semantic_map.history.compare(*moments, far=arguments.far)
     rows = _rows(found, only_moved=arguments.moved)
     print_rows(_COLUMNS, rows, as_json=arguments.json)
-    note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.floor_words}")
+    note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
     return 0
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,13 +23,25 @@ from planner.cli.console import heading, note, print_looks, print_plan, write, w
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
+    from planner.search.goals.targets import Target
     from planner.search.plans.search_state import PlanningState
     from planner.search.plans.view_plan import ViewPlan
 
 _WORTH_A_LOOK = 0.01  # minimum probability of success of a printed plan
+_AHEAD = 60.0  # [s] by which clocks of robots may be ahead
 _RULES = ("viewpoints", "nearest-first", "brute-force")
 #: options of the rule "viewpoints" alone
-_LOOKS_ONLY = ("budget", "turn_rate", "range", "recall", "at", "grid", "explain", "picture")
+_LOOKS_ONLY = (
+    "budget",
+    "turn_rate",
+    "range",
+    "recall",
+    "now",
+    "grid",
+    "explain",
+    "picture",
+    "compare",
+)
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -53,9 +66,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="probability to detect an object in view (0.7)",
     )
     parser.add_argument(
+        "--now",
         "--at",
+        dest="now",
         metavar="TIME",
-        help="time of the search: ISO 8601 or 'now' (default: the map's)",
+        help="time of the search: ISO 8601, or 'map': the map's latest time (default: the clock's)",
     )
     parser.add_argument(
         "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
@@ -73,19 +88,48 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--explain", action="store_true", help="print every step, and the facts of each reason once"
     )
+    parser.add_argument(
+        "--compare", action="store_true", help="print the times of simpler plans beside this one's"
+    )
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
+    from planner.search.plans.report import empty_answer
 
     with open_map(arguments.map, read_only=True) as opened:
         semantic_map = opened.in_one_frame(arguments.in_map)
+        arguments.undetectable = _take_undetectable(semantic_map, arguments)
+        if not arguments.object:
+            if arguments.json:
+                now = _moment(semantic_map, arguments.now)
+                _write_answer(arguments, empty_answer(semantic_map, (), now))
+            return 0
         code = _find(semantic_map, arguments)
         if not arguments.json:
             _print_elsewhere(opened, semantic_map, arguments)
         return code
+
+
+def _take_undetectable(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> list[dict[str, object]]:
+    """Take words that no category includes out of the wanted objects, and answer them."""
+    from planner.search.goals.targets import undetectable_target
+
+    unseen = {text: undetectable_target(semantic_map, text) for text in arguments.object}
+    arguments.object = [text for text in arguments.object if unseen[text] is None]
+    answers = [answer for answer in unseen.values() if answer is not None]
+    for answer in answers if not arguments.json else ():
+        write(f"{answer.answer}.")
+    return [answer.to_json() for answer in answers]
+
+
+def _write_answer(arguments: argparse.Namespace, answer: dict[str, object]) -> None:
+    """Write an answer as JSON, with the words that no category includes."""
+    write_json({**answer, "undetectable": arguments.undetectable})
 
 
 def _find(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
@@ -124,7 +168,7 @@ def _planning_state(
             turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
         ),
         space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
-        at=_moment(arguments.at),
+        at=_moment(semantic_map, arguments.now),
     )
 
 
@@ -148,44 +192,47 @@ def _by_viewpoints(
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
+    now = _moment(semantic_map, arguments.now)
     if arguments.json:
-        write_json(answer_json(semantic_map, state, found))
+        _write_answer(arguments, answer_json(semantic_map, state, found, now))
         return 0
-    _print_known(semantic_map, state, arguments)
+    _print_known(semantic_map, state.targets, now, arguments, state)
     if not found.steps:
-        note(_nothing(found, arguments.budget))
+        write(_nothing(found, arguments.budget))
     elif found.probability < _WORTH_A_LOOK and not arguments.explain:
-        note(
+        write(
             f"{', '.join(found.targets)} is on this floor with probability {found.present:.3f}: "
             "too improbable for a search (--explain lists the looks)"
         )
     else:
         heading("Where to look")
-        _print(found, explain=arguments.explain)
+        _print(found, arguments)
     return 0
 
 
 def _print_known(
-    semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
+    semantic_map: SemanticMap,
+    targets: Sequence[Target],
+    now: float,
+    arguments: argparse.Namespace,
+    state: PlanningState | None = None,
 ) -> None:
-    """Print the known objects of each target."""
+    """Print the sentences about each target, and detections that made no object."""
+    from kg.history.timestamps import iso
     from planner.cli.candidates import detections_in_vain
     from planner.search.goals.candidate_queries import map_time
-    from planner.search.goals.known_objects import LISTED, answer_lines, known_objects
-    from planner.search.goals.status import status
+    from planner.search.plans.answer_sentences import find_sentences
 
-    now = _moment(arguments.at) or map_time(semantic_map)
-    for target in state.targets:
-        known = known_objects(semantic_map, target, located=LISTED)
-        for line in answer_lines(known, now, address=arguments.map):
-            write(line)
-        if not known and target.iri is not None:
-            answer = status(semantic_map, target.iri)
-            write(f"no {target.label} is in the map ({answer.value}): {answer.proof}")
-            if line := detections_in_vain(semantic_map, target.label, arguments.map):
-                write(line)
-        elif not known:
-            write(f"nothing to {target.label.partition(' to ')[2] or target.label} is in the map")
+    if (latest := map_time(semantic_map)) > now + _AHEAD:
+        note(f"{iso(now)} lies before the last frame of the map ({iso(latest)})")
+    for target in targets:
+        if target.note:
+            note(target.note)
+        said = find_sentences(semantic_map, target, now, state)
+        write("\n".join(said))
+        vain = detections_in_vain(semantic_map, target.label, arguments.map)
+        if vain and said[0].startswith("No "):
+            write(vain)
 
 
 def _nothing(found: ViewPlan, budget: float | None) -> str:
@@ -195,17 +242,19 @@ def _nothing(found: ViewPlan, budget: float | None) -> str:
     return f"no look for {what}: no reachable position shows a spot where it may be"
 
 
-def _print(found: ViewPlan, *, explain: bool) -> None:
-    from planner.search.plans.report import plan_lines, step_lines
+def _print(found: ViewPlan, arguments: argparse.Namespace) -> None:
+    from planner.search.plans.report import baseline_line, plan_lines, step_lines, worthwhile
 
-    if explain:
+    looks = None if arguments.explain else worthwhile(found.steps)
+    if arguments.explain:
         write("\n".join(step_lines(found.steps)))
-    else:
-        print_looks(found)
-    if explain:
         heading("In all")
-    for line in plan_lines(found):
-        (write if explain else note)(line)
+    else:
+        print_looks(found, looks)
+    lines = plan_lines(found, looks)
+    if arguments.compare:
+        lines += [baseline_line(other, len(found.targets)) for other in found.baselines]
+    write("\n".join(lines))
 
 
 def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
@@ -244,17 +293,18 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
 
 
 def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    """Explain why a map without floor has nowhere to look."""
+    """Say what is known, and why a map without floor has nowhere to look."""
     from planner.search.goals.search_goals import explain_none
     from planner.search.goals.targets import resolve
     from planner.search.plans.report import empty_answer
 
     targets = resolve(semantic_map, arguments.object)
+    now = _moment(semantic_map, arguments.now)
     if arguments.json:
-        write_json(empty_answer([target.label for target in targets]))
+        _write_answer(arguments, empty_answer(semantic_map, targets, now))
         return 0
     for iri in (iri for target in targets for iri in target.queried):
-        note(explain_none(semantic_map, iri))
+        write(explain_none(semantic_map, iri))
     return 0
 
 
@@ -278,11 +328,11 @@ def _range(text: str) -> tuple[float, float]:
     return near, far
 
 
-def _moment(text: str | None) -> float | None:
-    if text is None:
-        return None
-    if text == "now":
-        return time.time()
+def _moment(semantic_map: SemanticMap, text: str | None) -> float:
+    """[s since 1970] the time of `--now`."""
     from kg.history.timestamps import moment
+    from planner.search.goals.candidate_queries import map_time
 
-    return moment(text)
+    if text == "map":
+        return map_time(semantic_map)
+    return time.time() if text in (None, "now") else moment(text)

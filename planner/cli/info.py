@@ -16,7 +16,11 @@ from typing import TYPE_CHECKING, Any
 from kg.model.errors import RecordingError
 from planner.cli.arguments import add_json
 from planner.cli.console import print_table, write, write_json
-from planner.cli.recording_options import add_recording_arguments, recording_options
+from planner.cli.recording_options import (
+    add_recording_arguments,
+    opened_recording,
+    recording_options,
+)
 from planner.cli.text_table import printable
 
 if TYPE_CHECKING:
@@ -35,13 +39,13 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from perception.sources.bags import bag
-    from perception.sources.recording import format_of, open_recording
+    from perception.sources.recording import format_of
 
     path = Path(arguments.recording)
     options = replace(recording_options(arguments, arguments.recording), check=False)
     if format_of(path, options.format) is bag.FORMAT:
         return _bag(arguments, path, options)
-    recording = open_recording(path, options)
+    recording = opened_recording(str(path), options)
     from perception.sources.summary import file_streams
 
     camera = recording.rectifier.camera
@@ -53,7 +57,6 @@ def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -
     """Print the streams of a bag, also of one that cannot be mapped."""
     from perception.sources.bags.bag import choose, listing_of, opened
     from perception.sources.bags.bag_index import read_index
-    from perception.sources.recording import open_recording
     from perception.sources.summary import bag_streams
 
     index = read_index(opened(path))
@@ -62,13 +65,12 @@ def _bag(arguments: argparse.Namespace, path: Path, options: RecordingOptions) -
     try:
         choice = choose(index, streams)
         listing: RecordingListing = listing_of(index, choice, streams)
-        recording = open_recording(path, options, listing=listing)
+        recording = opened_recording(str(path), options, listing)
     except RecordingError:
         _print_streams(arguments, bag_streams(index, choice))
         raise
-    poses = "tf" if choice.pose is None else choice.pose.topic
     used: dict[str, Any] = {
-        "poses": f"{choice.colour.frame} in {choice.map_frame}, from {poses}",
+        "poses": choice.posed if options.poses is None else str(options.poses),
         "pairs": f"colour and depth within {streams.tolerance:g} s",
         "depth": f"registered from {choice.depth.frame}"
         if choice.depth_apart
@@ -101,6 +103,8 @@ def _print(
         recording.depth_scale,
         recording.frame,
     )
+    if recording.estimate is not None:
+        used = {**used, "poses": f"estimated: {recording.estimate.summary()}"}
     facts = _facts(recording) | used | _depth_facts(findings)
     if arguments.json:
         write_json(facts | {"streams": [stream.to_json() for stream in streams]})

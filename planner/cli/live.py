@@ -13,9 +13,10 @@ import argparse
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -41,8 +42,15 @@ from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import open_viewers
 
 if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from mapping.alignment.live_correction import LiveCorrection
     from mapping.mapping_options import MappingOptions
+    from mapping.progress_report import MappingReport
+    from mapping.recording_mapper import OnDetections
+    from perception.frames import Detections, Frame, Recording, SceneScores
     from perception.sources.live.connection import Connection
+    from perception.sources.live.live_recording import LiveRecording
+    from perception.sources.live.live_tracker import LiveTracker
     from perception.sources.live.stream import StreamCounts
     from perception.sources.recording_options import RecordingOptions
     from planner.display.viewers.viewer import Viewer
@@ -51,6 +59,12 @@ SOURCES: Final = (
     "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
     "is being written"
 )
+#: cameras without a driver here, with what their ROS driver and their recorder give
+CAMERAS: Final = {
+    "realsense": "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true, then "
+    "`hereabouts live ros2`; or a .db3 of the RealSense Viewer with `hereabouts map`",
+    "oak": "ros2 launch depthai_ros_driver camera.launch.py, then `hereabouts live ros2`",
+}
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -67,11 +81,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     connection = _connection(arguments.recording)
-    given = arguments.format != "auto" or arguments.pose_convention != "camera-to-world"
-    if connection is not None and (given or arguments.up or arguments.same_frame):
+    if connection is not None and (arguments.format != "auto" or arguments.same_frame):
         arguments.usage_error(
-            "--format, --pose-convention, --up and --same-frame need a folder; poses of topics "
-            "have a map frame with z up (--map-frame)"
+            "--format and --same-frame need a folder; poses of topics have a map frame "
+            "(--map-frame)"
         )
     source, options = source_options(arguments), mapping_options(arguments)
     networks = open_networks(network_options(arguments), arguments.recording)
@@ -79,8 +92,9 @@ def run(arguments: argparse.Namespace) -> int:
     with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
         mapped = MappedFrames()
         run = prepare(arguments, source, networks, options, viewer, ended, mapped)
-        if run is not None:
-            through_outages(arguments.into, ended, mapped, run)
+        if run is None:
+            raise RecordingError(f"{arguments.recording}: no frame was mapped")
+        through_outages(arguments.into, ended, mapped, run)
     return 0
 
 
@@ -104,6 +118,8 @@ def _connection(source: str) -> Connection | None:
         from perception.sources.live.foxglove import FoxgloveConnection
 
         return FoxgloveConnection.at(source)
+    if source in CAMERAS and not Path(source).exists():
+        raise RecordingError(f"there is no driver of {source} here; {CAMERAS[source]} would work")
     if scheme or not Path(source).is_dir():
         raise RecordingError(f"{source!r} is no source of frames; give {SOURCES}")
     return None
@@ -152,6 +168,9 @@ def _stream_run(
     mapped: MappedFrames,
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
+    from mapping.alignment.live_correction import LiveCorrection
+    from perception.inference.remembered_detections import RememberingDetector
+    from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
     from perception.sources.live.live_recording import LiveRecording
     from perception.sources.live.stream import FrameStream
 
@@ -160,22 +179,92 @@ def _stream_run(
     def run() -> None:
         name, limit = source.name or "live", mapped.left(arguments.limit)
         recording = LiveRecording(name, connection, stream, ended, limit, arguments.idle)
-        with open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections):
+        note(f"listening to {connection.address}; Ctrl+C ends it")
+        recording.level("z" if source.up is None else source.up, check=source.check)
+        if recording.is_empty and not mapped.count:
+            recording.close()
+            counts = _counts_line(_as_json(stream.counts, 0))
+            raise RecordingError(stream.problem or f"{connection.address}: {counts}")
+        with (
+            closing(recording),
+            KeptFrames() as kept,
+            open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections),
+        ):
             taught = with_taught_rooms(networks, arguments.into)
-            note(f"listening to {connection.address}; Ctrl+C ends it")
-            report = map_frames(
-                recording,
-                semantic_map,
-                taught,
-                options,
-                on_detections=mapped.counted(on_detections),
-                lost=lambda: f"{stream.counts.dropped} dropped",
-            )
+            known = {one.name: one.T_map_world for one in semantic_map.recordings()}
+            if recording.tracker is None:
+                recording.T_map_world = known.get(name, recording.T_map_world)
+            else:
+                if known:
+                    _place(recording, semantic_map)
+                taught = replace(taught, detector=RememberingDetector(taught.detector, MAX_FRAMES))
+            correction = LiveCorrection(recording, kept)
+            counted = mapped.counted(_keeping(correction, on_detections))
+
+            def map_into(
+                one: Recording, into: SemanticMap, options: MappingOptions
+            ) -> MappingReport:
+                if one is not recording:
+                    return map_frames(one, into, taught, options)
+                return map_frames(
+                    recording,
+                    into,
+                    taught,
+                    options,
+                    on_detections=counted,
+                    lost=lambda: f"{stream.counts.dropped} dropped",
+                )
+
+            report = correction.run(semantic_map, map_into, options, note)
             numbers = _as_json(stream.counts, mapped.count)
+            if recording.tracker is not None:
+                tracker = recording.tracker
+                numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
+                numbers["corrections"] = correction.corrections
+                _note_tracking(correction, tracker)
             print_outcome(semantic_map, report, arguments, networks.device, numbers)
             note(_counts_line(numbers))
 
     return run
+
+
+def _place(recording: LiveRecording, semantic_map: SemanticMap) -> None:
+    """Find the live camera in a map that holds others; raises LayoutError where it is not sure."""
+    from mapping.alignment.relocalisation import recognised_live
+
+    names = {one.name for one in semantic_map.recordings()}
+    numbered = (f"{recording.name}-{number}" for number in count(2))
+    # each session has a world, and a name, of its own
+    recording.name = next(n for n in chain([recording.name], numbered) if n not in names)
+    note(f"looking for the place in the map of {', '.join(sorted(names))}; nothing is mapped yet")
+    T, line = recognised_live(recording.name, recording.views(), semantic_map)
+    recording.T_map_world, recording.found = T @ recording.T_map_world, line
+    note(f"{recording.name} was {line}")
+
+
+def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> OnDetections:
+    """A callback for each mapped frame, which is kept for corrections first."""
+
+    def keep(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+        correction.keep(frame)
+        if on_detections is not None:
+            on_detections(frame, detections, scene)
+
+    return keep
+
+
+def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
+    """Tell what tracking took, and how far loops moved what stays where it was mapped."""
+    from mapping.alignment.live_correction import MOVED
+
+    images = tracker.tracked + tracker.lost
+    note(f"tracking took {1000 * tracker.seconds / max(images, 1):.0f} ms of a core an image")
+    if tracker.moved > MOVED:
+        note(
+            f"loops moved the camera by up to {tracker.moved:.2f} m after its images were mapped, "
+            f"and what was mapped stays, since no more than {len(correction.kept)} frames are "
+            "kept; a recording of the same images, mapped by `hereabouts map`, follows its loops"
+        )
 
 
 def _as_json(counts: StreamCounts, frames: int) -> dict[str, Any]:
@@ -212,6 +301,7 @@ def _folder_run(
     from perception.sources.recording import FolderRecording, open_recording
 
     path = arguments.recording
+    source = replace(source, estimate_poses=False)
     first = first_opened(lambda: open_recording(path, source), ended, level=source.up is not None)
     if first is None:
         return None

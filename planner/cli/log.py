@@ -15,7 +15,11 @@ from planner.cli.console import note, print_table, write_json
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
-    parser.add_argument("thing", metavar="IRI", help="object/17, place/1, robot, or an IRI")
+    parser.add_argument(
+        "thing",
+        metavar="IRI",
+        help="object/17, a label such as 'cup 2', place/1, robot, or an IRI",
+    )
     parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
     add_json(parser)
 
@@ -25,7 +29,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        entries = list(semantic_map.history.events(arguments.thing))
+        thing = semantic_map.resolve("iri", arguments.thing)
+        entries = list(semantic_map.history.events(thing))
     shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
     if arguments.json:
         write_json(

@@ -18,6 +18,7 @@ from kg.model.errors import GraphError, LayoutError, MapNotFoundError, Recording
 from planner.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
 from planner.cli.console import note, print_table, progress, write_json
 from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
+from planner.cli.name import note_unnamed
 from planner.cli.teach import with_taught_rooms
 from planner.cli.viewers import add_viewers, open_viewers
 
@@ -133,9 +134,15 @@ def _correct_poses(
         return False
     as_mapped = replace(inputs.reading, poses=None, check=False)
     options = replace(inputs.options, find_places=False)
+    previous = open_recording(inputs.path, as_mapped)
+    if previous.estimate is not None:
+        raise LayoutError(
+            f"{inputs.recording.name!r} was mapped by estimated poses, in a world of its own; "
+            f"a new map would work: --into another map with --poses {inputs.reading.poses}"
+        )
     report = correct_poses(
         inputs.recording,
-        open_recording(inputs.path, as_mapped),
+        previous,
         semantic_map,
         lambda recording, apart: map_frames(recording, apart, inputs.networks, options),
         inputs.options,
@@ -145,11 +152,7 @@ def _correct_poses(
         return True
     summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
-    note(
-        f"{report.recording} has its corrected poses: {report.kept} objects moved by "
-        f"{report.distance:.2f} m (median), {report.new} new, {report.removed} gone, "
-        f"{report.tiles} floor tiles changed"
-    )
+    note(report.summary())
     return True
 
 
@@ -283,6 +286,8 @@ def print_outcome(
         return
     if report.fit:
         note(report.fit)
+    for iri, name in report.recognised.items():
+        note(f"{iri} looks like {name}, and has that name now; `hereabouts retract` undoes it")
     summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
     stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
@@ -293,9 +298,28 @@ def print_outcome(
     )
     _note_labels(report)
     _note_detector(report, arguments)
+    _note_sizes(semantic_map)
     if report.doubted:
         note(_doubted(report, arguments.into))
+    note_unnamed(semantic_map, arguments.into)
     note(f"next: hereabouts ask {arguments.into} objects, hereabouts find {arguments.into} cup")
+
+
+def _note_sizes(semantic_map: SemanticMap) -> None:
+    """A line where things of most categories are larger or smaller than they usually are."""
+    from mapping.objects.size_check import unusual_scale
+
+    label = semantic_map.catalogue.label
+    factor = unusual_scale(
+        (label(one.category), float(one.extent.max()))
+        for one in semantic_map.objects(min_existence=0.5)
+        if one.extent is not None
+    )
+    if factor is not None:
+        note(
+            f"things look {factor:.2g} times as large as they usually are: depth may have another "
+            "unit; --depth-scale N gives its units a metre, and a new map is needed"
+        )
 
 
 def _doubted(report: MappingReport, address: str) -> str:

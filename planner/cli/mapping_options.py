@@ -13,7 +13,11 @@ from planner.cli.network_options import (
     network_options,
     open_networks,
 )
-from planner.cli.recording_options import add_recording_arguments, recording_options
+from planner.cli.recording_options import (
+    add_recording_arguments,
+    opened_recording,
+    recording_options,
+)
 
 if TYPE_CHECKING:
     from mapping.mapping_options import MappingOptions, Mode
@@ -60,11 +64,10 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
     `mode` overrides `--mode`. Raises HereaboutsError.
     """
     from perception.inference.recorded_detections import RecordedDetector
-    from perception.sources.recording import open_recording
 
     options = mapping_options(arguments, mode)
     reading = recording_options(arguments, path)
-    recording = open_recording(path, reading)
+    recording = opened_recording(path, reading)
     networks = open_networks(network_options(arguments), path)
     if isinstance(networks.detector, RecordedDetector):
         networks.detector.detect(next(recording.frames()))  # raises for another recording's file

@@ -64,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
     from kg.maps.frame_view import check_one_map
     from kg.serving.opening import open_map
-    from kg.serving.workers.confinement import hide_memory
+    from kg.serving.workers.isolation.confinement import hide_memory
     from kg.serving.workers.limited_queries import LimitedQueries
     from planner.agents.map_context import MapContext
     from planner.agents.tool_server import PATH, ToolHttpServer, tool_server

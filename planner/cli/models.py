@@ -1,4 +1,4 @@
-"""List, download and locate networks.
+"""List, download, check and locate networks.
 
 Two networks come with hereabouts; others can be downloaded.
 """
@@ -6,11 +6,14 @@ Two networks come with hereabouts; others can be downloaded.
 from __future__ import annotations
 
 import argparse
+from collections import Counter
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json
 from planner.cli.console import note, print_table, progress, write, write_json
+from planner.cli.text_table import printable
 
 if TYPE_CHECKING:
     from perception.inference.model_zoo import ModelCard
@@ -26,6 +29,13 @@ def add(parser: argparse.ArgumentParser) -> None:
         "name", metavar="NAME", help="a name of `models list`, or best for the best detector"
     )
     fetch.set_defaults(run=run_fetch)
+    check = actions.add_parser("check", help="list what a detector can see, and what it cannot")
+    check.add_argument(
+        "file", metavar="FILE", help="a detector (.onnx, or a name), or a list of labels (.txt)"
+    )
+    check.add_argument("--labels", metavar="FILE", help="labels of the detector, one a line")
+    add_json(check)
+    check.set_defaults(run=run_check)
     path = actions.add_parser("path", help="print the path of a network's file")
     path.add_argument("name", metavar="NAME")
     path.set_defaults(run=run_path)
@@ -89,6 +99,33 @@ def _fetch(model: ModelCard) -> Path:
         path = fetch_model(model.name, on_progress=lambda n: bar.update(task, completed=n))
     note(f"{model.name}: licence {model.licence}")
     return path
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """List the labels of a detector with the categories that they get in a map."""
+    from kg.knowledge.ontology.shipped import shipped_ontology
+    from mapping.labels.label_check import check_labels
+    from perception.inference.class_labels import is_object, read_labels
+    from perception.inference.detector import load_detector
+
+    if arguments.file.endswith(".txt"):
+        labels = read_labels(Path(arguments.file))
+    else:
+        given = Path(arguments.labels) if arguments.labels else None
+        labels = load_detector(named_detector(arguments.file), labels=given).labels
+    found = check_labels(
+        [label for label in labels if is_object(label)], shipped_ontology().catalogue
+    )
+    if arguments.json:
+        write_json(asdict(found))
+        return 0
+    rows = [(printable(one.label), one.way, one.category) for one in found.labels]
+    print_table(("label", "becomes", "category, or the one above"), rows)
+    counts = Counter(one.way for one in found.labels)
+    note(", ".join(f"{counts[way]} {way}" for way in counts))
+    if found.unseen:
+        note(f"it cannot see: {', '.join(found.unseen)}")
+    return 0
 
 
 def run_path(arguments: argparse.Namespace) -> int:

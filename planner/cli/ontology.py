@@ -25,7 +25,7 @@ _ANY_HELP = "ontology file or folder, folder of a map, or address of a server wi
 
 def add(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
-    for add_part in (_add_check, _add_diff, _add_reload, _add_export, _add_vocabulary):
+    for add_part in (_add_check, _add_diff, _add_reload, _add_export, _add_vocabulary, _add_words):
         add_part(parts)
 
 
@@ -110,6 +110,20 @@ def _add_vocabulary(parts: Parsers) -> None:
     vocabulary.set_defaults(run=_vocabulary)
 
 
+def _add_words(parts: Parsers) -> None:
+    words = parts.add_parser(
+        "words",
+        help="household words as an ontology to import and edit",
+        description="Write words as classes below the shipped categories, with labels in English "
+        "and German and links to WordNet (default: all words). After `ontology reload`, people "
+        "can name things of a map by them.",
+        epilog="example: hereabouts ontology words keys wallet kettle -o mine.ttl",
+    )
+    words.add_argument("words", nargs="*", metavar="WORD", help="only these words")
+    words.add_argument("-o", "--output", metavar="FILE", help="file to write (default: stdout)")
+    words.set_defaults(run=_words)
+
+
 def _add_reason(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--reason", action="store_true", help="ask HermiT for contradictions too (needs Java)"
@@ -151,7 +165,7 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _diff(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.diff import changes
-    from kg.serving.editing.ontology_sources import ontology_at
+    from kg.serving.editing.reloading import ontology_at
 
     old, new = ontology_at(arguments.old), ontology_at(arguments.new)
     found = changes(old.quads, new.quads)
@@ -197,22 +211,35 @@ def _export(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _words(arguments: argparse.Namespace) -> int:
+    from kg.knowledge.ontology.shipped import shipped_ontology
+    from kg.knowledge.words.classes import vocabulary_turtle
+
+    text = vocabulary_turtle(shipped_ontology().catalogue, arguments.words)
+    return _write_page(text, arguments.output)
+
+
 def _vocabulary(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.import_closure import load_with_imports
     from kg.knowledge.ontology.vocabulary_page import vocabulary_page
     from kg.model.resources import ONTOLOGIES
     from kg.serving.workers.document_parsing import IsolatedParser
-    from kg.store.atomic_file import write_atomically
 
     with IsolatedParser() as parse:
         source = Path(arguments.source) if arguments.source else ONTOLOGIES
         ontology = load_with_imports(source, parse)
-    page = vocabulary_page(ontology.quads)
-    if arguments.output is None:
+    return _write_page(vocabulary_page(ontology.quads), arguments.output)
+
+
+def _write_page(page: str, output: str | None) -> int:
+    """Write a page to a file, or to stdout."""
+    from kg.store.atomic_file import write_atomically
+
+    if output is None:
         write(page)
     else:
-        write_atomically(Path(arguments.output), page)
-        note(f"wrote {arguments.output}")
+        write_atomically(Path(output), page)
+        note(f"wrote {output}")
     return 0
 
 

@@ -23,6 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
                 {
                     "name": query.name,
                     "summary": query.summary,
+                    "asked": list(query.asked),
                     "parameters": [asdict(parameter) for parameter in query.parameters],
                     "columns": list(query.columns),
                 }
@@ -37,8 +38,9 @@ def run(arguments: argparse.Namespace) -> int:
             ", ".join(
                 p.name if p.default is None else f"{p.name}={p.default}" for p in query.parameters
             ),
+            " / ".join(query.asked[:1]),
         )
         for query in querys
     ]
-    print_table(("query", "summary", "parameters"), rows)
+    print_table(("query", "summary", "parameters", "asked as"), rows)
     return 0

@@ -5,13 +5,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from kg.model.errors import HistoryError
 from planner.cli.arguments import positive, whole
+from planner.cli.console import progress
 
 if TYPE_CHECKING:
+    from perception.sources.listing import RecordingListing
+    from perception.sources.recording import FolderRecording
     from perception.sources.recording_options import RecordingOptions
+
+ESTIMATE: Final = "estimate"  # value of `--poses` beside files
 
 
 def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
@@ -22,9 +27,10 @@ def add_recording_arguments(parser: argparse.ArgumentParser) -> None:
     add_stream_arguments(group)
     group.add_argument(
         "--poses",
-        metavar="FILE",
+        metavar="FILE|estimate",
         help="trajectory in TUM format that replaces the recording's poses; objects and floor "
-        "that were mapped from the recording move with it",
+        "that were mapped from the recording move with it; estimate: poses from the images, also "
+        "where the recording has some (default: the recording's own, else estimated)",
     )
     group.add_argument(
         "--every",
@@ -104,7 +110,8 @@ def recording_options(arguments: argparse.Namespace, path: str) -> RecordingOpti
     return replace(
         source_options(arguments),
         T_map_world=T_map_world,
-        poses=Path(arguments.poses) if arguments.poses else None,
+        poses=Path(arguments.poses) if arguments.poses not in (None, ESTIMATE) else None,
+        estimate_poses=True if arguments.poses == ESTIMATE else None,
         start_time=arguments.started,
         selection=Selection(
             every=arguments.every,
@@ -114,6 +121,21 @@ def recording_options(arguments: argparse.Namespace, path: str) -> RecordingOpti
             keyframes=arguments.keyframes,
         ),
     )
+
+
+def opened_recording(
+    path: str, options: RecordingOptions, listing: RecordingListing | None = None
+) -> FolderRecording:
+    """The recording at `path`, with a progress bar while its poses are estimated."""
+    from perception.sources.recording import open_recording
+
+    with progress() as bar:
+        task = bar.add_task("estimating poses", total=None, visible=False, status="")
+
+        def on_estimated(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total, visible=True)
+
+        return open_recording(path, options, listing=listing, on_estimated=on_estimated)
 
 
 def source_options(arguments: argparse.Namespace) -> RecordingOptions:
@@ -142,6 +164,9 @@ def stream_options(arguments: argparse.Namespace) -> RecordingOptions:
             depth=arguments.depth_topic,
             camera=arguments.info_topic,
             pose=arguments.pose_topic,
+            pose_frame=arguments.pose_frame,
+            camera_frame=arguments.camera_frame,
+            camera_in=arguments.camera_in,
             map_frame=arguments.map_frame,
             tolerance=arguments.tolerance,
         ),
@@ -158,9 +183,25 @@ def add_stream_arguments(group: argparse._ArgumentGroup) -> None:
         ("--color-topic", "colour images of a bag"),
         ("--depth-topic", "depth images of a bag"),
         ("--info-topic", "CameraInfo of the colour images"),
-        ("--pose-topic", "poses of a bag instead of tf: odometry, or poses of the colour camera"),
+        ("--pose-topic", "poses of a bag instead of tf: odometry, poses or a path"),
     ):
         group.add_argument(option, metavar="TOPIC", help=f"{holds} (default: guessed; see `info`)")
+    group.add_argument(
+        "--pose-frame",
+        metavar="FRAME",
+        help="frame whose poses that topic gives (default: the one it names, else the camera's)",
+    )
+    group.add_argument(
+        "--camera-frame",
+        metavar="FRAME",
+        help="frame of the colour camera (default: that in the headers of its images)",
+    )
+    group.add_argument(
+        "--camera-in",
+        metavar="FRAME=X,Y,Z,ROLL,PITCH,YAW|URDF",
+        help="where the colour camera sits, if tf does not say it: pose in a frame of its body (x "
+        "ahead, z up) in metres and radians, or a URDF file",
+    )
     group.add_argument(
         "--map-frame",
         metavar="FRAME",
@@ -179,8 +220,9 @@ def _add_source_arguments(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--format",
         default="auto",
-        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner, bag, or the format of "
-        "an extension (default: auto)",
+        help="auto, tum, 7scenes, trajectory-log, hololens, stray-scanner, record3d, nerfstudio, "
+        "polycam, images, bag, or the "
+        "format of an extension (default: auto)",
     )
     group.add_argument("--name", help="name of the recording in the map (default: its folder)")
     group.add_argument(

@@ -25,9 +25,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
 
     with open_map(arguments.map) as semantic_map:
-        change = semantic_map.assertions.retract(
-            arguments.thing, arguments.property, by=arguments.by
-        )
+        thing = semantic_map.resolve("iri", arguments.thing)
+        change = semantic_map.assertions.retract(thing, arguments.property, by=arguments.by)
         sequence = semantic_map.sequence
     if arguments.json:
         write_json(

@@ -114,9 +114,9 @@ def run(arguments: argparse.Namespace) -> int:
     signal.signal(signal.SIGTERM, end_on_signal)
     from kg.serving.opening import open_map, open_or_create_map
     from kg.serving.server import MapServer
-    from kg.serving.workers.confinement import hide_memory
+    from kg.serving.workers.isolation.confinement import hide_memory
     from kg.store.process_memory import gc_frozen
-    from planner.search.plans.report import find_answer
+    from planner.questions.answers import answer_box
 
     hide_memory()
     settings, keep = _settings(arguments), keep_seconds(arguments)
@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         if keep is not None:
             semantic_map.history.retain(keep)
-        planner = partial(find_answer, semantic_map)
+        planner = partial(answer_box, semantic_map)
         server = MapServer(semantic_map, settings, status=mapper.status, planner=planner)
         access = "reading and writing" if settings.tokens else "reading only"
         note(f"{semantic_map.description.title} at {server.url} ({access}); Ctrl+C ends")

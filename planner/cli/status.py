@@ -1,8 +1,9 @@
-"""Tell whether an object is present, gone, hidden, or was never looked for.
+"""Tell whether an object is present, gone, was not seen, is hidden, or was never looked for.
 
-Present: it was seen. Gone: its place was viewed, and it is not there. Hidden: a part of its place
-was never in view. Never looked: almost nothing of the place was viewed. OBJECT is a category, a
-synonym, or one thing (object/17).
+Present: it was seen. Gone: it was there, and its spot was seen empty since. Looked, none seen: the
+place was viewed, and none was ever known there. Hidden: a part of the place was never in view.
+Never looked: almost nothing of the place was viewed, or no detector that mapped here has a name for
+it. OBJECT is a category, a synonym, or one thing (object/17).
 
 example: hereabouts status kitchen.map cup
 """
@@ -10,13 +11,13 @@ example: hereabouts status kitchen.map cup
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from datetime import datetime
 from typing import TYPE_CHECKING
 
 from planner.cli.arguments import add_json, add_map
-from planner.cli.console import print_table, write, write_json
+from planner.cli.console import json_value, print_table, write, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -42,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         doubted = _doubted(semantic_map, found, arguments.place)
         lines = _perhaps(semantic_map, found, doubted, arguments)
     if arguments.json:
-        plain = {name: _plain(value) for name, value in asdict(found).items()}
+        plain = {name: json_value(value) for name, value in asdict(found).items()}
         write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})
         return 0
     write(f"{found.target}: {found.value}. {found.proof[:1].upper()}{found.proof[1:]}.")
@@ -59,6 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "viewed",
                 "close by",
                 "last viewed",
+                "noticed",
             ),
             [
                 (
@@ -70,6 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
                     f"{one.viewed_share:.0%}",
                     f"{one.closely_viewed_share:.0%}",
                     one.last_viewed,
+                    one.noticed,
                 )
                 for one in found.places
             ],
@@ -100,11 +103,10 @@ def _perhaps(
     arguments: argparse.Namespace,
 ) -> list[str]:
     from planner.cli.candidates import detections_in_vain
-    from planner.search.goals.candidate_queries import map_time
-    from planner.search.goals.known_objects import answer_lines
+    from planner.search.plans.answer_sentences import answer_lines
 
     if doubted:
-        return answer_lines(doubted, map_time(semantic_map), address=arguments.map)
+        return answer_lines(doubted, time.time())
     if found.value == "present" or arguments.place is not None:
         return []
     line = detections_in_vain(semantic_map, found.target, arguments.map)
@@ -120,11 +122,3 @@ def _doubted_json(one: KnownObject) -> dict[str, object]:
         "where": one.where,
         "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
     }
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return value.isoformat() if isinstance(value, datetime) else value

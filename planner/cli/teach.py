@@ -1,8 +1,13 @@
-"""Teach the scene classifier the kind of a room by images of it.
+"""Teach the kind of a room by images of it, or a thing by pictures.
 
 The images are frames of a mapped recording that were taken in the place, or a folder of
 photographs. They are kept in the map's folder; `hereabouts map` uses them once two kinds of rooms
 are taught. Teaching a place again replaces its images.
+
+With the word `thing` in place of PLACE follow a name and pictures that show the thing from several
+sides, each filled by it: `hereabouts teach home.map thing "my mug" mug-1.jpg mug-2.jpg`. The next
+recordings of the map name an object that looks like it. A mark on the thing (--marker) names it for
+certain.
 
 example: hereabouts teach home.map place/2 kitchen --images photographs/kitchen
 """
@@ -36,11 +41,14 @@ _MAX_IMAGES: Final = 40  # images of a place from a recording or a folder, evenl
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
-    parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI")
+    parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI; or: thing")
     parser.add_argument(
-        "category", nargs="+", metavar="CATEGORY", help="kind of room: kitchen, home office, ..."
+        "category",
+        nargs="+",
+        metavar="CATEGORY",
+        help="kind of room: kitchen, home office, ...; of a thing its name, and pictures",
     )
-    source = parser.add_mutually_exclusive_group(required=True)
+    source = parser.add_mutually_exclusive_group()
     source.add_argument(
         "--recording",
         metavar="DIR",
@@ -53,12 +61,27 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="NAME|FILE",
         help="scene classifier with an output `features` (default: the bundled one)",
     )
+    parser.add_argument(
+        "--marker", metavar="MARK", help="ArUco or AprilTag on the thing, as in 4x4_50/17"
+    )
     add_device(parser)
     add_json(parser)
     add_recording_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.place == "thing":
+        from planner.cli.teach_thing import teach_thing
+
+        return teach_thing(arguments)
+    if not (arguments.recording or arguments.images):
+        arguments.usage_error("images are missing: --recording DIR or --images DIR")
+    if arguments.marker:
+        arguments.usage_error("--marker is for a thing, as in: teach MAP thing 'my mug' --marker M")
+    return _teach_room(arguments)
+
+
+def _teach_room(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
     from perception.inference.scene_classifier import load_scene_classifier

@@ -29,7 +29,8 @@ def add(parser: argparse.ArgumentParser) -> None:
         "what",
         nargs="*",
         metavar="WHAT",
-        help="object/17, place/1 or an IRI; or subject, predicate and optional object of a fact",
+        help="object/17, place/1, a label such as 'cup 2', or an IRI; or subject, predicate and "
+        "optional object of a fact",
     )
     parser.add_argument(
         "--candidates",
@@ -58,7 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        reasons = semantic_map.history.explain(" ".join(arguments.what))
+        what = semantic_map.resolve("iri", " ".join(arguments.what))
+        reasons = semantic_map.history.explain(what.removeprefix(semantic_map.base))
         pictures = _pictures(semantic_map, reasons)
     if arguments.format == "ttl":
         write(provenance(*reasons))

@@ -19,12 +19,12 @@ from kg.model.records import LookRecord, ObstacleRecord
 from mapping.occupancy.mapped_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
 from planner.search.plans.search_state import PlanningState, build_search
-from planner.search.viewpoints.candidate_views import floor_in_view
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.search.viewpoints.candidate_views import floor_in_view, sweep_chance
+from planner.search.viewpoints.sensor import Motion, Sensor, sweep_over
 from planner.settings import BELIEF
 
-NEAR: float = 0.5  # [m] from a planned viewpoint within which a view counts as the planned one
-ALIKE: float = 0.35  # [rad] from its heading within which it does
+NEAR: float = 0.5  # [m] from a viewpoint within which a look counts as one from there
+ALIKE: float = 0.35  # [rad] from a heading within which it has that heading
 STEP: float = 0.5  # [m] by which a second view is nearer
 BLOCKS: float = 0.6  # [m] radius of blocked floor around an obstacle: enough to close a door
 
@@ -96,18 +96,20 @@ class ViewpointAdapter:
             return None
         views = state.views
         x, y = (float(c) for c in views.space.centres([views.viewpoints[views.viewpoint[view]]])[0])
-        way = math.hypot(x - pose.x, y - pose.y)
-        approach = math.atan2(y - pose.y, x - pose.x) if way > views.space.cell else pose.heading
-        heading, turn = self._sweep(view, approach)
+        viewed = float(views.heading[view]), float(views.extent[view])
+        there = int(views.viewpoints[views.viewpoint[view]]) == at.cell
+        arriving = state.next_best_view.arriving(at)[views.viewpoint[view]]
+        heading = pose.heading if there else float(arriving)
+        sweep = sweep_over(heading, *viewed, self._sensor.field_of_view)
         gain = float(state.revisits.chance(view) @ state.belief.weight)
         left = max(state.left - gain, 0.0) / max(1.0 - gain, 1e-9)
         return NextView(
             x=x,
             y=y,
-            heading=heading,
-            turn=turn,
-            middle=float(views.heading[view]),
-            extent=float(views.extent[view]),
+            heading=math.remainder(sweep.start, 2 * math.pi),
+            turn=sweep.turn,
+            middle=sweep.middle,
+            extent=sweep.extent,
             place=state.place_name(view),
             probability=gain,
             seconds=float(state.next_best_view.costs(at, np.array([view]))[0]),
@@ -119,17 +121,13 @@ class ViewpointAdapter:
         )
 
     def missed(self, pose: RobotPose, heading: float, extent: float) -> None:
-        """Update the belief: a view showed no target."""
-        view = self._view_like(pose, heading, extent)
-        if view is not None:
-            self._state.missed(view)
-            return
-        for towards in self._pictures(heading, extent):
-            self.missed_view(pose.x, pose.y, towards)
+        """Update the belief: a sweep of `extent` [rad] about `heading` showed no target."""
+        self._state.missed_sweep(self._viewpoint_at(pose.x, pose.y), heading, extent)
 
-    def missed_view(self, x: float, y: float, heading: float) -> None:
+    def missed_picture(self, x: float, y: float, heading: float) -> None:
         """Update the belief: one picture showed no target."""
-        self._state.missed_picture(self._state.space.nearest((x, y)), heading)
+        cell = self._state.space.nearest((x, y))
+        self._state.missed_sweep(cell, heading, self._sensor.field_of_view)
 
     def in_view(self, x: float, y: float, heading: float, extent: float) -> FloorView:
         """The floor that a view shows."""
@@ -180,14 +178,11 @@ class ViewpointAdapter:
 
     def shows(self, look: LookRecord, p_map: np.ndarray) -> bool:
         """Whether `look` is likely to show an object at `p_map` (3,) [m]."""
-        pose = RobotPose(*look.position, look.heading)
-        number = self._view_like(pose, look.heading, look.extent)
-        if number is None:
-            return False
         views = self._state.views
+        cell = self._viewpoint_at(*look.position)
+        chance = sweep_chance(views, cell, look.heading, look.extent)
         off = ((views.space.centres(views.cells) - p_map[:2]) ** 2).sum(axis=1)
-        chance = float(views.chance[number, int(np.argmin(off))])
-        return chance >= views.sensor.recall / 2
+        return float(chance[int(np.argmin(off))]) >= views.sensor.recall / 2
 
     def rebuild(
         self,
@@ -202,9 +197,20 @@ class ViewpointAdapter:
         for target, p_map in found:
             self.found(target, p_map)
         for look in looks:
-            for passing_view in look.glimpses:
-                self.missed_view(*passing_view)
+            for picture in look.glimpses:
+                self.missed_picture(*picture)
             self.missed(RobotPose(*look.position, look.heading), look.heading, look.extent)
+
+    def _viewpoint_at(self, x: float, y: float) -> int:
+        """Floor cell that a look from (x, y) [m] counts for: the viewpoint nearby, if there is one.
+
+        A look from beside a viewpoint shows nearly the same. If it did not count for all that
+        the planned view promised, the search would plan that view for ever.
+        """
+        space, viewpoints = self._state.space, self._state.views.viewpoints
+        off = np.linalg.norm(space.centres(viewpoints) - (x, y), axis=1)
+        nearest = int(np.argmin(off))
+        return int(viewpoints[nearest]) if off[nearest] <= NEAR else space.nearest((x, y))
 
     def _prepared(self) -> PlanningState:
         state = build_search(
@@ -221,37 +227,6 @@ class ViewpointAdapter:
                 "search; map a recording into it first"
             )
         return state
-
-    def _sweep(self, view: int, approach: float) -> tuple[float, float]:
-        """Heading to begin with and angle to turn from there [rad], the nearer end first."""
-        views = self._state.views
-        extent = float(views.extent[view])
-        if extent >= 2 * math.pi - 1e-9:
-            return approach, 2 * math.pi
-        first, last = (float(end[0]) for end in views.starts([view]))
-        if float(angle_between(approach, last)) < float(angle_between(approach, first)):
-            return math.remainder(last, 2 * math.pi), first - last
-        return math.remainder(first, 2 * math.pi), last - first
-
-    def _view_like(self, pose: RobotPose, heading: float, extent: float) -> int | None:
-        """Number of the planned view that a view from `pose` counts as, if there is one."""
-        views = self._state.views
-        off = np.linalg.norm(views.space.centres(views.viewpoints) - (pose.x, pose.y), axis=1)
-        viewpoint = int(np.argmin(off))
-        same = (views.viewpoint == viewpoint) & (np.abs(views.extent - extent) < 0.01)
-        turned = angle_between(views.heading, heading)
-        if extent < 2 * math.pi - 1e-9:
-            same &= turned <= ALIKE
-        if off[viewpoint] > NEAR or not same.any():
-            return None
-        among = np.flatnonzero(same)
-        return int(among[np.argmin(turned[among])])
-
-    def _pictures(self, heading: float, extent: float) -> list[float]:
-        """Headings of pictures that together cover `extent` [rad] about `heading`."""
-        angle = self._state.views.sensor.field_of_view
-        count = max(1, math.ceil(extent / angle - 1e-6))
-        return [heading + (k - (count - 1) / 2) * extent / count for k in range(count)]
 
 
 def sensor_of(robot: Hello) -> Sensor:
@@ -311,6 +286,17 @@ class PassingViews:
 
     def __init__(self) -> None:
         self._poses: list[tuple[float, float, float]] = []
+        self._counted = 0  # of them, in the belief
+
+    def not_counted(self) -> list[tuple[float, float, float]]:
+        """The poses since the last call, or since `count_again`."""
+        new = self._poses[self._counted :]
+        self._counted = len(self._poses)
+        return new
+
+    def count_again(self) -> None:
+        """Begin with the first pose again, for a new belief."""
+        self._counted = 0
 
     def __iter__(self) -> Iterator[tuple[float, float, float]]:
         return iter(self._poses)

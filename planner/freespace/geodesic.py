@@ -71,6 +71,32 @@ def shortest_path(space: FreeSpace, field: NDArray[np.float32], start: int) -> N
     return np.array(cells, np.intp)
 
 
+def cells_before(
+    space: FreeSpace, field: NDArray[np.float32], ends: NDArray[np.intp], steps: int
+) -> NDArray[np.intp]:
+    """Cells (n,) that shortest ways from the source of `field` pass `steps` cells before `ends`.
+
+    An end that no way reaches, and the source, come back as they are. Passages are left out.
+    """
+    nx, ny = space.shape
+    metres, cells = field.reshape(-1), np.array(ends, np.intp)
+    for _ in range(steps):
+        ix, iy = np.divmod(cells, ny)
+        best, least = cells, np.full(len(cells), np.inf)
+        for dx, dy in _NEIGHBOURS:
+            x, y = np.clip(ix + dx, 0, nx - 1), np.clip(iy + dy, 0, ny - 1)
+            clear = space.free[x, y] & space.free[x, iy] & space.free[ix, y]
+            there = x * ny + y
+            step = _DIAGONAL if dx and dy else 1.0
+            length = np.where(
+                clear & (metres[there] < metres[cells]), metres[there] + step * space.cell, np.inf
+            )
+            nearer = length < least - 1e-6
+            best, least = np.where(nearer, there, best), np.where(nearer, length, least)
+        cells = best
+    return cells
+
+
 def _neighbours(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]]:
     """The floor cells one step from `cell`, without cutting corners, and each step's length [m]."""
     nx, ny = space.shape

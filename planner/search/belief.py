@@ -1,8 +1,12 @@
 """Belief about a target's position: probabilities on cells of the floor.
 
 All evidence shares the cells: a remembered position and the room around it are the same cells, so
-that a failed view of the position lowers the room too, and no evidence counts twice. Instances are
-independent: each lies in some of the cells, or is not on the floor.
+that a failed view of the position lowers the room too, and no evidence counts twice. Each instance
+lies in some of the cells, or is not on the floor.
+
+Rooms of one kind learn from each other. The probability that such a room holds the target is the
+mean of a beta distribution; a room that was searched in vain, with a chance f to have shown the
+target, counts as f rooms without it.
 """
 
 from __future__ import annotations
@@ -86,25 +90,49 @@ class TargetBelief:
     weight: Weights  # (k, c) probability that an instance lies in a cell; rows sum to 1 at most
     target: NDArray[np.intp]  # (k,) number of its target
     parts: tuple[Contribution, ...]
+    alike: NDArray[np.bool_]  # (k, k) whether two instances are in rooms of one kind
+    doubt: Weights  # (k,) 1 / (alpha + beta) of the distribution of such rooms; 0 learns nothing
 
-    def missed(self, unseen: Weights) -> Weights:
-        """(k,) probability that each instance has not been seen."""
-        return np.maximum(1.0 - self.weight @ (1.0 - unseen), 1e-12)
+    @staticmethod
+    def apart(
+        cells: Cells,
+        weight: Weights,
+        target: NDArray[np.intp],
+        parts: tuple[Contribution, ...] = (),
+    ) -> TargetBelief:
+        """Belief of instances that do not learn from each other."""
+        count = len(weight)
+        alike = np.zeros((count, count), np.bool_)
+        return TargetBelief(cells, weight, target, parts, alike, np.zeros(count))
+
+    def learned(self, unseen: Weights, alike: NDArray[np.bool_]) -> Weights:
+        """(k,) what searches of `alike` (k, k) rooms in vain leave of each instance's weight."""
+        present = np.maximum(self.weight.sum(axis=1), 1e-12)
+        searched = self.weight @ (1.0 - unseen) / present
+        return np.asarray(1.0 / (1.0 + self.doubt * (alike @ searched)))
+
+    def present(self, unseen: Weights) -> Weights:
+        """(k,) by how much failed views raise or lower the weight in cells that none has seen."""
+        learned = self.learned(unseen, self.alike)
+        found = learned * (self.weight @ (1.0 - unseen))
+        return np.asarray(learned / np.maximum(1.0 - found, 1e-12))
 
     def still_missing(self, unseen: Weights, targets: int) -> Weights:
         """(targets,) probability that no instance of each target has been seen."""
-        log = np.bincount(self.target, np.log(self.missed(unseen)), minlength=targets)
-        return np.exp(log)
+        before = np.tril(self.alike, -1)  # by the chain rule, an instance learns from those before
+        found = self.learned(unseen, before) * (self.weight @ (1.0 - unseen))
+        log = np.log(np.maximum(1.0 - found, 1e-12))
+        return np.exp(np.bincount(self.target, log, minlength=targets))
 
     def expected(self, unseen: Weights, value: Weights) -> Weights:
         """(c,) expected instances in each cell after failed views; target j counts `value[j]`."""
-        return np.asarray((value[self.target] / self.missed(unseen)) @ self.weight * unseen)
+        return np.asarray((value[self.target] * self.present(unseen)) @ self.weight * unseen)
 
     def left(self, unseen: Weights, wanted: Sequence[int]) -> float:
         """Probability that any of the `wanted` targets is on this floor after failed views."""
         rows = np.isin(self.target, wanted)
-        nowhere = np.clip(1.0 - self.weight.sum(axis=1), 0.0, 1.0) / self.missed(unseen)
-        return float(1.0 - np.prod(np.minimum(nowhere[rows], 1.0)))
+        here = np.clip(self.present(unseen) * (self.weight @ unseen), 0.0, 1.0)
+        return float(1.0 - np.prod(1.0 - here[rows]))
 
     def belief(self, unseen: Weights, wanted: Sequence[int], targets: int) -> CellBelief:
         """Belief about the next instance of all `wanted` targets together."""
@@ -121,6 +149,7 @@ def build_target_belief(
     """Belief in the instances of `candidates`."""
     rows: list[tuple[int, Weights]] = []
     parts: list[Contribution] = []
+    rooms: list[Candidate | None] = []  # the place of an instance that was not observed
     for target in sorted({candidate.target for candidate in candidates}):
         of_target = [candidate for candidate in candidates if candidate.target == target]
         for instance in _Instances(ground, cells, of_target, settings).all():
@@ -128,8 +157,13 @@ def build_target_belief(
             if float(weight.sum()) > 1e-6:
                 parts += [Contribution(candidate, len(rows), part) for candidate, part in instance]
                 rows.append((target, weight))
+                rooms.append(next((c for c, _ in instance if c.kind == "place"), None))
     weight = np.array([w for _, w in rows]).reshape(-1, len(cells))
-    return TargetBelief(cells, weight, np.array([t for t, _ in rows], np.intp), tuple(parts))
+    kinds = np.array(["" if c is None else f"{c.target} {c.room_kind}" for c in rooms], str)
+    alike = (kinds[:, None] == kinds) & (kinds != "") & ~np.eye(len(kinds), dtype=np.bool_)
+    doubt = np.array([0.0 if c is None else 1 / c.rooms for c in rooms])
+    target_of = np.array([t for t, _ in rows], np.intp)
+    return TargetBelief(cells, weight, target_of, tuple(parts), alike, doubt)
 
 
 _Instance = list[tuple[Candidate, Weights]]  # its parts

@@ -27,8 +27,8 @@ from benchmarks.existence import (
 )
 from benchmarks.rooms import houses
 from benchmarks.rooms.houses import HOUSES
-from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
+from lab.maps.complete_truth import TrueObject
+from lab.maps.truth_matching import MappedObject, TruthMatcher
 from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, CategoryEvidence
 from perception.frames import Frame
 from planner.simulation.robot.mapping_tour import SimulatedTour

@@ -17,16 +17,16 @@ from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.houses import HOUSES
 from benchmarks.rooms.outcomes import DEFAULT, REFERENCE, Outcome, mean, scores
 from benchmarks.rooms.stretches import STRETCHES, matcher_of, shown, stretches
-from mapping.evaluation.average_precision import existence_curve
-from mapping.evaluation.complete_truth import TrueObject
-from mapping.evaluation.existence_scores import matchings_by_existence
-from mapping.evaluation.map_evaluation import MapEvaluation
-from mapping.evaluation.relation_scores import RelationOutcomes
-from mapping.evaluation.truth_matching import MappedObject, TruthMatcher
+from lab.houses.random_house import random_house
+from lab.maps.complete_truth import TrueObject
+from lab.maps.existence_curve import existence_curve
+from lab.maps.existence_scores import matchings_by_existence
+from lab.maps.map_evaluation import MapEvaluation
+from lab.maps.relation_scores import RelationOutcomes
+from lab.maps.truth_matching import MappedObject, TruthMatcher
+from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Frame
 from perception.sources.recording_writer import RecordingWriter
-from planner.simulation.houses.random_house import random_house
-from planner.simulation.recording.object_truth import VisibilityRecord, object_truth
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector
@@ -205,7 +205,7 @@ def test_networks_look_once(
 def test_the_command_fails_where_the_reference_wins(
     gate: Callable[..., int], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(rooms_outcomes._LEAST_SCORE, DEFAULT, 1.0)  # it sees nothing
+    monkeypatch.setitem(rooms_outcomes._MIN_SCORE, DEFAULT, 1.0)  # it sees nothing
     assert gate("--stretches", "whole") == 1
     assert "- gate: small, default: AP 0.000, the reference's is " in capsys.readouterr().out
 

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import os
+
 import cv2
 import numpy as np
 import pytest
 
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
-from kg.serving.opening import create_map, in_memory_map
+from kg.model.records import DepartedRecord, MapUpdate
+from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
+from mapping.picture_keeper import PictureKeeper
 from perception.frames import Frame
 from perception.object_picture import MAX_SIDE, object_picture
 
@@ -120,3 +124,41 @@ def test_pictures_of_others_are_not_dropped(tmp_path, monkeypatch):
     ObjectPictures(tmp_path).limit()
     left = {path.name for path in (tmp_path / "pictures").iterdir()}
     assert left >= {"holiday.jpg", "holiday-2.jpg"} and len(left) == 3
+
+
+def files_of(folder, number: int) -> list[str]:
+    iri = f"https://example.org/map/object/{number}"
+    return [path.name for path in ObjectPictures(folder).views_of(iri)]
+
+
+def test_joined_objects_keep_the_best_views_of_both(tmp_path):
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for age, (number, key) in enumerate([(1, "a"), (1, "b"), (1, "c"), (2, "d"), (2, "e")]):
+        path = folder / f"{number}-{key * 8}.jpg"
+        path.write_bytes(key.encode())
+        os.utime(path, ns=(10**9 - age, 10**9 - age))
+    pictures = ObjectPictures(tmp_path)
+    pictures.join("https://example.org/map/object/1", "https://example.org/map/object/2")
+    assert files_of(tmp_path, 1) == [f"1-{key * 8}.jpg" for key in "adbe"]
+    assert files_of(tmp_path, 2) == [] and len(list(folder.iterdir())) == 4
+
+
+def test_pictures_of_an_object_stay_where_it_left_and_follow_it(
+    tmp_path, coloured, make_detections
+):
+    folder = tmp_path / "a.map"
+    (cup,), _ = mapped(folder, coloured, make_detections(("cup", 0.9, BOX)))
+    later = cup.iri.replace("object/1", "object/7")
+    left = DepartedRecord(
+        *(cup.iri, cup.category, cup.p_map, 0.9, 3),
+        *(cup.first_seen, cup.last_seen, cup.last_seen),
+    )
+    with open_map(folder) as semantic_map:
+        keeper = PictureKeeper(semantic_map, "room")
+        keeper.keep(MapUpdate(removed=(cup.iri,), departed=(left,)))
+        assert files_of(folder, 1)
+        keeper.keep(MapUpdate(removed=(cup.iri,)), [(cup.iri, later)])
+        assert files_of(folder, 7) and not files_of(folder, 1)
+        keeper.keep(MapUpdate(removed=(later,)))
+        assert not files_of(folder, 7)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 
 
@@ -44,3 +47,12 @@ def fill(semantic_map: SemanticMap, robot_at: float = 0.0) -> SemanticMap:
         )
     )
     return semantic_map
+
+
+def with_unnamed(flat: SemanticMap) -> SemanticMap:
+    """The flat, with two things without a name in the kitchen and one in the third room."""
+    fill(flat)
+    for x, place in ((1.5, 1), (2.5, 1), (10.0, 3)):
+        one = replace(thing(flat, "cup", x, 2.0, place), category=v.UNNAMED_THING, existence=0.4)
+        flat.apply(MapUpdate((one,)))
+    return flat

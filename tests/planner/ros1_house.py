@@ -14,12 +14,12 @@ import onnx
 from benchmarks.search.orange_network import orange_network
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, PlaceRecord
+from lab.robot.ros1_node import Ros1HouseNode
 from perception.inference.detector import load_detector
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
 from planner.execution.transports.ros1_robot import Ros1Robot
 from planner.simulation.houses.house import House, Item, furnished_house
-from planner.simulation.robot.ros1_node import Ros1HouseNode
 
 ORANGE = np.array([7.05, 8.30, 0.89])  # [m] its middle
 START = 4.7, 8.2  # [m] in the same room

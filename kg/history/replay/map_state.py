@@ -44,6 +44,7 @@ _NUMBERS: Final = {
     v.EXTENT_X: "dx",
     v.EXTENT_Y: "dy",
     v.EXTENT_Z: "dz",
+    v.YAW: "yaw",
     v.DEVIATION: "deviation",
     v.EXISTENCE: "existence",
     v.OBSERVATION_COUNT: "count",
@@ -60,12 +61,19 @@ _DIGITS: Final = 4  # of metres and probabilities
 #: fields that a row of that kind needs
 _NEEDED: Final = {
     "objects": ("class", "x", "y", "existence"),
+    "things": ("x", "y", "z", "dx", "dy", "dz", "existence"),
     "places": ("xmin", "xmax", "ymin", "ymax"),
     "doors": ("x", "y"),
     "robot": ("x", "y", "heading"),
     "floor": ("x", "y", "size", "cells"),
 }
-_KINDS: Final = {v.PLACE: "places", v.DOOR: "doors", v.ROBOT: "robot", v.FLOOR_TILE: "floor"}
+_KINDS: Final = {
+    v.UNNAMED_THING: "things",
+    v.PLACE: "places",
+    v.DOOR: "doors",
+    v.ROBOT: "robot",
+    v.FLOOR_TILE: "floor",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +131,7 @@ def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
             beliefs.setdefault(subject, []).append(str(value))
         else:
             _read(rows.setdefault(subject, {}), predicate, getattr(value, "value", ""))
-    state: State = {"objects": [], "places": [], "doors": [], "robot": [], "floor": []}
+    state: State = {kind: [] for kind in _NEEDED}
     for subject in sorted(rows):
         row, kinds = rows[subject], types.get(subject, ())
         kind = next((_KINDS[name] for name in kinds if name in _KINDS), "objects")

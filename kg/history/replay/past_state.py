@@ -17,7 +17,8 @@ from pyoxigraph import Quad, RdfFormat, Store
 from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.rdf.quad_store import QuadStore
-from kg.store.transactional import TransactionalStore, sequence_quad, stored_sequence
+from kg.store.transaction_quads import sequence_quad, stored_sequence
+from kg.store.transactional import TransactionalStore
 
 MAX_CACHED: Final = 300_000  # facts of all cached states together; about 150 MB
 

@@ -59,14 +59,21 @@ class Comparison:
     times: tuple[str, str]  # ISO 8601
     floor: tuple[float, float]  # [m^2] of the floor that had been seen
     changes: tuple[ObjectChange, ...]
+    surface: tuple[float, float] = (0.0, 0.0)  # [m^2] of the surface that was there
 
     @property
-    def floor_words(self) -> str:
-        """The floor in one line."""
-        before, after = self.floor
-        if before == after:
-            return f"{after:.1f} m² of floor seen"
-        return f"{before:.1f} m² of floor seen, then {after:.1f} m²"
+    def area_words(self) -> str:
+        """Floor and surface in one line."""
+        parts = [_area_words("floor", *self.floor)]
+        if any(self.surface):
+            parts.append(_area_words("surface", *self.surface))
+        return "; ".join(parts)
+
+
+def _area_words(name: str, before: float, after: float) -> str:
+    if before == after:
+        return f"{after:.1f} m² of {name} seen"
+    return f"{before:.1f} m² of {name} seen, then {after:.1f} m²"
 
 
 def compare(

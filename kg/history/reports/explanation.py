@@ -14,13 +14,14 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.history.curies import short, statement
 from kg.history.replay.point_in_time import state_of
+from kg.history.reports import explanation_rules as known
 from kg.history.reports.changes_of_facts import FactChanges, same
-from kg.history.reports.explanation_rules import BELIEF_OF_PLACE, EVIDENT, REMOVAL, RULES, rule_of
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.timestamps import iso
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import agent_iri, agent_name
+from kg.model.records import SURFACE
 from kg.rdf.datetimes import seconds
 from kg.rdf.quad_store import QuadStore, Term
 
@@ -35,6 +36,7 @@ _SUBJECT = NamedNode(v.RELATION_SUBJECT)
 _ASSERTED_PROPERTIES = {
     v.RDF_TYPE.value: "category",
     **dict.fromkeys((v.X, v.Y, v.Z, v.IN_CELL, v.IN_PLACE), "position"),
+    **dict.fromkeys((v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.YAW), "extent"),
     v.EXISTENCE: "existence",
     v.RDFS_LABEL: "label",
     v.ON: "on",
@@ -105,7 +107,7 @@ class Explainer:
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
             text = f"may also be {self._text(node, v.OF_CATEGORY)}, probability {likely[node]}"
-            rule = Explanation("rule", RULES[v.LABEL_PROBABILITY])
+            rule = Explanation("rule", known.RULES[v.LABEL_PROBABILITY])
             yield Explanation("belief", text, node.value, (rule,))
 
     def facts(
@@ -177,7 +179,7 @@ class Explainer:
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
         """The mapper's rule for one of its facts, and the evidence for it."""
         kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE.value)}
-        rule = rule_of(predicate, kinds)
+        rule = known.rule_of(predicate, kinds, self._in_surface(subject, kinds))
         if rule and not (v.PLACE_BELIEF in kinds and predicate == v.BELIEF):
             yield Explanation("rule", rule)
         if v.PLACE in kinds and predicate == v.RDF_TYPE.value:
@@ -186,8 +188,14 @@ class Explainer:
             yield from self._grounds(subject)
         if v.SOSA_OBSERVATION in kinds:
             yield from self._sighting(subject)
-        elif predicate in EVIDENT:
+        elif predicate in known.EVIDENT:
             yield from self._observation(subject)
+
+    def _in_surface(self, subject: NamedNode, kinds: set[str]) -> bool:
+        """Whether the surface, rather than a detector, shows a thing, or the thing of a view."""
+        views = [n for n in self._values(subject, v.EXPLAINED_BY) if isinstance(n, NamedNode)]
+        by_surface = [self._text(view, v.MODEL) == SURFACE for view in (subject, *views)]
+        return v.UNNAMED_THING in kinds or any(by_surface)
 
     def _ontology_reasons(self, quad: Quad) -> Iterator[Explanation]:
         """Reasons for a fact of the ontology: the relation with its source, or the ontology."""
@@ -215,11 +223,13 @@ class Explainer:
     def _sighting(self, node: NamedNode) -> Iterator[Explanation]:
         wanted = (v.FRAME, v.FROM_RECORDING, v.SOSA_RESULT_TIME, v.BOX, v.SCORE, v.MODEL)
         frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
-        text = f"seen in {frame} of {recording} at {when}: box {box} px, score {score}"
-        behind = [Explanation("model", f"detector {model}")]
+        detected = model != SURFACE
+        number = f"score {score}" if detected else f"share in the open {score}"
+        text = f"seen in {frame} of {recording} at {when}: box {box} px, {number}"
+        behind = [Explanation("model", f"detector {model}")] if detected else []
         for quad in self._quads(node, v.FRAME)[:1]:
             sequence = self._changes.sequence_of(quad)
-            behind += [*self._pose(sequence), self._commit(sequence)]
+            behind += [*(self._pose(sequence) if detected else ()), self._commit(sequence)]
         yield Explanation("observation", text, node.value, tuple(behind))
 
     def _pose(self, sequence: int) -> Iterator[Explanation]:
@@ -241,7 +251,7 @@ class Explainer:
         """Evidence for a belief of a place: views, and objects in the place if they count."""
         place = NamedNode(node.value.partition("/belief/")[0])
         evidence = [x for x in self._values(place, v.TOLD_BY) if isinstance(x, NamedNode)]
-        yield Explanation("rule", BELIEF_OF_PLACE if evidence else RULES[v.BELIEF])
+        yield Explanation("rule", known.BELIEF_OF_PLACE if evidence else known.RULES[v.BELIEF])
         if not evidence or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
             yield self._views(place)
         if evidence:
@@ -288,11 +298,13 @@ class Explainer:
                 f"the map holds nothing about {short(iri, self._base)}, and never did in its "
                 "recorded history; `hereabouts ask MAP objects` lists what there is"
             )
-        commit = self._commit(removals[-1].sequence)
-        mapped = removals[-1].cause.kind in ("frame", "search")
+        last = removals[-1]
+        before = [q.object for q in state_of(self._log, iri.value, last.sequence - 1)]
+        unnamed = NamedNode(v.UNNAMED_THING) in before
+        rule = Explanation("rule", known.REMOVAL_OF_UNNAMED if unnamed else known.REMOVAL)
+        reasons = (rule,) if last.cause.kind in ("frame", "search") else ()
         text = f"{short(iri, self._base)} is no longer in the map"
-        rules = [Explanation("rule", REMOVAL)] if mapped else []
-        return Explanation("was", text, iri.value, (*rules, commit))
+        return Explanation("was", text, iri.value, (*reasons, self._commit(last.sequence)))
 
     def _departed(self, iri: NamedNode, type_quad: Quad) -> Explanation:
         """Explanation of an object that left its position."""
@@ -302,7 +314,7 @@ class Explainer:
             f"{self._text(iri, v.LAST_SEEN)}, found gone {self._text(iri, v.FOUND_GONE)}"
         )
         commit = self._commit(self._changes.sequence_of(type_quad))
-        return Explanation("was", text, iri.value, (Explanation("rule", REMOVAL), commit))
+        return Explanation("was", text, iri.value, (Explanation("rule", known.REMOVAL), commit))
 
     def _was(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None, present: list[Quad]

@@ -14,7 +14,11 @@ _POSITION: Final = (
     "mean over all sightings of the position in the map; each is the fullest bin of the "
     "depths within the box, taken through the camera's pose (section 3.3.1)"
 )
-_EXTENT: Final = "the box of the points in its latest sightings, without outliers"
+_EXTENT: Final = (
+    "the box around its part of the surface that agrees best with the boxes of up to 16 detections "
+    "from different viewpoints; without a surface the box of the points in its latest sightings, "
+    "without outliers"
+)
 _RELATION: Final = (
     "computed from the boxes of both objects and their uncertainty; the most probable relation to "
     "an object nearby (docs/explanation/relations.md)"
@@ -53,6 +57,7 @@ RULES: Final[dict[str, str]] = {
     v.EXTENT_X: _EXTENT,
     v.EXTENT_Y: _EXTENT,
     v.EXTENT_Z: _EXTENT,
+    v.YAW: _EXTENT,
     v.DEVIATION: "grows with the size of the thing, which is seen from one side at a time",
     **dict.fromkeys((v.ON, v.INSIDE, v.BESIDE, v.HAS_RELATION), _RELATION),
     v.RELATION_PROBABILITY: _RELATION,
@@ -87,6 +92,29 @@ EVIDENT: Final = frozenset(
         *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN),
     )
 )
+_SURFACE_BOX: Final = "the box, along the walls, around the thing's part of the surface"
+_SURFACE_FRAMES: Final = "the middle of the numbers of frames that showed each part of its surface"
+_SURFACE_EXISTENCE: Final = f"n / (n + 3), where n is {_SURFACE_FRAMES}"
+_SURFACE_VIEW: Final = "the view in which most of the thing is in the open, and large"
+#: Rules for things that were found in the surface, where these differ from those for detections.
+_SURFACE_RULES: Final[dict[str, str]] = {
+    v.RDF_TYPE.value: "found in the surface at the end of a mapping: it stands out of the large "
+    "flat parts, stands on one or hangs before one, is 8 cm to 1 m long, and lies in no "
+    "box of an object with a name",
+    **dict.fromkeys((v.X, v.Y, v.Z), f"the middle of {_SURFACE_BOX}"),
+    **dict.fromkeys((v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.YAW), _SURFACE_BOX),
+    **dict.fromkeys((v.EXISTENCE, v.CONFIDENCE), _SURFACE_EXISTENCE),
+    v.OBSERVATION_COUNT: _SURFACE_FRAMES,
+    v.FIRST_SEEN: "the time of the frame that shows it best, or of the latest one, if earlier",
+    v.LAST_SEEN: "the time of the latest frame that showed its surface",
+    **dict.fromkeys((v.EXPLAINED_BY, v.FRAME), _SURFACE_VIEW),
+    v.SCORE: f"the share of its points in the open in {_SURFACE_VIEW}",
+    v.BOX: f"the box around its points in {_SURFACE_VIEW}",
+}
+REMOVAL_OF_UNNAMED: Final = (
+    "a thing without a name leaves the map when the surface no longer shows it, or when it lies in "
+    "the box of an object with a name"
+)
 _PLACE_TYPE: Final = (
     "the category with the highest belief, once views of the place or objects in it are evidence"
 )
@@ -96,8 +124,17 @@ BELIEF_OF_PLACE: Final = (
 )
 
 
-def rule_of(predicate: str, kinds: set[str]) -> str | None:
-    """The rule for facts with `predicate` about a thing of types `kinds`, or None."""
+def rule_of(predicate: str, kinds: set[str], in_surface: bool = False) -> str | None:
+    """The rule for facts with `predicate` about a thing of types `kinds`, or None.
+
+    `in_surface` is whether the surface shows the thing, rather than detections.
+    """
+    if (
+        in_surface
+        and predicate in _SURFACE_RULES
+        and not (v.SOSA_OBSERVATION in kinds and predicate == v.RDF_TYPE.value)
+    ):
+        return _SURFACE_RULES[predicate]
     if v.ROBOT in kinds:
         return _CAMERA
     if v.PLACE in kinds and predicate == v.RDF_TYPE.value:

@@ -38,9 +38,9 @@ def difference_text(found: Difference, base: str) -> str:
 
 
 def comparison_text(found: Comparison) -> str:
-    """A line for each change of an object, and one for the floor."""
+    """A line for each change of an object, and one for floor and surface."""
     changes = (f"{one.kind} {one.iri} {one.category}: {_step(*one.sides)}" for one in found.changes)
-    return _lines((*changes, found.floor_words))
+    return _lines((*changes, found.area_words))
 
 
 def reasons_text(reasons: Iterable[Explanation]) -> str:

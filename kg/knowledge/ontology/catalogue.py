@@ -23,7 +23,7 @@ KINDS: Final = ("object", "supercategory", "place")
 
 @dataclass(frozen=True, slots=True)
 class Category:
-    """A kind of object or place; `kind` is "object", "place" or "supercategory"."""
+    """A category; `kind` is "object", "place", "supercategory" or "unnamed thing"."""
 
     iri: str
     label: str
@@ -31,6 +31,16 @@ class Category:
     synonyms: tuple[str, ...] = ()
     hidden: tuple[str, ...] = ()  # names only in vocabularies of networks
     provisional: bool = False  # created for a network's label that had no category
+    undetected: bool = False  # class of a word that no network has as a label
+
+    @property
+    def derived(self) -> bool:
+        """Whether it was made of a label or a word; names that people write come before its own."""
+        return self.provisional or self.iri.startswith(v.WORD)
+
+
+#: what things are that nobody named; no list of categories has it
+_UNNAMED: Final = Category(v.UNNAMED_THING, "unnamed thing", "unnamed thing")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,16 +53,18 @@ class Catalogue:
 
     def __post_init__(self) -> None:
         by_key: dict[str, list[Category]] = defaultdict(list)
-        real = [c for c in self.categories if not c.provisional]
+        real = [c for c in self.categories if not c.derived]
         for category in real:  # a label takes precedence over another category's synonym
             by_key[name_key(category.label)].append(category)
         named = [(name, c) for c in real for name in (*c.synonyms, *c.hidden, _local_name(c.iri))]
-        provisional = (c for c in self.categories if c.provisional)
-        named += [(name, c) for c in provisional for name in (c.label, *c.synonyms, *c.hidden)]
+        derived = [c for c in self.categories if c.derived]
+        named += [(c.label, c) for c in derived]
+        named += [(name, c) for c in derived for name in (*c.synonyms, *c.hidden)]
         for name, category in named:
             if category not in by_key[name_key(name)]:
                 by_key[name_key(name)].append(category)
-        object.__setattr__(self, "_by_iri", {c.iri: c for c in self.categories})
+        known = (_UNNAMED, *self.categories)
+        object.__setattr__(self, "_by_iri", {c.iri: c for c in known})
         object.__setattr__(self, "_by_key", dict(by_key))
 
     @classmethod
@@ -65,7 +77,7 @@ class Catalogue:
         """
         quads = tuple(quads)
         labels, synonyms, hidden = _names(quads)
-        provisional = _provisional(quads)
+        provisional, detected = _provisional(quads), _detected_words(quads)
         found = [
             Category(
                 iri,
@@ -74,6 +86,7 @@ class Catalogue:
                 tuple(synonyms[iri]),
                 tuple(hidden[iri]),
                 iri in provisional,
+                iri.startswith(v.WORD) and iri not in detected,
             )
             for iri, kind in _kinds(superclasses(quads)).items()
         ]
@@ -89,7 +102,7 @@ class Catalogue:
         """The category with that label, synonym, simple plural, class name or IRI.
 
         Case, spaces, underscores, hyphens and other marks are ignored. `kind` narrows the search.
-        Provisional categories come last.
+        Derived categories (provisional ones, and those of words) come last.
 
         Raises:
             UnknownCategoryError: no category has that name; the message suggests similar ones.
@@ -99,7 +112,7 @@ class Catalogue:
             return category
         other = self.get(label)
         if other is not None:
-            article = "an" if other.kind == "object" else "a"
+            article = "an" if other.kind[0] in "ou" else "a"
             raise UnknownCategoryError(
                 f"no {kind} category {label!r}: that is {article} {other.kind}"
             )
@@ -111,19 +124,23 @@ class Catalogue:
         """As `find`, but None for an unknown label."""
         if (exact := self._by_iri.get(label)) is not None:
             return exact if kind in (None, exact.kind) else None
-        for key in _readings(name_key(label)):
-            for category in self._by_key.get(key, ()):
-                if kind in (None, category.kind):
-                    return category
+        found = (self.named(key, kind) for key in readings(name_key(label)))
+        return next(filter(None, found), None)
+
+    def named(self, key: str, kind: str | None = None) -> Category | None:
+        """The first category with a name of exactly that key (`name_key`), or None."""
+        for category in self._by_key.get(key, ()):
+            if kind in (None, category.kind):
+                return category
         return None
 
     def for_label(self, label: str, kind: str) -> Category | None:
-        """The category of a network's `label`, as `get` without plurals of provisional categories.
+        """The category of a network's `label`, as `get` without plurals of derived categories.
 
         So the meaning of a label does not depend on the order of a network's labels.
         """
         category = self.get(label, kind)
-        if category is not None and category.provisional:
+        if category is not None and category.derived:
             exact = self._by_key.get(name_key(label), ())
             return next((c for c in exact if c.kind == kind), None)
         return category
@@ -186,7 +203,10 @@ def name_key(name: str) -> str:
 
     A name without letters and digits only loses its spaces.
     """
-    folded = unicodedata.normalize("NFKC", name.removeprefix("here:")).casefold()
+    name = name.removeprefix("here:")
+    if name.isascii() and (plain := "".join(filter(str.isalnum, name))):
+        return plain.lower()
+    folded = unicodedata.normalize("NFKC", name).casefold()
     folded = unicodedata.normalize("NFKC", folded)
     if not any(c.isalnum() for c in folded):
         return "".join(folded.split())
@@ -194,8 +214,8 @@ def name_key(name: str) -> str:
     return "".join(c for c in folded if c.isalnum() or unicodedata.category(c)[0] == "M")
 
 
-def _readings(key: str) -> Iterator[str]:
-    """The key, then possible singular and plural forms."""
+def readings(key: str) -> Iterator[str]:
+    """The key of a name, then keys of possible singular and plural forms."""
     yield key
     if key.endswith("ves"):
         yield key[:-3] + "fe"
@@ -264,6 +284,18 @@ def _provisional(quads: tuple[Quad, ...]) -> set[str]:
         if q.predicate.value == v.PROVISIONAL_MARK
         and isinstance(q.subject, NamedNode)
         and getattr(q.object, "value", "") in ("true", "1")
+    }
+
+
+def _detected_words(quads: tuple[Quad, ...]) -> set[str]:
+    """Classes of words that came from a network: their source is not WordNet alone."""
+    return {
+        q.subject.value
+        for q in quads
+        if q.predicate.value == v.DCT_SOURCE
+        and isinstance(q.subject, NamedNode)
+        and isinstance(q.object, Literal)
+        and q.object.value != v.WORD_SOURCE
     }
 
 

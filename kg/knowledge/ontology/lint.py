@@ -1,7 +1,7 @@
 """Validation of ontologies and maps: SHACL shapes, and rules that SHACL cannot express.
 
-The shapes are data (``ontologies/shapes.ttl``). What is checked here: terms used are declared, each
-property is of one kind (OWL 2 DL), the compiled view of a map is that of its ontology.
+The shapes are data (``ontologies/shapes.ttl``). These checks are code: terms used are declared,
+each property is of one kind (OWL 2 DL), the compiled view of a map is that of its ontology.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Provisional classes: categories created for labels of networks without a category.
+"""Provisional classes: categories created for labels of networks, and for names that people give.
 
 A provisional category is a class below here:Object or here:Place, and below a supercategory of the
-same name, with the mark ``here:provisional true``. People later remove the mark or map the label to
-another category (docs/explanation/ontology.md).
+same name or the category that is nearest to a given name, with the mark ``here:provisional true``.
+People later remove the mark or map the label to another category (docs/explanation/ontology.md).
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ MAX_NOTE: Final = 500  # characters kept with the transaction
 _IS_A: Final = NamedNode(v.IS_A)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
 _MARK: Final = NamedNode(v.PROVISIONAL_MARK)
-_ROOTS: Final = {"object": v.OBJECT, "place": v.PLACE}
+_ROOTS: Final = {"object": v.OBJECT, "place": v.PLACE, "name": v.OBJECT}
+NAMED: Final = f"{v.PROVISIONAL}name#"  # what IRIs of categories that people named begin with
 _COMMENTS: Final = {
     "object": "Provisional: what the object detector {model} calls so.",
     "place": "Provisional: what the scene classifier {model} calls so.",
+    "name": "Provisional: what {model} named so.",
 }
 
 
@@ -49,11 +51,18 @@ def provisional_iri(label: str, kind: str) -> str:
 
 
 def add_provisional_classes(
-    store: TransactionalStore, catalogue: Catalogue, labels: Collection[str], kind: str, model: str
+    store: TransactionalStore,
+    catalogue: Catalogue,
+    labels: Collection[str],
+    kind: str,
+    model: str,
+    nearest: Collection[str] = (),
 ) -> ChangeSet | None:
     """Add a provisional category for each label to the map in `store`, in one transaction.
 
-    `kind` is "object" or "place"; `labels` are clean. Existing categories are skipped.
+    `kind` is "object" or "place", or "name" for an object's name that the person `model` gave;
+    `labels` are clean; `nearest` has the IRIs of further categories above the new ones. Existing
+    categories are skipped.
     """
     new: dict[str, str] = {}
     for label in labels:
@@ -66,8 +75,8 @@ def add_provisional_classes(
     above = superclasses(hierarchy)
     added = [*_declaration(store)]
     for iri, label in new.items():
-        supers = [_ROOTS[kind]]
-        if kind == "object" and (group := catalogue.get(label, "supercategory")) is not None:
+        supers = [_ROOTS[kind], *nearest]
+        if kind != "place" and (group := catalogue.get(label, "supercategory")) is not None:
             supers.append(group.iri)
         added += _category(iri, label, kind, model, supers)
         ancestors = {iri, *supers, *(a for parent in supers for a in above.get(parent, ()))}
@@ -80,10 +89,28 @@ def add_provisional_classes(
     return store.commit([], added, cause)
 
 
+def remove_unused_name(store: TransactionalStore, iri: str, by: str | None) -> ChangeSet | None:
+    """Remove the category that a person named, unless a fact of the map still refers to it."""
+    node = NamedNode(iri)
+    facts = (v.MAP_GRAPH, v.ASSERTIONS_GRAPH)
+    used = (store.engine.quads_for_pattern(None, None, node, graph) for graph in facts)
+    if not iri.startswith(NAMED) or any(next(iter(found), None) for found in used):
+        return None
+    gone = [
+        quad
+        for graph in (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
+        for quad in store.engine.quads_for_pattern(node, None, None, graph)
+    ]
+    below = store.engine.quads_for_pattern(None, _SUB_CLASS, node, v.ONTOLOGY_GRAPH)
+    if next(iter(below), None) is not None or not gone:
+        return None
+    return store.commit(gone, [], Cause("ontology", by, f"removed the unused name {iri}"))
+
+
 def provisional_to_keep(
     old: Iterable[Quad], new: Iterable[Quad], is_referenced: Callable[[NamedNode], bool]
 ) -> list[Quad]:
-    """Quads of provisional categories that `new` lacks and the map refers to.
+    """Quads of provisional categories and of words that `new` lacks and the map refers to.
 
     A network may add categories while people edit a file of the ontology.
     """
@@ -91,9 +118,9 @@ def provisional_to_keep(
     kept = {
         q.subject
         for q in old
-        if q.predicate == _MARK
+        if isinstance(q.subject, NamedNode)
+        and (q.predicate == _MARK or q.subject.value.startswith(v.WORD))
         and q.subject not in declared
-        and isinstance(q.subject, NamedNode)
         and is_referenced(q.subject)
     }
     return [q for q in old if q.subject in kept]

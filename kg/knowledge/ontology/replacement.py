@@ -138,7 +138,7 @@ def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
 
 def _is_of_a_file(quad: Quad, headers: frozenset[str]) -> bool:
     subject = getattr(quad.subject, "value", "")
-    return subject not in headers and not subject.startswith(v.PROVISIONAL)
+    return subject not in headers and not subject.startswith((v.PROVISIONAL, v.WORD))
 
 
 def recompiled(

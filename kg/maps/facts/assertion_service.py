@@ -6,10 +6,12 @@ import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Protocol
 
 from pyoxigraph import NamedNode, Quad
 
 from kg.maps.facts.assertions import (
+    NAME,
     PROPERTIES,
     Assertions,
     PropertyAssertions,
@@ -22,6 +24,7 @@ from kg.maps.facts.assertions import (
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.relations import NOTHING, SINGLE
+from kg.maps.thing_names import checked_line
 from kg.model.areas import Area
 from kg.model.errors import InvalidFactError, did_you_mean
 from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
@@ -57,6 +60,16 @@ class PerceivedRecords:
         return asserted
 
 
+class NamedCategories(Protocol):
+    """Categories with the names that people give things."""
+
+    def category_named(self, name: str, by: str) -> str:
+        """IRI of the category with that name; a new one is added."""
+
+    def forget_name(self, iri: str, by: str | None) -> None:
+        """Remove a category that was added so, where nothing refers to it any more."""
+
+
 class AssertionService:
     """Assertions of one map, made and retracted; each call is one transaction under `guard`."""
 
@@ -67,9 +80,10 @@ class AssertionService:
         perceived: PerceivedRecords,
         writer: FrameWriter,
         guard: threading.RLock,
+        names: NamedCategories,
     ) -> None:
         self._store, self._facts, self._perceived = store, facts, perceived
-        self._writer, self._guard = writer, guard
+        self._writer, self._guard, self._names = writer, guard, names
         self._assertions = Assertions(facts.base)
 
     def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
@@ -86,9 +100,12 @@ class AssertionService:
         """Assert `prop` of an object or place; it overrides the estimates of perception."""
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
+        by = checked_line(by, "an author", "ann")
         with self._guard:
             record = self._record(self.full(iri))
             kind = "object" if isinstance(record, ObjectRecord) else "place"
+            if kind == "object" and prop == NAME:
+                prop, value = "category", self._names.category_named(str(value), by.strip())
             if kind == "object" and prop in SINGLE:
                 text = self._related_object(record.iri, prop, value)
             else:
@@ -102,10 +119,13 @@ class AssertionService:
             if prop in asserted and asserted[prop].value == text:
                 made = replace(made, since=asserted[prop].since)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")
-            return self._restate(record, {**asserted, prop: made}, cause)
+            change = self._restate(record, {**asserted, prop: made}, cause)
+            self._forget_name(asserted.get(prop), by)
+            return change
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract the assertion of `prop`: the estimate of perception takes effect again."""
+        by = None if by is None else checked_line(by, "an author", "ann")
         with self._guard:
             record = self._record(self.full(iri))
             asserted = self._of(record.iri)
@@ -121,7 +141,9 @@ class AssertionService:
                 record = record.with_area(_area_before(record, asserted[prop]))
             if _exists_by_assertion_alone(record, asserted, rest):
                 return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
-            return self._restate(record, rest, cause)
+            change = self._restate(record, rest, cause)
+            self._forget_name(asserted[prop], by)
+            return change
 
     def with_assertions(
         self, target: Mapping[str, PropertyAssertions]
@@ -147,8 +169,22 @@ class AssertionService:
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
 
     def full(self, iri: str) -> str:
-        """Full IRI of a short form such as ``object/17``; a full IRI is returned unchanged."""
-        return iri if ":" in iri else self._facts.base + iri
+        """Full IRI of a short form such as ``object/17``; a full IRI is returned unchanged.
+
+        Raises InvalidFactError for a text that is none.
+        """
+        full = iri if ":" in iri else self._facts.base + iri
+        try:
+            return NamedNode(full).value
+        except ValueError as error:
+            raise InvalidFactError(
+                f"no thing {iri[:200]!r}; give its IRI, or as in object/17, place/1"
+            ) from error
+
+    def _forget_name(self, former: Assertion | None, by: str | None) -> None:
+        """Remove the category of an assertion that no longer holds, if a person's name made it."""
+        if former is not None and former.property == "category":
+            self._names.forget_name(former.value, by)
 
     def _restate(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions, cause: Cause

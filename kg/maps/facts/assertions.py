@@ -8,7 +8,7 @@ perception's present estimate with the assertion, so that a retraction restores 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 from urllib.parse import quote, unquote
@@ -17,7 +17,9 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.provisional_classes import NAMED
 from kg.maps.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
+from kg.maps.thing_names import asserted_category, checked_line
 from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
@@ -28,8 +30,10 @@ from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
 
 #: Properties that can be asserted of objects, and of places.
-PROPERTIES: Final = ("category", "position", "existence", "label", *SINGLE)
+PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)
 PLACE_PROPERTIES: Final = ("category", "label", "area")
+#: A further property of objects: a name. Its category is asserted, and made if need be.
+NAME: Final = "name"
 #: Positions farther apart than this contradict each other [m].
 CONFLICT_DISTANCE: Final = 0.5
 MIN_CONFIDENCE: Final = 0.01  # of an object that only an assertion keeps in the map
@@ -158,8 +162,9 @@ def agent_quads(base: str, name: str, graph: NamedNode) -> Iterator[Quad]:
 def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
     """Normalised value of an assertion about a `kind` ("object" or "place").
 
-    `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; present or absent; a label; an
-    area in well-known text [m].
+    `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; the sides of a box and its yaw,
+    (dx, dy, dz [m], yaw [rad]) or "dx dy dz yaw", whose yaw may be left out; present or absent; a
+    label; an area in well-known text [m].
     Raises UnknownCategoryError, and InvalidFactError for an invalid property or value.
     """
     allowed = PROPERTIES if kind == "object" else PLACE_PROPERTIES
@@ -168,9 +173,11 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
             f"{prop!r} of {kind}s cannot be asserted; these can: {', '.join(allowed)}"
         )
     if prop == "category":
-        return catalogue.find(str(given), kind=kind).iri
+        return asserted_category(catalogue, str(given), kind).iri
     if prop == "position":
         return _position(given)
+    if prop == "extent":
+        return _extent(given)
     if prop == "area":
         return _area(given)
     text = str(given).strip()
@@ -178,9 +185,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         raise InvalidFactError(f"existence must be present or absent, got {text!r}")
     if not text:
         raise InvalidFactError("a label must have at least one character")
-    if not is_unicode(text):
-        raise InvalidFactError(f"a label must be Unicode text, got {text!r}")
-    return text
+    return checked_line(text, "a label", "cup by the sink") if prop == "label" else text
 
 
 def is_unicode(text: str) -> bool:
@@ -198,6 +203,9 @@ def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> Obj
         record = replace(record, category=category.value, labels={})
     if (position := assertions.get("position")) is not None:
         record = replace(record, p_map=point(position.value))
+    if (extent := assertions.get("extent")) is not None:
+        *sides, yaw = point(extent.value)
+        record = replace(record, extent=np.array(sides), yaw=float(yaw))
     if (existence := assertions.get("existence")) is not None:
         if existence.value == "present":
             record = replace(record, existence=1.0)
@@ -220,6 +228,9 @@ def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> Ob
             record = replace(record, category=assertion.perceived)
         elif prop == "position":
             record = replace(record, p_map=point(assertion.perceived))
+        elif prop == "extent":
+            *sides, yaw = point(assertion.perceived)
+            record = replace(record, extent=np.array(sides), yaw=float(yaw))
         elif prop == "existence":
             record = replace(record, existence=float(assertion.perceived))
     for kind in SINGLE:
@@ -268,15 +279,17 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
             perceived, strength = perceived_value(record.relations, kind)
             updated = replace(assertion, perceived=perceived, strength=strength)
             return _compared(updated, now)
-    perceived = {
+    box = None if record.extent is None else _number_text((*record.extent, record.yaw))
+    estimate = {
         "category": record.category,
         "position": _position(record.p_map),
+        "extent": box,
         "existence": f"{max(record.existence, 0.0):.2f}",
     }[assertion.property]
     strength = max(record.existence, 0.0)
     if assertion.property == "existence" and assertion.value == "present":
         strength = 1.0 - strength
-    return _compared(replace(assertion, perceived=perceived, strength=strength), now)
+    return _compared(replace(assertion, perceived=estimate, strength=strength), now)
 
 
 def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
@@ -293,7 +306,7 @@ def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assert
 
 
 def point(text: str) -> np.ndarray:
-    """(3,) [m] from ``"x y z"``."""
+    """(3,) [m] from ``"x y z"``, or any other numbers from text."""
     return np.array([float(number) for number in text.split()], dtype=np.float64)
 
 
@@ -311,7 +324,12 @@ def _contradicts(assertion: Assertion) -> bool:
         return bool(np.linalg.norm(point(value) - point(perceived)) > CONFLICT_DISTANCE)
     if assertion.property == "existence":
         return (float(perceived) > 0) == (value == "absent")
-    return value != perceived
+    if assertion.property == "extent":
+        sides, seen = (np.sort(point(text)[:3]) for text in (value, perceived))
+        return bool(np.abs(sides - seen).max() > CONFLICT_DISTANCE)
+    if assertion.property == "category" and value.startswith(NAMED):
+        return False  # no detector knows the names that people give
+    return value != perceived and perceived != v.UNNAMED_THING
 
 
 def _position(given: object) -> str:
@@ -326,6 +344,25 @@ def _position(given: object) -> str:
             f"got {given!r}"
         )
     return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
+
+
+def _extent(given: object) -> str:
+    try:
+        numbers = given.replace(",", " ").split() if isinstance(given, str) else list(given)  # type: ignore[call-overload]
+        *sides, yaw = map(float, numbers if len(numbers) == 4 else (*numbers, 0.0))
+    except (TypeError, ValueError, OverflowError):
+        sides, yaw = [], 0.0
+    whole = len(sides) == 3 and all(0 < side <= MAX_COORDINATE for side in sides)
+    if not whole or not abs(yaw) <= math.pi:
+        raise InvalidFactError(
+            "an extent must be three lengths dx dy dz above 0 [m] and, where the box is turned, a "
+            f"yaw of -3.14 to 3.14 [rad], as in 1.2 0.8 0.75 0.3; got {given!r}"
+        )
+    return _number_text((*sides, yaw))
+
+
+def _number_text(numbers: Iterable[float]) -> str:
+    return " ".join(str(round(float(number), 2) + 0.0) for number in numbers)
 
 
 def _area(given: object) -> str:

@@ -29,6 +29,7 @@ from kg.rdf.literals import (
     stamp_of,
     subject_quads,
     time_literal,
+    yaw_literals,
 )
 from kg.rdf.quad_store import QuadStore
 from kg.store.sparql_backend import reading_ahead
@@ -63,6 +64,7 @@ def departed_quads(record: DepartedRecord) -> list[Quad]:
     ]
     if record.extent is not None:
         facts += axis_literals(SIDES, record.extent, f"{what}: extent", minimum=0.0)
+        facts += yaw_literals(record.yaw, what)
     return subject_quads(record.iri, facts)
 
 
@@ -94,4 +96,5 @@ def _record(iri: str, properties: Properties) -> DepartedRecord:
         last_seen=stamp_of(properties, v.LAST_SEEN),
         found_gone=stamp_of(properties, v.FOUND_GONE),
         extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
+        yaw=float(first(properties, v.YAW, "0")),
     )

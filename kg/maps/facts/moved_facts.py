@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
+from kg.model.oriented_boxes import along_nearest_axes
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon, polygon_text
 
 _BOUNDS: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 #: predicates whose values depend on the frame
 _FRAMED: Final = {
-    *(v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.OUTLINE, v.EXTENT_X, v.EXTENT_Y, v.GLIMPSES),
+    *(v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.OUTLINE, v.EXTENT_X, v.EXTENT_Y, v.YAW, v.GLIMPSES),
     *_BOUNDS,
 }
 _Values = dict[str, Literal | NamedNode]
@@ -94,10 +95,10 @@ def _moved_area(values: _Values, T: NDArray[np.float64], crs: str) -> _Values:
 
 
 def _moved_extent(values: _Values, turn: float) -> _Values:
-    """Sides of the box along the new axes that holds the turned one."""
-    x, y = _number(values[v.EXTENT_X]), _number(values[v.EXTENT_Y])
-    c, s = abs(math.cos(turn)), abs(math.sin(turn))
-    return {v.EXTENT_X: Literal(c * x + s * y), v.EXTENT_Y: Literal(s * x + c * y)}
+    """Sides and yaw of the box in the new frame."""
+    sides = _number(values[v.EXTENT_X]), _number(values[v.EXTENT_Y])
+    x, y, yaw = along_nearest_axes(*sides, _number(values.get(v.YAW)) + turn)
+    return {v.EXTENT_X: Literal(x), v.EXTENT_Y: Literal(y), v.YAW: Literal(yaw)}
 
 
 def _moved_glimpses(text: str, T: NDArray[np.float64], turn: float) -> Literal:

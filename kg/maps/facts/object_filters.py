@@ -61,7 +61,11 @@ class ObjectFilter:
     def admits(self, record: ObjectRecord) -> bool:
         """Whether an object meets all criteria."""
         return (
-            (self.categories is None or record.category in self.categories)
+            (
+                record.category != v.UNNAMED_THING
+                if self.categories is None
+                else record.category in self.categories
+            )
             and (self.place is None or record.place == self.place)
             and (self.disc is None or self.disc.distance(record) <= self.disc.radius)
         )

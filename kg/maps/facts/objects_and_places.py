@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from urllib.parse import quote
 
-import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
@@ -47,6 +46,7 @@ from kg.rdf.literals import (
     stamp_of,
     subject_quads,
     time_literal,
+    yaw_literals,
 )
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.standard_terms import CRS
@@ -55,7 +55,6 @@ from kg.store.sparql_backend import reading_ahead
 from kg.store.writer_priority import in_pieces
 
 CHUNK_SIZE = 50  # subjects read before a frame that waits may be written
-EXTENT_STEP = 0.05  # [m] of quantised extents, which change slightly with each view
 MIN_BELIEF = 0.005  # smaller beliefs would be stored as zero
 
 
@@ -168,12 +167,21 @@ class RecordCodec:
         return nodes
 
     def objects(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
-        """All objects of the map, in the order of their numbers."""
+        """All objects of the map with a name, in the order of their numbers."""
         return self.objects_among(store.quads_for_pattern(None, None, None, v.MAP_GRAPH))
 
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects described by `quads` of graph:map, in the order of their numbers."""
-        return self._objects(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
+        found = self._objects(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
+        return tuple(record for record in found if record.category != v.UNNAMED_THING)
+
+    def unnamed_things(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
+        """All things without a name, in the order of their numbers."""
+        kind = NamedNode(v.UNNAMED_THING)
+        quads = store.quads_for_pattern(None, v.RDF_TYPE, kind, v.MAP_GRAPH)
+        return self.some_objects(
+            store, [q.subject.value for q in quads if isinstance(q.subject, NamedNode)]
+        )
 
     def some_objects(self, store: QuadStore, iris: Iterable[str]) -> tuple[ObjectRecord, ...]:
         """The objects among `iris`, in the order of their numbers."""
@@ -293,6 +301,7 @@ class RecordCodec:
             evidence=None if observation is None else evidence_of(observation, self.base),
             extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
             deviation=float(deviation) if deviation else None,
+            yaw=float(first(properties, v.YAW, "0")),
         )
 
     def _place(
@@ -333,11 +342,8 @@ def _extent(record: ObjectRecord, what: str) -> list[tuple[str, NamedNode | Lite
     """Facts of an object's box and of its position's precision, where they are known."""
     facts: list[tuple[str, NamedNode | Literal]] = []
     if record.extent is not None:
-        if np.shape(record.extent) != (3,):
-            raise InvalidFactError(f"{what}: extent must be (3,), got {np.shape(record.extent)}")
-        for predicate, side in zip(SIDES, record.extent, strict=True):
-            steps = quantised(side / EXTENT_STEP, f"{what}: extent", 0)
-            facts.append((predicate, number_literal(steps * EXTENT_STEP, what, minimum=0.0)))
+        facts += axis_literals(SIDES, record.extent, f"{what}: extent", minimum=0.0)
+        facts += yaw_literals(record.yaw, what)
     if record.deviation is not None:
         deviation = number_literal(record.deviation, f"{what}: position deviation", minimum=0.0)
         facts.append((v.DEVIATION, deviation))

@@ -83,6 +83,9 @@ def recording_quads(record: RecordingRecord, base: str) -> list[Quad]:
     ]
     if record.scene_model:
         facts.append((v.SCENE_MODEL, Literal(record.scene_model)))
+    if record.pose_estimate:
+        facts.append((v.POSE_ESTIMATE, Literal(record.pose_estimate)))
+    facts += ((v.DETECTS, known_iri(category)) for category in record.detects)
     return subject_quads(recording_iri(record.name, base), facts, v.DATASET_GRAPH)
 
 
@@ -102,4 +105,6 @@ def _recording(store: QuadStore, iri: str, base: str) -> RecordingRecord:
         last_frame=first(properties, v.LAST_FRAME, ""),
         T_map_world=np.array(numbers).reshape(4, 4) if len(numbers) == 16 else np.eye(4),
         scene_model=first(properties, v.SCENE_MODEL, ""),
+        pose_estimate=first(properties, v.POSE_ESTIMATE, ""),
+        detects=tuple(sorted(properties.get(v.DETECTS, ()))),
     )

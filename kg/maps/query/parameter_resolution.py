@@ -8,8 +8,14 @@ from dataclasses import dataclass
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.words.meaning import listed, understand
 from kg.model import vocabulary as v
-from kg.model.errors import QueryParameterError, did_you_mean
+from kg.model.errors import (
+    QueryParameterError,
+    UndetectableError,
+    UnknownCategoryError,
+    did_you_mean,
+)
 from kg.model.records import PlaceRecord
 from kg.rdf.quad_store import QuadStore
 
@@ -29,8 +35,48 @@ class ParameterResolver:
         Raises UnknownCategoryError or QueryParameterError, which list the alternatives.
         """
         if kind == "iri":  # tables print the map's own things without its base: object/17
-            return text if ":" in text else self.base + text
-        return self.catalogue.find(text).iri if kind == "category" else self._place(text)
+            return text if ":" in text else self._thing(text)
+        return self._category(text) if kind == "category" else self._place(text)
+
+    def _thing(self, text: str) -> str:
+        """IRI of ``object/17``, or of the one thing with the label ``cup 17``."""
+        if "/" in text or not text.strip():
+            return self.base + text
+        for label in dict.fromkeys((text, text.strip(), text.strip().casefold())):
+            named = self.engine.quads_for_pattern(
+                None, NamedNode(v.RDFS_LABEL), Literal(label), v.MAP_GRAPH
+            )
+            found = sorted(q.subject.value for q in named if isinstance(q.subject, NamedNode))
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise QueryParameterError(
+                    f"{len(found)} things have the label {label!r}: {', '.join(found[:5])}"
+                )
+        if len(text.split()) > 1:
+            raise QueryParameterError(
+                f"nothing has the label {text[:60]!r}; a thing must be an IRI such as object/1, "
+                "or a label, which `hereabouts ask MAP objects` lists"
+            )
+        return self.base + text
+
+    def _category(self, text: str) -> str:
+        """The category that a name means: of a place or an object, or of a word for objects."""
+        known = self.catalogue.get(text)
+        if known is not None:
+            return known.iri
+        meaning = understand(self.catalogue, text)
+        if not meaning.categories:
+            raise UndetectableError(
+                f"no category includes '{meaning.text}': no detector here can see such things; "
+                f"`hereabouts find MAP '{meaning.text}'` tells where they usually are"
+            )
+        if meaning.how == "spelling":  # a program that asks gets no guess
+            labels = listed([one.label for one in meaning.categories])
+            raise UnknownCategoryError(f"no category '{meaning.text}'; did you mean {labels}?")
+        if len(meaning.categories) > 1:
+            raise UnknownCategoryError(f"{meaning.note}; ask for one of them")
+        return meaning.categories[0].iri
 
     def _place(self, text: str) -> str:
         wanted = f"place {text}" if text.isdigit() else text

@@ -5,6 +5,7 @@
     #+   x (double): of the point [m]
     #+   radius (double = 2.0): distance [m]
     #+ columns: object, category, x, y, z
+    #+ asked: what is near the table? / things around the bed
     #+ answer: lookup
     #+ cells: disc x y radius
     SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
@@ -51,6 +52,7 @@ LIKE_AN_IRI = re.compile(r"(https?://|urn:)\S+$")
 _HEADER = re.compile(
     r"#\+ ?(?P<indent>\s*)(?P<key>[\w-]+)(?P<type>\s*\([^)]*\))?\s*:\s*(?P<text>.*)"
 )
+_FORMS = ("select ", "ask ", "construct ", "describe ", "prefix ", "base ")
 _AREAS: dict[str, tuple[Callable[..., tuple[str, ...] | None], int]] = {
     "disc": (cells_of_disc, 3),
     "box": (cells_of_box, 4),
@@ -117,6 +119,7 @@ class ParameterizedQuery:
     columns: tuple[str, ...]
     cells: tuple[str, ...]  # area and its parameters, e.g. ("disc", "x", "y", "radius"); or empty
     sparql: str
+    asked: tuple[str, ...] = ()  # plain questions that it answers
     answer: str = ""  # lookup, listing or survey; empty where the header has none
     measures: bool = False  # whether it compares coordinates, which need one frame
     shipped: bool = False  # whether it came with hereabouts, and is no text from outside
@@ -205,6 +208,7 @@ def parse_query_file(text: str, name: str) -> ParameterizedQuery:
         columns=tuple(column.strip() for column in fields.get("columns", "").split(",") if column),
         cells=tuple(fields.get("cells", "").split()),
         sparql=text,
+        asked=tuple(part.strip() for part in fields.get("asked", "").split("/") if part.strip()),
         answer=fields.get("answer", ""),
         measures="cells" in fields or "measures" in fields,
     )
@@ -235,7 +239,7 @@ def resolve_query(
     text = str(question)
     if isinstance(question, Path) or (text.endswith(".rq") and "\n" not in text):
         return load_query(question)
-    if "{" in text or "<" in text or text.casefold().startswith("describe "):
+    if "{" in text or "<" in text or text.casefold().startswith(_FORMS):
         return inline_query(text, values)
     return find_query(text)
 
@@ -250,7 +254,7 @@ def find_query(name: str) -> ParameterizedQuery:
     names = _names(QUERIES)
     if name not in names:
         raise UnknownQueryError(
-            f"no query {name!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
+            f"no query {name[:60]!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
         )
     return _shipped(QUERIES / f"{name}.rq")
 

@@ -136,6 +136,15 @@ class SurfaceStore:
             grid = self._grid.with_frames(self._waiting)
             return surface_of(grid.size, *grid.present(sequence, min_count))
 
+    def area(self, sequence: int | None = None, min_count: int = 2) -> float:
+        """[m^2] of the surface now or at a transaction; 0 without one."""
+        with self._lock, self._guarded():
+            self._load()
+            if self._grid is None:
+                return 0.0
+            grid = self._grid.with_frames(self._waiting)
+            return round(grid.area(sequence, min_count), 1)
+
     @property
     def grid(self) -> VoxelGrid | None:
         """The grid; None before anything was written."""

@@ -10,8 +10,18 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kg.maps.surface.voxels import LOCAL_BITS, RECORD, Keys, MarkedFrame, Records
+from kg.maps.surface.voxels import (
+    LOCAL_BITS,
+    RECORD,
+    SIDE,
+    Keys,
+    MarkedFrame,
+    Records,
+    cells_of,
+    keys_of,
+)
 
 MAX_VOXELS: Final = 1_500_000  # of one map: about 150 m2 of flat at 2.5 cm
 _MEMORY: Final = 16  # frames that the mean colour remembers
@@ -79,13 +89,33 @@ class VoxelGrid:
         keys, records = [np.empty(0, np.int64)], [np.empty(0, RECORD)]
         for chunk in sorted(self.chunks):
             held = self.chunks[chunk]
-            there = (held["gone"] == 0) & (held["count"] >= min_count)
-            if sequence is not None:
-                there |= held["gone"] > sequence
-                there &= held["first"] <= sequence
-            records.append(held[there])
+            records.append(held[_there(held, sequence, min_count)])
             keys.append(chunk << LOCAL_BITS | records[-1]["local"].astype(np.int64))
         return np.concatenate(keys), np.concatenate(records)
+
+    def area(self, sequence: int | None = None, min_count: int = 1) -> float:
+        """[m^2] of the surface that is there: a side of each voxel of `present`."""
+        there = (_there(held, sequence, min_count).sum() for held in self.chunks.values())
+        return float(sum(there)) * self.size**2
+
+    def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Centres (n, 3) [m] of voxels that are there, between two corners (3,) [m]."""
+        first, last = (np.floor(corner / self.size).astype(np.int64) for corner in (low, high))
+        found = [np.empty((3, 0), np.int64)]
+        for chunk in self._chunks_between(first, last):
+            held = self.chunks[chunk]
+            keys = chunk << LOCAL_BITS | held["local"][held["gone"] == 0].astype(np.int64)
+            cells = cells_of(keys)
+            found.append(cells[:, ((cells >= first[:, None]) & (cells <= last[:, None])).all(0)])
+        return np.asarray((np.concatenate(found, 1).T + 0.5) * self.size, np.float64)
+
+    def _chunks_between(self, first: Keys, last: Keys) -> list[int]:
+        """Chunks with voxels between two cells (3,)."""
+        corners = [
+            np.arange(a // SIDE, b // SIDE + 1) * SIDE for a, b in zip(first, last, strict=True)
+        ]
+        cells = np.stack(np.meshgrid(*corners, indexing="ij")).reshape(3, -1)
+        return [key for key in (keys_of(cells) >> LOCAL_BITS).tolist() if key in self.chunks]
 
     def _look_through(self, chunk: int, local: Keys, times: Keys, mark: int) -> None:
         records = self.chunks.get(chunk)
@@ -129,6 +159,14 @@ class VoxelGrid:
         known["last"], known["source"] = np.maximum(known["last"], new["last"]), new["source"]
         known["gone"] = 0
         held[rows] = known
+
+
+def _there(held: Records, sequence: int | None, min_count: int) -> NDArray[np.bool_]:
+    there: NDArray[np.bool_] = (held["gone"] == 0) & (held["count"] >= min_count)
+    if sequence is not None:
+        there |= held["gone"] > sequence
+        there &= held["first"] <= sequence
+    return there
 
 
 def by_chunk(keys: Keys) -> Iterator[tuple[int, slice]]:

@@ -6,7 +6,7 @@ Otherwise the next frame would overwrite the value that a person wrote.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from pyoxigraph import Literal, NamedNode, Quad
@@ -16,6 +16,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.records import Assertion, PlaceRecord
+from kg.rdf.literals import AXES, SIDES
 
 Read = Callable[..., Iterator[Quad]]
 
@@ -29,7 +30,8 @@ def assert_perceived_properties(
     kind = "object" if categories(pending.after, facts, subject, "object") else "place"
     made = [_category(pending, facts, subject, kind, previous, by)]
     if kind == "object":
-        made.append(_position(pending, subject, previous, by))
+        made.append(_numbers(pending, subject, previous, by, "position", AXES))
+        made.append(_numbers(pending, subject, previous, by, "extent", (*SIDES, v.YAW)))
         if "existence" in previous and pending.writes(subject, v.EXISTENCE):
             pending.change(_node(pending, assertions, previous["existence"]), ())
     made.append(_label(pending, subject, previous, by))
@@ -89,17 +91,24 @@ def _category(
     return replace(made, since=(made.since or made.stamp) if contradicts else None)
 
 
-def _position(
-    pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
+def _numbers(
+    pending: ChangeDraft,
+    subject: NamedNode,
+    previous: PropertyAssertions,
+    by: str,
+    prop: str,
+    predicates: Sequence[str],
 ) -> Assertion | None:
-    axes = (v.X, v.Y, v.Z)
-    if "position" not in previous or not pending.writes(subject, *axes):
+    """The assertion of a position or an extent with the numbers that an update writes."""
+    if prop not in previous or not pending.writes(subject, *predicates):
         return None
-    numbers = [_one(pending.after, subject, axis) for axis in axes]
+    numbers = [_one(pending.after, subject, predicate) for predicate in predicates]
+    if predicates[-1] == v.YAW and numbers[-1] is None:
+        numbers[-1] = "0.0"
     if None in numbers:
         return None  # the shapes report missing coordinates
     value = " ".join(str(number) for number in numbers)
-    return replace(previous["position"], value=value, by=by, stamp=time.time())
+    return replace(previous[prop], value=value, by=by, stamp=time.time())
 
 
 def _label(

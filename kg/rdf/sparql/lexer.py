@@ -2,7 +2,7 @@
 
 The lexer accepts any text: a character that begins no token is a token of kind ``other``. It is no
 security boundary. The engine's parser needs no white space between tokens and tries alternatives,
-so no lexer knows for certain which words are keywords; `kg.serving.workers.confinement`
+so no lexer knows for certain which words are keywords; `kg.serving.workers.isolation.confinement`
 blocks the network in the kernel.
 """
 

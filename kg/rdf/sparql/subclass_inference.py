@@ -1,9 +1,9 @@
 """Subclass inference: a class in a query stands for its subclasses too.
 
 Things state their most specific class alone. So `?o a here:Furniture` is evaluated along the
-compiled closure of rdfs:subClassOf, as `?o a/here:isA here:Furniture`. Inside of GRAPH a path would
-not leave the graph: there it is `?o a ?kind` with `GRAPH graph:commonsense { ?kind here:isA ... }`.
-A variable in place of the class, a path, a template and SERVICE are left as they are.
+compiled closure of rdfs:subClassOf, as `?o a/here:isA here:Furniture`. A path inside of GRAPH reads
+one graph only, so the pattern there becomes `?o a ?kind` with `GRAPH graph:commonsense { ?kind
+here:isA ... }`. Variables in place of the class, paths, templates and SERVICE are left unchanged.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ IsSuperclass = Callable[[str], bool]
 
 
 def superclasses_of(engine: QuadStore) -> IsSuperclass:
-    """Whether a class has subclasses in the compiled ontology of `engine`."""
+    """A test whether a class has subclasses in the compiled ontology of `engine`."""
 
     def has_subclasses(iri: str) -> bool:
         try:
@@ -50,7 +50,7 @@ def with_subclasses(sparql: str, is_superclass: IsSuperclass) -> str:
     """The query with the subclasses of each class that `is_superclass`; often unchanged.
 
     A query with FROM reads only the graphs that it names, and is unchanged. The rewriting of an
-    unusual text may not parse; then the text itself is to be evaluated.
+    unusual text may not parse; the caller then evaluates the text itself.
     """
     if not _may_need_it(sparql, is_superclass):
         return sparql
@@ -61,7 +61,7 @@ def with_subclasses(sparql: str, is_superclass: IsSuperclass) -> str:
 
 
 def _may_need_it(sparql: str, is_superclass: IsSuperclass) -> bool:
-    """Whether a text needs a closer look: most queries do not, and a look takes 0.1 ms."""
+    """Whether a query may name a superclass; a quick test, since a rewriting takes 0.1 ms."""
     names = {name for found in _TYPED.finditer(sparql) for name in re.findall(_NAME, found[1])}
     if not names or "prefix" in sparql.casefold():
         return bool(names)
@@ -137,7 +137,7 @@ class _Rewriting:
         return is_type and before not in _PATH
 
     def _read_classes(self, at: int, group: _Group) -> None:
-        """Rewrite the classes of one verb; a rewritten one gets a verb of its own."""
+        """Rewrite the classes after one verb; each rewritten class gets its own verb."""
         verb, ended = self._tokens[at], False
         for index in range(at + 1, len(self._tokens), 2):
             cls, comma = self._tokens[index], self._tokens[index - 1]
@@ -169,7 +169,7 @@ class _Rewriting:
         return _iri_of(token.text, self._prefixes) if token.kind in ("iri", "name") else None
 
     def _complete_template(self) -> None:
-        """Write the template of CONSTRUCT WHERE, which is its pattern as it was."""
+        """Write the template of CONSTRUCT WHERE: the pattern before the rewriting."""
         words = [token.keyword for token in self._tokens]
         for at, pair in enumerate(pairwise(words)):
             if pair == ("CONSTRUCT", "WHERE"):

@@ -2,7 +2,7 @@
 
 Oxigraph evaluates every SERVICE clause, and its recursive parser overflows the stack on a few
 hundred nested brackets. Vetting rejects both. It is no security boundary: the kernel blocks the
-network (`kg.serving.workers.confinement`); on machines where it cannot,
+network (`kg.serving.workers.isolation.confinement`); on machines where it cannot,
 `check_network_words` rejects every suspicious text. Untrusted queries are vetted inside the worker,
 so that a text that is slow to vet uses up its own time limit only.
 """

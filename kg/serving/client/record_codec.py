@@ -162,7 +162,8 @@ def comparison_from_json(data: Mapping[str, Any]) -> Comparison:
         points = {name: one[name] and tuple(one[name]) for name in ("was", "now")}
         changes.append(ObjectChange(**{**one, **points}))
     times, floor = tuple(data["times"]), tuple(data["floor"])
-    return Comparison(data["before"], data["after"], times, floor, tuple(changes))
+    surface = tuple(data.get("surface", (0.0, 0.0)))  # a server of an older version has none
+    return Comparison(data["before"], data["after"], times, floor, tuple(changes), surface)
 
 
 def timeline_to_json(found: Timeline) -> Json:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import asdict
 from datetime import datetime
 from functools import partial
 from typing import Never
@@ -33,8 +34,19 @@ from kg.model.errors import GraphError, HistoryError
 from kg.model.records import Assertion, MapUpdate
 from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
+from kg.serving.client.record_codec import (
+    Json,
+    assertion_from_json,
+    cause_to_json,
+    comparison_from_json,
+    difference_from_json,
+    entry_from_json,
+    reason_from_json,
+    restored_from_json,
+)
 from kg.serving.client.remote_subscriptions import RemoteSubscriptions
-from kg.serving.client.served_server import ServedClient, served_at
+from kg.serving.client.served_server import ServedClient, change_of_reply, served_at
+from kg.serving.client.update_codec import update_to_json
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.transactional import TransactionalStore
 
@@ -83,6 +95,10 @@ class RemoteMap(SemanticMap):
         """The coloured voxels of what depth images showed, from the server."""
         return self._served.surface(None, min_count)
 
+    def picture(self, iri: str) -> bytes | None:
+        """JPEG of the best observation of an object, from the server."""
+        return self._served.picture(iri.rpartition("/")[2])
+
     def dump(self, *, seconds: float, max_bytes: int) -> bytes:
         """All quads of one state, as N-Quads; raises QueryTooLargeError beyond `max_bytes`."""
         _, body = self._served.fetch(
@@ -125,7 +141,8 @@ class RemoteMap(SemanticMap):
     ) -> Restored:
         """Restore a past state through the server, as the holder of the token."""
         self.store.check_writable()
-        return self._served.restore(text_of(when), only, confirmed=confirmed, dry_run=dry_run)
+        wanted = {"to": text_of(when), "only": list(only), "dry_run": dry_run}
+        return self._served.post(restored_from_json, "restore", wanted, confirmed=confirmed)
 
     def hold(self) -> contextlib.AbstractContextManager[None]:
         """Lock this object against writes of other threads; other processes are not locked out."""
@@ -139,8 +156,15 @@ class RemoteMap(SemanticMap):
         """
         self.store.check_writable()
         with self.subscriptions.writing() as (known_sequence, own, written):
-            change = self._served.write(
-                update, cause or frame_cause(update), known_sequence=known_sequence, own=own
+            change = self._served.post(
+                change_of_reply,
+                "records",
+                {
+                    "update": update_to_json(update),
+                    "cause": cause_to_json(cause or frame_cause(update)),
+                    "seen": known_sequence,
+                    "own": sorted(own),
+                },
             )
             if change is not None:
                 written(change)
@@ -149,7 +173,7 @@ class RemoteMap(SemanticMap):
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of the map has had or will have."""
         self.store.check_writable()
-        return self._served.new_object_iri()
+        return self._served.post(lambda data: NamedNode(data["iri"]).value, "numbers", {})
 
     def close(self) -> None:
         """Close the connections; a second call does nothing."""
@@ -186,19 +210,21 @@ class RemoteHistory:
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """The quads of `t2` that `t1` lacks, and the other way round."""
-        return self._served.diff(text_of(t1), text_of(t2))
+        moments = {"from": text_of(t1), "to": text_of(t2)}
+        return self._served.get(difference_from_json, "diff", facts="1", **moments)
 
     def compare(self, t1: Instant, t2: Instant | None = None, far: float = FAR) -> Comparison:
         """The objects that appeared, are gone, moved or have another name, from `t1` to `t2`."""
-        return self._served.compare(text_of(t1), None if t2 is None else text_of(t2), far)
+        moments = {"from": text_of(t1)} | ({} if t2 is None else {"to": text_of(t2)})
+        return self._served.get(comparison_from_json, "diff", far=f"{far:g}", **moments)
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing, one a transaction."""
-        yield from self._served.log(iri)
+        yield from self._served.get(lambda data: tuple(map(entry_from_json, data)), "log", iri=iri)
 
     def explain(self, what: str) -> tuple[Explanation, ...]:
         """The explanation of a thing or of a fact."""
-        return self._served.why(what)
+        return self._served.get(lambda data: tuple(map(reason_from_json, data)), "why", what=what)
 
     def compact(self, keep: float | None = None) -> Never:
         """Not on a server: raises HistoryError."""
@@ -230,7 +256,8 @@ class RemoteOntology:
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
         """A category for each label of a network, found or added by the server."""
         self._store.check_writable()
-        found = self._served.learn(tuple(labels), kind, model)
+        wanted = {"labels": [*labels], "kind": kind, "model": model}
+        found = self._served.post(_categories, "labels", wanted)
         if any(self._categories().by_iri(iri) is None for iri in found.values()):
             self.reread()
         return found
@@ -255,7 +282,8 @@ class RemoteAssertions:
 
     def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
         """Assertions, with the perceived values; of one thing or of all."""
-        return self._served.assertions(iri)
+        of_thing = {} if iri is None else {"iri": iri}
+        return self._served.get(_assertions, "assertions", **of_thing)
 
     def conflicts(self) -> tuple[Assertion, ...]:
         """The assertions that perception contradicts."""
@@ -264,12 +292,14 @@ class RemoteAssertions:
     def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
         """Assert a property, by the holder of the token; `by` is ignored."""
         self._store.check_writable()
-        return self._served.assert_(iri, prop, value)
+        given = value if isinstance(value, str) else _plain(value)
+        content = {"thing": iri, "property": prop, "value": given}
+        return self._served.post(change_of_reply, "assertions", content)
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract an assertion, by the holder of the token; `by` is ignored."""
         self._store.check_writable()
-        return self._served.retract(iri, prop)
+        return self._served.delete("assertions", iri=iri, property=prop)
 
 
 class RemoteRooms:
@@ -281,7 +311,23 @@ class RemoteRooms:
     def edit(self, edit: RoomEdit, *, by: str = "") -> ChangeSet | None:
         """Apply an edit, by the holder of the token; `by` is ignored."""
         self._store.check_writable()
-        return self._served.edit_rooms(edit)
+        return self._served.post(change_of_reply, "rooms", asdict(edit))
+
+
+def _assertions(data: Json) -> tuple[Assertion, ...]:
+    return tuple(map(assertion_from_json, data["assertions"]))
+
+
+def _categories(data: Json) -> dict[str, str]:
+    return {str(label): NamedNode(iri).value for label, iri in data["categories"].items()}
+
+
+def _plain(value: object) -> object:
+    """A position of any sequence type as a list of numbers; anything else as text."""
+    try:
+        return [float(number) for number in value]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        return str(value)
 
 
 def _past_map(served: ServedClient, when: Instant) -> SemanticMap:

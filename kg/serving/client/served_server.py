@@ -7,21 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, TypeVar
+from urllib.parse import quote
 
 import requests
-from pyoxigraph import NamedNode
 
-from kg.history.replay.point_in_time import Difference
-from kg.history.reports.comparison import Comparison
-from kg.history.reports.events import HistoryEvent
-from kg.history.reports.explanation import Explanation
 from kg.maps.facts.assertions import is_unicode
+from kg.maps.object_pictures import MAX_BYTES
 from kg.maps.surface.voxels import Surface
 from kg.maps.surface.wire_format import MEDIA_TYPE, decoded
-from kg.maps.update.restoration import Restored
 from kg.model import errors
 from kg.model import vocabulary as v
 from kg.model.errors import (
@@ -32,22 +27,12 @@ from kg.model.errors import (
     RemoteError,
     UnreachableError,
 )
-from kg.model.records import Assertion, MapUpdate
-from kg.model.room_edit import RoomEdit
-from kg.model.transactions import Cause, ChangeSet
+from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import (
     Json,
-    assertion_from_json,
-    cause_to_json,
     change_from_json,
-    comparison_from_json,
     decoded_reply,
-    difference_from_json,
-    entry_from_json,
-    reason_from_json,
-    restored_from_json,
 )
-from kg.serving.client.update_codec import update_to_json
 from kg.store.credentials import HINT
 from kg.store.http_session import HttpSession
 from kg.store.sparql_backend import SparqlBackend
@@ -103,72 +88,6 @@ class ServedClient:
         """The number of the map's last transaction."""
         return self._decoded(lambda data: int(data["sequence"]), "GET", "health")
 
-    def assertions(self, iri: str | None) -> tuple[Assertion, ...]:
-        """Assertions, of one thing or of all."""
-        return self._decoded(
-            lambda data: tuple(map(assertion_from_json, data["assertions"])),
-            "GET",
-            "assertions",
-            {} if iri is None else {"iri": iri},
-        )
-
-    def assert_(self, iri: str, prop: str, value: object) -> ChangeSet | None:
-        """Assert a property, by the holder of the token."""
-        given = value if isinstance(value, str) else _plain(value)
-        body = json.dumps({"thing": iri, "property": prop, "value": given})
-        headers = {"Content-Type": _JSON, **_WHOLE}
-        return self._decoded(_change, "POST", "assertions", data=body, headers=headers)
-
-    def retract(self, iri: str, prop: str) -> ChangeSet | None:
-        """Retract an assertion."""
-        params = {"iri": iri, "property": prop}
-        return self._decoded(_change, "DELETE", "assertions", params, headers=_WHOLE)
-
-    def edit_rooms(self, edit: RoomEdit) -> ChangeSet | None:
-        """Apply an edit of rooms, by the holder of the token."""
-        headers = {"Content-Type": _JSON, **_WHOLE}
-        return self._decoded(
-            _change, "POST", "rooms", data=json.dumps(asdict(edit)), headers=headers
-        )
-
-    def update(self, sparql: str, *, confirmed: bool = False) -> ChangeSet | None:
-        """Apply a SPARQL update; a large deletion has to be `confirmed`."""
-        headers = {"Content-Type": _UPDATE, **_WHOLE, **_confirmation(confirmed)}
-        return self._decoded(_change, "POST", "sparql", data=sparql, headers=headers)
-
-    def restore(
-        self, when: str, only: Collection[str], *, confirmed: bool, dry_run: bool
-    ) -> Restored:
-        """Restore a past state; returns counts of the changes."""
-        body = json.dumps({"to": when, "only": list(only), "dry_run": dry_run})
-        headers = {"Content-Type": _JSON, **_confirmation(confirmed)}
-        return self._decoded(restored_from_json, "POST", "restore", data=body, headers=headers)
-
-    def write(
-        self, update: MapUpdate, cause: Cause, *, known_sequence: int, own: Collection[int]
-    ) -> ChangeSet | None:
-        """Apply records in one transaction; returns once it is durable.
-
-        The writer has read the transactions up to `known_sequence`, and made those in `own`.
-        Raises ConflictError if others have changed the same things since.
-        """
-        body = {
-            "update": update_to_json(update),
-            "cause": cause_to_json(cause),
-            "seen": known_sequence,
-            "own": sorted(own),
-        }
-        return self._post(_change, "records", body)
-
-    def new_object_iri(self) -> str:
-        """A new object IRI, reserved for the caller."""
-        return self._post(lambda data: NamedNode(data["iri"]).value, "numbers", {})
-
-    def learn(self, labels: Collection[str], kind: str, model: str) -> dict[str, str]:
-        """The IRI of a category for each label of a network; missing ones are added."""
-        body = {"labels": list(labels), "kind": kind, "model": model}
-        return self._post(_categories, "labels", body)
-
     def changes(self, since: int) -> Iterator[ChangeSet]:
         """Change sets numbered above `since` up to now, in order, requested page by page.
 
@@ -181,9 +100,26 @@ class ServedClient:
             since = found[-1].sequence if found else since
             more = more and bool(found)
 
-    def _post(self, decode: Callable[[Any], T], path: str, content: Json) -> T:
-        body, headers = json.dumps(content, ensure_ascii=False), {"Content-Type": _JSON, **_WHOLE}
+    def get(self, decode: Callable[[Any], T], path: str, **params: str) -> T:
+        """The reply to a GET request, as `decode` reads its JSON."""
+        return self._decoded(decode, "GET", path, params)
+
+    def post(
+        self, decode: Callable[[Any], T], path: str, content: Json, *, confirmed: bool = False
+    ) -> T:
+        """The reply to JSON, by the holder of the token; a large deletion has to be `confirmed`."""
+        headers = {"Content-Type": _JSON, **_WHOLE, **_confirmation(confirmed)}
+        body = json.dumps(content, ensure_ascii=False)
         return self._decoded(decode, "POST", path, data=body, headers=headers)
+
+    def delete(self, path: str, **params: str) -> ChangeSet | None:
+        """The transaction of a DELETE request."""
+        return self._decoded(change_of_reply, "DELETE", path, params, headers=_WHOLE)
+
+    def update(self, sparql: str, *, confirmed: bool = False) -> ChangeSet | None:
+        """Apply a SPARQL update; a large deletion has to be `confirmed`."""
+        headers = {"Content-Type": _UPDATE, **_WHOLE, **_confirmation(confirmed)}
+        return self._decoded(change_of_reply, "POST", "sparql", data=sparql, headers=headers)
 
     def take_ontology(self, triples: bytes, decode: Callable[[Json], T], *, whole: bool) -> T:
         """Replace the ontology by N-Triples; returns the reply as `decode` reads it."""
@@ -195,28 +131,6 @@ class ServedClient:
         """The number of the last transaction at or before a moment."""
         return self._decoded(
             lambda data: int(data["after"]), "GET", "diff", {"from": when, "to": when, "facts": "1"}
-        )
-
-    def log(self, iri: str) -> tuple[HistoryEvent, ...]:
-        """The history events of one thing."""
-        return self._decoded(
-            lambda data: tuple(map(entry_from_json, data)), "GET", "log", {"iri": iri}
-        )
-
-    def diff(self, before: str, after: str) -> Difference:
-        """The difference between the states at two moments."""
-        params = {"from": before, "to": after, "facts": "1"}
-        return self._decoded(difference_from_json, "GET", "diff", params)
-
-    def compare(self, before: str, after: str | None, far: float) -> Comparison:
-        """The changes of objects between two moments."""
-        params = {"from": before, "far": f"{far:g}"} | ({} if after is None else {"to": after})
-        return self._decoded(comparison_from_json, "GET", "diff", params)
-
-    def why(self, what: str) -> tuple[Explanation, ...]:
-        """The explanation of a thing or of a fact."""
-        return self._decoded(
-            lambda data: tuple(map(reason_from_json, data)), "GET", "why", {"what": what}
         )
 
     def surface(self, sequence: int | None, min_count: int) -> Surface:
@@ -258,6 +172,12 @@ class ServedClient:
                     content = {"detail": " ".join(body[:500].decode("utf-8", "replace").split())}
                 raise _refusal(self.where, reply.status_code, content)
             return reply.headers.get("content-type", "").split(";")[0], bytes(body)
+
+    def picture(self, number: str) -> bytes | None:
+        """The picture of an object by its number; None without one."""
+        path, most = f"pictures/{quote(number, safe='')}", MAX_BYTES
+        _, body = self.fetch(path, (), "image/jpeg", seconds=ANSWER_WITHIN, max_bytes=most)
+        return body or None
 
     def _decoded(self, decode: Callable[[Any], T], *request: Any, **body: Any) -> T:
         """Sends a request and decodes its JSON reply."""
@@ -329,29 +249,18 @@ def _confirmation(confirmed: bool) -> dict[str, str]:
     return {CONFIRM: CONFIRMED} if confirmed else {}
 
 
-def _plain(value: object) -> object:
-    """A position of any sequence type as a list of numbers; anything else as text."""
-    try:
-        return [float(number) for number in value]  # type: ignore[attr-defined]
-    except (TypeError, ValueError):
-        return str(value)
-
-
 def _check_unicode(*texts: str | bytes) -> None:
     for text in texts:
         if isinstance(text, str) and not is_unicode(text):
             raise QueryParameterError(f"{text[:100]!r} is no Unicode text")
 
 
-def _categories(data: Json) -> dict[str, str]:
-    return {str(label): NamedNode(iri).value for label, iri in data["categories"].items()}
-
-
 def _page(data: Json) -> tuple[tuple[ChangeSet, ...], bool]:
     return tuple(map(change_from_json, data["changes"])), data["more"] is True
 
 
-def _change(data: Json) -> ChangeSet | None:
+def change_of_reply(data: Json) -> ChangeSet | None:
+    """The transaction in a reply; None if nothing changed."""
     return None if data["change"] is None else change_from_json(data["change"])
 
 

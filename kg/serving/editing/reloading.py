@@ -16,7 +16,6 @@ from kg.knowledge.ontology.replacement import check_complete
 from kg.rdf.findings import Finding
 from kg.serving.client.record_codec import Json
 from kg.serving.client.served_server import ServedClient
-from kg.serving.editing.ontology_sources import ontology_of_map
 from kg.serving.opening import open_map
 from kg.serving.workers.document_parsing import IsolatedParser
 from kg.store.sparql_client import is_url
@@ -85,3 +84,19 @@ def _put(
         )
 
     return served.take_ontology(body, decode, whole=whole)
+
+
+def ontology_at(address: str) -> Ontology:
+    """The ontology of a file or folder (with imports), of a map, or of a map on a server.
+
+    Raises OntologyError, GraphError.
+    """
+    if is_url(address) or (Path(address) / "store" / "CURRENT").is_file():
+        return ontology_of_map(address)
+    return load_with_imports(Path(address))
+
+
+def ontology_of_map(address: str) -> Ontology:
+    """The ontology of the map in a folder or on a server; raises GraphError."""
+    with open_map(address, read_only=True) as semantic_map:
+        return Ontology(semantic_map.ontology.quads(), ())

@@ -11,7 +11,7 @@ from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.running_counts import RunningCounts
-from kg.serving.workers.confinement import Confinement
+from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.pool import QueryPool
 
 
@@ -55,7 +55,7 @@ class MapServer(ServerLifecycle):
 
     @property
     def confinement(self) -> Confinement:
-        """How the kernel confines the processes that evaluate queries."""
+        """Confinement by the kernel of the processes that evaluate queries."""
         return self.serving.pool.confinement
 
     def _close(self) -> None:

@@ -47,7 +47,7 @@ def query_isolated(
     sequence = None if at is None else sequence_of(semantic_map.history.log, at)
     then = semantic_map if at is None else semantic_map.at(at)
     sparql = question.bind(parameters, then.resolve)
-    request = request_of(sparql, ACCEPTED, (), (), semantic_map.base)
+    request = request_of(sparql, {"accept": ACCEPTED, "base": semantic_map.base})
     with _pool(semantic_map) as pool:
         answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)
     return question.check(table_of(answer.media_type, answer.body))

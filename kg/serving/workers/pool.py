@@ -7,12 +7,12 @@ import contextlib
 import threading
 import time
 import weakref
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
@@ -23,13 +23,13 @@ from kg.model.errors import (
     WorkerDiedError,
 )
 from kg.rdf.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
-from kg.serving.workers.admission import FairQueue, Turn
-from kg.serving.workers.confinement import Confinement
+from kg.serving.workers.admission import FairQueue, Lane, Turn
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.history_file import HistoryFile
+from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, settings_of
-from kg.serving.workers.request import ANYONE, Asker, QueryCall, request_of
+from kg.serving.workers.request import ANYONE, Asker, QueryCall, QueryOptions, request_of
 from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.worker_set import WorkerSet, all_busy
 from kg.store.transactional import TransactionalStore
@@ -113,7 +113,7 @@ class QueryPool:
 
     @property
     def confinement(self) -> Confinement:
-        """How the kernel confines the workers.
+        """Confinement of the workers by the kernel.
 
         Waits until a worker has started. Raises QueryError if no worker starts.
         """
@@ -131,59 +131,24 @@ class QueryPool:
         at: int | None = None,
         asker: Asker = ANYONE,
     ) -> Answer:
-        """The answer to a request of any kind (see `kg.serving.workers.evaluator`).
+        """The answer to a request of any kind (see `kg.serving.workers.evaluation.evaluator`).
 
         Raises as `run`.
         """
         return self._queued(self._call(request, timeout, at_least, at, kind, asker))
 
-    def run(
-        self,
-        sparql: str,
-        *,
-        accept: str | None = None,
-        default_graphs: Sequence[str] = (),
-        named_graphs: Sequence[str] = (),
-        timeout: float | None = None,
-        at_least: int = 0,
-        at: int | None = None,
-        base: str | None = None,
-        asker: Asker = ANYONE,
-    ) -> Answer:
+    def run(self, sparql: str, **options: Unpack[QueryOptions]) -> Answer:
         """The serialised answer to a query, in the best format an Accept header accepts.
-
-        - `default_graphs`, `named_graphs`: override FROM and FROM NAMED (SPARQL 1.1 Protocol,
-          section 2.1.4); without either the default graph is the union of all
-        - `timeout` [s]: begins when a worker is ready, and cannot exceed the pool's
-        - `at_least`: the state of the answer includes this transaction
-        - `at`: the state right after this transaction; its replay may take another `timeout`
-        - `base`: relative IRIs are resolved against it
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
         PoolBusyError, QueryError for a query that does not parse, HistoryError for a past that is
         not kept, GraphError if the pool is closed.
         """
-        check_length(sparql, self.max_query_length)
-        request = request_of(sparql, accept, default_graphs, named_graphs, base)
-        return self._queued(self._call(request, timeout, at_least, at, asker=asker))
+        return self._queued(self._query(sparql, options))
 
-    async def run_async(
-        self,
-        sparql: str,
-        *,
-        accept: str | None = None,
-        default_graphs: Sequence[str] = (),
-        named_graphs: Sequence[str] = (),
-        timeout: float | None = None,
-        at_least: int = 0,
-        at: int | None = None,
-        base: str | None = None,
-        asker: Asker = ANYONE,
-    ) -> Answer:
+    async def run_async(self, sparql: str, **options: Unpack[QueryOptions]) -> Answer:
         """`run` without blocking the event loop; cancelling it kills the query."""
-        check_length(sparql, self.max_query_length)
-        request = request_of(sparql, accept, default_graphs, named_graphs, base)
-        return await self._in_thread(self._call(request, timeout, at_least, at, asker=asker))
+        return await self._in_thread(self._query(sparql, options))
 
     async def history_report_async(
         self,
@@ -194,7 +159,7 @@ class QueryPool:
         asker: Asker = ANYONE,
         **options: object,
     ) -> Answer:
-        """A report on the history: "log", "diff" or "why" (`kg.serving.workers.history_tasks`).
+        """A report on the history: "log", "diff" or "why" (`evaluation.history_tasks`).
 
         Raises as `run_async`; HistoryError if the map keeps no history.
         """
@@ -204,7 +169,7 @@ class QueryPool:
     async def state_async(
         self, request: dict[str, Any], *, at: int | None, at_least: int, asker: Asker
     ) -> Answer:
-        """What a page draws of the map now, or right after the transaction `at`, as JSON.
+        """The state of the map for a page, now or right after the transaction `at`, as JSON.
 
         Raises as `run_async`; HistoryError for a past that is not kept.
         """
@@ -225,35 +190,13 @@ class QueryPool:
 
         Few dumps run at once, and one per client. Raises PoolBusyError if too many wait.
         """
-        turn = self._dumps.enter(asker.client, "present")
-        try:
-            if not turn.granted.done():
-                await asyncio.wait_for(asyncio.wrap_future(turn.granted), DUMP_SECONDS)
-            turn.granted.result()
-        except BaseException as error:
-            self._dumps.leave(turn)
-            if isinstance(error, TimeoutError):
-                raise all_busy() from error
-            raise
+        turn = await _granted(self._dumps, asker.client, "present", DUMP_SECONDS)
         left = partial(self._dumps.leave, turn)
         return Dump(self._settings, self._snapshots, request, DUMP_SECONDS, left)
 
     async def _in_thread(self, call: QueryCall) -> Answer:
-        turn = self._queue.enter(call.asker.client, call.lane)
-        try:
-            if not turn.granted.done():
-                granted = asyncio.wrap_future(turn.granted)
-                await asyncio.wait_for(granted, self._patience)
-            turn.granted.result()
-        except TimeoutError as error:
-            self._queue.leave(turn)
-            raise all_busy() from error
-        except BaseException:
-            self._queue.leave(turn)
-            raise
-        return await self._run_in_thread(call, turn)
+        turn = await _granted(self._queue, call.asker.client, call.lane, self._patience)
 
-    async def _run_in_thread(self, call: QueryCall, turn: Turn) -> Answer:
         def evaluate() -> Answer:
             try:
                 return self._run(call)
@@ -296,6 +239,16 @@ class QueryPool:
         self._workers.replace_slow()
         if time.monotonic() - self._last_query <= _WARM:
             self._workers.refresh()
+
+    def _query(self, sparql: str, options: QueryOptions) -> QueryCall:
+        check_length(sparql, self.max_query_length)
+        return self._call(
+            request_of(sparql, options),
+            options.get("timeout"),
+            options.get("at_least", 0),
+            options.get("at"),
+            asker=options.get("asker", ANYONE),
+        )
 
     def _call(
         self,
@@ -362,6 +315,21 @@ class QueryPool:
                 call.begin(federated)
                 return _answer_of(federated, call, request)
         return _answer_of(worker, call, request)
+
+
+async def _granted(queue: FairQueue, client: str, lane: Lane, seconds: float) -> Turn:
+    """A turn, once it is granted; raises PoolBusyError where too many wait, or after `seconds`."""
+    turn = queue.enter(client, lane)
+    try:
+        if not turn.granted.done():
+            await asyncio.wait_for(asyncio.wrap_future(turn.granted), seconds)
+        turn.granted.result()
+    except BaseException as error:
+        queue.leave(turn)
+        if isinstance(error, TimeoutError):
+            raise all_busy() from error
+        raise
+    return turn
 
 
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:

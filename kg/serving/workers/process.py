@@ -30,13 +30,12 @@ from kg.model.errors import (
     QueryTooLargeError,
     WorkerDiedError,
 )
-from kg.serving.workers.confinement import Confinement
-from kg.serving.workers.evaluator import HEAD
+from kg.serving.workers.evaluation.evaluator import HEAD
+from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.snapshots import Snapshot
 
-_START = (
-    "import sys; sys.path[:0] = sys.argv[2:]; from kg.serving.workers.evaluator import main; main()"
-)
+_START = """import sys; sys.path[:0] = sys.argv[2:]
+from kg.serving.workers.evaluation.evaluator import main; main()"""
 _PATHS = list(
     dict.fromkeys(
         str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph, numpy)
@@ -122,7 +121,7 @@ class WorkerProcess:
             self._notify(b"O", request)
 
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
-        """The answer to a request (kinds: see `kg.serving.workers.evaluator`).
+        """The answer to a request (kinds: see `kg.serving.workers.evaluation.evaluator`).
 
         `timeout` [s] begins when the process is ready.
 

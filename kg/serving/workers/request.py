@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 from kg.model.errors import NotAcceptableError, QueryError
 from kg.rdf.sparql.vetting import check_unicode
@@ -78,28 +78,37 @@ class QueryCall:
                 self._worker.kill()
 
 
-def request_of(
-    sparql: str,
-    accept: str | None,
-    default_graphs: Sequence[str],
-    named_graphs: Sequence[str],
-    base: str | None,
-) -> dict[str, Any]:
+class QueryOptions(TypedDict, total=False):
+    """Options of a query, none of them required."""
+
+    accept: str | None  # Accept header: formats that the client takes
+    default_graphs: Sequence[str]  # IRIs in place of FROM; by default the union of all graphs
+    named_graphs: Sequence[str]  # IRIs in place of FROM NAMED (SPARQL 1.1 Protocol, section 2.1.4)
+    base: str | None  # relative IRIs are resolved against it
+    timeout: float | None  # [s] from a ready worker on; cannot exceed the pool's
+    at_least: int  # the state of the answer includes this transaction
+    at: int | None  # the state right after this transaction; its replay may take another `timeout`
+    asker: Asker
+
+
+def request_of(sparql: str, options: QueryOptions) -> dict[str, Any]:
     """A query as a request to a worker.
 
     Raises QueryRefusedError for text that is not Unicode, NotAcceptableError if the client accepts
     no format of any kind of answer.
     """
-    for text in (sparql, *default_graphs, *named_graphs):
+    default, named = options.get("default_graphs", ()), options.get("named_graphs", ())
+    for text in (sparql, *default, *named):
         check_unicode(text)
+    accept = options.get("accept")
     result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
     if result_type is None and graph_type is None:
         choose_format(accept, "select")
     return {
         "sparql": sparql,
-        "base_iri": base,
-        "default_graphs": list(default_graphs),
-        "named_graphs": list(named_graphs),
+        "base_iri": options.get("base"),
+        "default_graphs": list(default),
+        "named_graphs": list(named),
         "result_type": result_type,
         "graph_type": graph_type,
     }

@@ -10,7 +10,13 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 from kg.model.records import DepartedRecord
-from mapping.objects.reidentification.moves import Absentee, Departed, in_one_spot, moved_things
+from mapping.objects.reidentification.moves import (
+    Absentee,
+    Departed,
+    LookRatio,
+    in_one_spot,
+    moved_things,
+)
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
@@ -31,8 +37,8 @@ class Move:
 class Departures:
     """Memory of objects that left, and of moves, which a return to the old spot undoes."""
 
-    def __init__(self, settings: ObjectSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: ObjectSettings, looks: LookRatio | None = None) -> None:
+        self._settings, self._looks = settings, looks
         self._left: list[Track] = []  # latest last
         self._added: list[Track] = []  # by the present frame
         self._dropped: list[Track] = []  # for them, as they were too many
@@ -89,7 +95,8 @@ class Departures:
         arguments are those of `moved_things`.
         """
         left = [Absentee(track, 1.0, looked=True) for track in self._left]
-        pairs = moved_things([*left, *absent], appeared, departed, now, count, self._settings)
+        candidates, s = [*left, *absent], self._settings
+        pairs = moved_things(candidates, appeared, departed, now, count, s, self._looks)
         for old, track in pairs:
             self._latest.append(Move(old, track, track.iri, track.first_seen, track.observations))
             track.becomes(old)
@@ -105,6 +112,12 @@ class Departures:
                 self._moves.remove(move)
                 return move
         return None
+
+    @property
+    def joined(self) -> tuple[tuple[str, str], ...]:
+        """Former IRI and IRI of the things that the present frame found elsewhere."""
+        pairs = ((move.former_iri, move.old.iri) for move in self._latest)
+        return tuple((gone, kept) for gone, kept in pairs if gone and kept)
 
     def undo(self) -> None:
         """Discard the moves of the present frame, which could not be written."""

@@ -8,7 +8,7 @@ from collections.abc import Collection, Sequence
 from kg.maps.semantic_map import SemanticMap
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.reidentification.departures import Departures
-from mapping.objects.reidentification.moves import Absentee, Departed
+from mapping.objects.reidentification.moves import Absentee, Departed, LookRatio
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, track_of_departed
 from mapping.objects.usual_sizes import SizeOf
@@ -23,10 +23,11 @@ class IdentityResolver:
         objects: ObjectCache,
         settings: ObjectSettings,
         usual_size: SizeOf,
+        looks: LookRatio | None = None,
     ) -> None:
         self._map, self._objects, self._settings = semantic_map, objects, settings
         self._usual_size = usual_size
-        self.departures = Departures(settings)
+        self.departures = Departures(settings, looks)
         self._remember(None)
 
     def refresh(self, touched: frozenset[str]) -> None:

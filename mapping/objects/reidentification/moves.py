@@ -23,6 +23,10 @@ from mapping.objects.tracks import Track
 
 #: prior probability that a thing left within [s] after it was last seen
 Departed = Callable[[Track, float], float]
+#: likelihood ratio, by their looks, of the second thing being the first and being another one;
+#: the rest are further things of the category that were known before
+LookRatio = Callable[[Track, Track, Sequence[Track]], float]
+_UNLIKELY = 0.02  # weight below which looks are not compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,17 +45,22 @@ def moved_things(
     now: float,
     count: Callable[[str], int],
     settings: ObjectSettings,
+    looks: LookRatio | None = None,
 ) -> list[tuple[Track, Track]]:
     """Pairs (thing that left, thing that appeared) that are one thing.
 
-    `now` [s] is the present, `count` gives the number of things of a category in the map.
+    `now` [s] is the present, `count` gives the number of things of a category in the map, `looks`
+    compares pictures where there are any.
     """
     if not absent or not appeared:
         return []
     weights: NDArray[np.float64] = np.zeros((len(absent), len(appeared)))
     for row, one in enumerate(absent):
         for column, n in enumerate(appeared):
-            weights[row, column] = weight(one, n, departed, now, count, settings)
+            plain = weight(one, n, departed, now, count, settings)
+            if looks is not None and plain >= _UNLIKELY:
+                plain *= looks(one.track, n, _rivals(one.track, n, absent))
+            weights[row, column] = plain
     by_thing, by_origin = weights.sum(axis=0), weights.sum(axis=1)
     probability = weights / (1 + by_thing[None, :] + by_origin[:, None] - weights)
     cost = np.where(probability > 0, 1 - probability, np.inf)
@@ -71,7 +80,7 @@ def weight(
     count: Callable[[str], int],
     s: ObjectSettings,
 ) -> float:
-    """How much more likely `n` is that thing than one of another origin."""
+    """Likelihood ratio of `n` being that thing and being one of another origin."""
     o = one.track
     distance = float(np.linalg.norm(o.p_map - n.p_map))
     if n.first_seen <= o.last_seen or o is n:
@@ -93,6 +102,12 @@ def weight(
     if one.looked:  # it left, or was never there
         time = one.left * time / (departed(o, now - o.last_seen) + s.mistaken)
     return time * o.peak * alike * max(size, s.any_size) * place
+
+
+def _rivals(o: Track, n: Track, absent: Sequence[Absentee]) -> list[Track]:
+    """Things of the category of `o`, beside it, that were known before `n`."""
+    tracks = (one.track for one in absent if one.track is not o and one.track is not n)
+    return [t for t in tracks if t.category == o.category and t.first_seen < n.first_seen]
 
 
 def in_one_spot(o: Track, n: Track, settings: ObjectSettings) -> bool:

@@ -96,7 +96,7 @@ def prototype_masks(
 
 
 def cells(height: int, width: int, strides: tuple[int, ...] = STRIDES) -> int:
-    """How many cells the grids of an input of that size [px] have."""
+    """Number of cells of the grids of an input of that size [px]."""
     return sum(-(-height // s) * -(-width // s) for s in strides)
 
 

@@ -48,7 +48,7 @@ class SetPredictionHead:
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
-        """Those above the threshold."""
+        """The candidates above the threshold."""
         labels, boxes, scores = (output[0] for output in outputs)
         check_equal_length(boxes, scores, labels)
         return _listed(boxes, scores, labels, threshold)
@@ -62,8 +62,8 @@ class QueryHead:
     outputs: tuple[str, ...]
     classes: int | None
     values: str
-    no_object: bool = False  # whether the last class means that there is nothing
-    mask_input: tuple[str, tuple[int, ...]] | None = None  # name, shape: which pixels are real
+    no_object: bool = False  # whether the last class is "no object"
+    mask_input: tuple[str, tuple[int, ...]] | None = None  # of the mask of valid pixels
     resize: str = "stretch"
     overlapping: bool = False
 
@@ -120,7 +120,7 @@ class EndToEndHead:
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
-        """Those above the threshold."""
+        """The candidates above the threshold."""
         rows = outputs[0].astype(np.float32)[0]
         rows = rows[rows[:, 4] > threshold]
         mask = None
@@ -136,8 +136,8 @@ class RegionHead:
 
     image_input: str
     outputs: tuple[str, ...]
-    batched: bool  # whether image and boxes have a batch dimension, of each its own
-    image_batched: bool
+    batched: bool  # whether the boxes have a batch dimension
+    image_batched: bool  # whether the image has one
     classes: int | None = None
     resize: str = "stretch"
     values: str = "0..1"
@@ -150,7 +150,7 @@ class RegionHead:
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
-        """Those above the threshold."""
+        """The candidates above the threshold."""
         boxes, labels, scores, *masks = (o[0] if self.batched else o for o in outputs)
         check_equal_length(boxes, scores, labels, *masks)
         found = _listed(boxes, scores, labels, threshold)
@@ -178,7 +178,7 @@ def _listed(
 
 
 def _whole_numbers(labels: Floats) -> NDArray[np.int64]:
-    """Class indices from numbers; -1, which no class has, where one is none."""
+    """Class indices from numbers; -1, the index of no class, for a number that is not finite."""
     good = np.isfinite(labels) & (np.abs(labels) < 1e6)
     return np.where(good, np.rint(np.where(good, labels, 0)), -1).astype(np.int64)
 

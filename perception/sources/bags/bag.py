@@ -7,9 +7,7 @@ at colour's stamp, from tf or a topic of poses. World frames have z up (REP 103)
 from __future__ import annotations
 
 import logging
-import threading
-from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,18 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.camera.image_decoding import MILLIMETRES, metres
+from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Intrinsics
-from perception.camera.poses import checked_pose
+from perception.camera.poses import Pose, checked_pose
 from perception.sources.association import nearest_pairs
-from perception.sources.bags.bag_file import BagFile, RawMessage, bag_path
+from perception.sources.bags.bag_file import bag_path
+from perception.sources.bags.bag_gravity import up_of_camera
+from perception.sources.bags.bag_images import MessageSource, frame_id, images_of
 from perception.sources.bags.bag_index import BagIndex, Stream, read_index
+from perception.sources.bags.bag_poses import PoseSource, UnposedError, pose_source
 from perception.sources.bags.bag_topics import (
     camera_topic,
+    cameras,
+    check_pose_topic,
     colour_topic,
     depth_topic,
-    map_frame,
-    pose_topic,
 )
 from perception.sources.listing import (
     DepthCamera,
@@ -37,13 +38,12 @@ from perception.sources.listing import (
     RecordingListing,
     Streams,
 )
-from perception.sources.ros.camera_info import intrinsics_of
+from perception.sources.ros.camera_info import intrinsics_of, is_calibrated
 from perception.sources.ros.headers import NANOSECONDS
-from perception.sources.ros.images import colour_image, depth_image
+from perception.sources.ros.transform_tree import TransformTree
 
 SUFFIXES: Final = ".bag, .mcap, .db3"
-AHEAD: Final = 2 * NANOSECONDS  # [ns] further on in the bag is sought instead of read on to
-HELD: Final = 1 << 26  # [bytes] of messages passed on the way that are kept, for the other stream
+MAX_TOLERANCE: Final = 0.5  # [s] that is advised between colour and depth
 
 _log = logging.getLogger(__name__)
 
@@ -56,9 +56,35 @@ class Choice:
     depth: Stream
     camera: Stream | None
     depth_camera: Stream | None
-    pose: Stream | None  # None: tf
-    map_frame: str
+    tree: TransformTree  # that the frames of both are in
+    poses: PoseSource | None  # None: no poses reach the camera ...
+    no_poses: str  # ... for this reason, ...
+    posed_elsewhere: bool  # ... though there are poses of something else
     depth_apart: bool  # whether depth lies in another frame than colour, and is registered
+
+    @property
+    def pose_topic(self) -> Stream | None:
+        """Topic of the poses; None for tf."""
+        return None if self.poses is None else self.poses.topic
+
+    @property
+    def map_frame(self) -> str:
+        """Frame of the poses; "" without any."""
+        return "" if self.poses is None else self.poses.map_frame
+
+    @property
+    def posed(self) -> str:
+        """The frame of the poses, and their source, for people."""
+        if self.poses is None:
+            return "none"
+        by = "tf" if self.poses.topic is None else self.poses.topic.topic
+        return f"{self.colour.frame} in {self.poses.map_frame}, from {by}"
+
+    def pose_at(self, stamp: float) -> Pose | None:
+        """Pose (4, 4) of the camera in the map frame at a stamp [s]; None where there is none."""
+        if self.poses is None:
+            return None
+        return self.poses.tree.at(self.poses.map_frame, self.colour.frame, stamp)
 
 
 def matches(path: Path) -> bool:
@@ -84,10 +110,20 @@ def opened(path: Path) -> Path:
 
 
 def choose(index: BagIndex, streams: Streams) -> Choice:
-    """The streams to read; raises RecordingError where one is missing."""
-    colour = colour_topic(index, streams.colour)
+    """The streams to read; raises RecordingError where images or cameras are missing."""
+    if streams.map_frame is None and _noted_frame(index) is not None:
+        streams = replace(streams, map_frame=_noted_frame(index))
+    check_pose_topic(index, streams.pose)
+    if index.restarts:
+        for tree in index.trees.values():
+            tree.keep_last_run()
+    colour = colour_topic(index, streams)
     depth = depth_topic(index, streams.depth, colour)
-    pose = _posed(index, colour, streams)
+    poses, missing, elsewhere = None, "", False
+    try:
+        poses = pose_source(index, colour, streams)
+    except RecordingError as error:
+        missing, elsewhere = str(error), not isinstance(error, UnposedError)
     if index.refused:
         _log.warning(
             "%s: %d transforms or poses that make no sense are skipped: %s",
@@ -95,55 +131,33 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
             index.refused,
             index.refusal,
         )
-    depth_camera = camera_topic(index, depth)
-    return Choice(
-        colour,
-        depth,
-        camera_topic(index, colour, streams.camera),
-        depth_camera,
-        pose,
-        map_frame(index, colour.frame, streams.map_frame or _noted_frame(index)),
-        _is_apart(index, colour, depth),
-    )
-
-
-def _posed(index: BagIndex, colour: Stream, streams: Streams) -> Stream | None:
-    """Add the poses of a topic to the tree where they are asked for, or tf has none."""
-    above = index.tree.ancestors(colour.frame)
-    reached = streams.map_frame is None or streams.map_frame.lstrip("/") in above
-    moving = any(not index.tree.is_static(frame) for frame in above[:-1])
-    if streams.pose is None and reached and moving:
-        return None
-    pose = pose_topic(index, streams.pose)
-    if pose is None:
-        if index.tree.parent(colour.frame) is not None:
-            return None
-        raise RecordingError(
-            f"{index.path} has no poses: no transforms of {colour.frame!r}, and no odometry or "
-            "pose topic"
+    if index.restarts:
+        _log.warning(
+            "%s: the stamps of images go back, as where a simulation is started again; what was "
+            "recorded after the last time is read",
+            index.path,
         )
-    add_poses(index, pose.topic, colour.frame)
-    return pose
+    if poses is not None and poses.others and poses.topic is not None:
+        _log.warning(
+            "%s: poses of %s are taken for those of %s; --pose-frame %s if they are of that frame",
+            index.path,
+            poses.topic.topic,
+            colour.frame,
+            " or ".join(poses.others),
+        )
+    depth_camera = camera_topic(index, depth)
+    camera = camera_topic(index, colour, streams.camera)
+    robot = index.trees.get(index.robot(colour.topic), index.tree)
+    tree = robot if poses is None else poses.tree
+    apart = _is_apart(index, tree, colour, depth)
+    return Choice(colour, depth, camera, depth_camera, tree, poses, missing, elsewhere, apart)
 
 
-def add_poses(index: BagIndex, topic: str, camera: str) -> None:
-    """Add the poses of a topic to the tree; poses without a child frame are the camera's own."""
-    found = index.poses[topic]
-    child = found.child or camera
-    for place, stamp in enumerate(found.stamps):
-        numbers = found.rows[7 * place : 7 * place + 7]
-        try:
-            index.tree.add(found.parent, child, stamp, numbers)
-        except RecordingError as error:
-            index.refuse(str(error))
-    index.tree.prefer(found.parent, child)
-
-
-def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
-    if depth.frame == colour.frame:
+def _is_apart(index: BagIndex, tree: TransformTree, colour: Stream, depth: Stream) -> bool:
+    if depth.frame in (colour.frame, index.streams[colour.topic].frame):
         return False
     try:
-        index.tree.at(colour.frame, depth.frame, depth.stamps[0] / NANOSECONDS)
+        tree.at(colour.frame, depth.frame, depth.stamps[0] / NANOSECONDS)
     except RecordingError as error:
         _log.warning(
             "%s: depth is taken for registered to colour, though it is in another frame: %s",
@@ -156,20 +170,33 @@ def _is_apart(index: BagIndex, colour: Stream, depth: Stream) -> bool:
 
 def listing_of(index: BagIndex, choice: Choice, streams: Streams) -> RecordingListing:
     """Entries of the chosen streams; raises RecordingError where nothing fits together."""
-    entries = _entries(index, choice, streams)
-    camera = camera_of(index, choice.camera, choice.colour)
-    noted = _noted(index, "T_map_world") if choice.map_frame == _noted_frame(index) else None
+    entries, missing = _entries(index, choice, streams)
+    poses = choice.poses
+    camera, no_camera = camera_or_reason(index, choice)
     return RecordingListing(
         entries,
         camera,
-        MILLIMETRES,
+        index.text.depth_scale or MILLIMETRES,
         depth_camera_of(index, choice, entries[0].stamp) if choice.depth_apart else None,
         up=np.array([0.0, 0.0, 1.0]),
-        T_map_world=None if noted is None else _transform(noted, index.path),
+        T_map_world=noted_transform(index, choice),
+        no_poses="" if poses is not None or choice.posed_elsewhere else missing,
+        unused_poses=missing if poses is not None or choice.posed_elsewhere else "",
+        up_of_first_camera=(
+            up_of_camera(index, choice.colour, entries[0].stamp) if poses is None else None
+        ),
+        no_camera=no_camera,
+        other_frames={
+            f"--pose-frame {frame}": T
+            for frame, T in (poses.others if poses is not None else {}).items()
+        },
     )
 
 
-def _entries(index: BagIndex, choice: Choice, streams: Streams) -> tuple[FrameEntry, ...]:
+def _entries(
+    index: BagIndex, choice: Choice, streams: Streams
+) -> tuple[tuple[FrameEntry, ...], str]:
+    """Entries with their poses; without any they have none, and the reason is given."""
     colour, depth = choice.colour, choice.depth
     stamps = colour.seconds
     pairs = sorted(
@@ -178,40 +205,63 @@ def _entries(index: BagIndex, choice: Choice, streams: Streams) -> tuple[FrameEn
     if not pairs:
         raise RecordingError(
             f"{index.path}: no stamps of {colour.topic} and {depth.topic} lie within "
-            f"{streams.tolerance:g} s"
+            f"{streams.tolerance:g} s{_wider(stamps, depth.seconds)}"
         )
     source = MessageSource(Path(index.path), (colour.topic, depth.topic))
-    images = _images(source, colour), _images(source, depth)
+    images = images_of(source, colour), images_of(source, depth)
     ids = _noted(index, "frames")
     named = isinstance(ids, list) and len(ids) == len(pairs) and all(map(_is_name, ids))
     named = named and len(set(ids)) == len(ids)
-    entries: list[FrameEntry] = []
+    entries, unposed = list[FrameEntry](), list[FrameEntry]()
     for place, (i, j) in enumerate(pairs):
-        T = index.tree.at(choice.map_frame, colour.frame, float(stamps[i]))
-        repeated = bool(entries) and entries[-1].stamp == stamps[i]
-        if T is not None and not repeated:
-            id_ = ids[place] if named else _frame_id(colour.stamps[i])
-            entries.append(FrameEntry(id_, images[0][i], images[1][j], T, float(stamps[i])))
+        if unposed and unposed[-1].stamp == stamps[i]:
+            continue
+        id_ = ids[place] if named else frame_id(colour.stamps[i])
+        entry = FrameEntry(id_, images[0][i], images[1][j], np.eye(4), float(stamps[i]))
+        unposed.append(entry)
+        T = choice.pose_at(float(stamps[i]))
+        if T is not None:
+            entries.append(replace(entry, T_world_cam=T))
     if not entries:
-        span = index.tree.span(choice.map_frame, colour.frame)
-        reach = "" if span is None else f"; transforms reach from {span[0]:.3f} to {span[1]:.3f}"
-        raise RecordingError(
-            f"{index.path}: none of the {len(pairs)} images has a pose of {colour.frame!r} in "
-            f"{choice.map_frame!r} (images: {stamps.min():.3f} to {stamps.max():.3f}{reach})"
-        )
+        return tuple(unposed), choice.no_poses or _unposed(index, choice, stamps)
     if len(entries) < len(stamps):
         _log.warning(
-            "%s: %d of %d images have no depth within %g s or no pose and are skipped",
+            "%s: of %d images %d have no depth within %g s%s, and %d no pose; they are skipped",
             index.path,
-            len(stamps) - len(entries),
             len(stamps),
+            len(stamps) - len(unposed),
             streams.tolerance,
+            _wider(stamps, depth.seconds)
+            if 2 * len(pairs) < min(len(stamps), len(depth.stamps))
+            else "",
+            len(unposed) - len(entries),
         )
-    return tuple(entries)
+    return tuple(entries), ""
 
 
-def _frame_id(stamp: int) -> str:
-    return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
+def _wider(a: NDArray[np.float64], b: NDArray[np.float64]) -> str:
+    """Advice on stamps that lie farther apart than the tolerance."""
+    ordered = np.sort(b)
+    after = np.searchsorted(ordered, a)
+    sides = [ordered[(after + step).clip(0, len(b) - 1)] for step in (-1, 0)]
+    near = np.minimum(abs(a - sides[0]), abs(a - sides[1]))
+    apart = float(np.median(near))
+    if apart > MAX_TOLERANCE:
+        return f"; they are {apart:.3g} s apart, so one of the clocks is wrong"
+    wanted = np.ceil(apart * 110) / 100
+    return f"; most lie {apart:.3f} s apart: --tolerance {wanted:g} would work"
+
+
+def _unposed(index: BagIndex, choice: Choice, stamps: NDArray[np.float64]) -> str:
+    """Message for poses that begin after the images, or end before them."""
+    assert choice.poses is not None
+    span = choice.poses.tree.span(choice.poses.map_frame, choice.colour.frame)
+    reach = "" if span is None else f"; transforms reach from {span[0]:.3f} to {span[1]:.3f}"
+    return (
+        f"{index.path}: none of the images has a pose of {choice.colour.frame!r} in "
+        f"{choice.poses.map_frame!r} (images: {stamps.min():.3f} to {stamps.max():.3f}{reach}); "
+        "--poses FILE gives a trajectory by the images' clock, --poses estimate finds one in them"
+    )
 
 
 def _is_name(text: Any) -> bool:
@@ -227,6 +277,17 @@ def camera_of(index: BagIndex, info: Stream | None, images: Stream) -> Intrinsic
     return intrinsics_of(info.first, where, rectified="rect" in images.topic.split("/image")[-1])
 
 
+def camera_or_reason(index: BagIndex, choice: Choice) -> tuple[Intrinsics | None, str]:
+    """Camera of the colour images; or None, with the reason and the options that give it."""
+    info, topic = choice.camera, choice.colour.topic
+    if info is not None and is_calibrated(info.first):
+        return camera_of(index, info, choice.colour), ""
+    others = [s.topic for s in cameras(index, topic) if is_calibrated(s.first)]
+    said = f"no CameraInfo of {topic}" if info is None else f"{info.topic} has K = 0"
+    named = "".join(f", --info-topic {other}" for other in sorted(others))
+    return None, f"{index.path}: {said}; --intrinsics FILE{named} would work"
+
+
 def depth_camera_of(index: BagIndex, choice: Choice, stamp: float) -> DepthCamera:
     """Camera of the depth images, where it is apart from colour's; raises RecordingError."""
     camera = camera_of(index, choice.depth_camera, choice.depth)
@@ -235,7 +296,7 @@ def depth_camera_of(index: BagIndex, choice: Choice, stamp: float) -> DepthCamer
             f"{index.path}: {choice.depth.topic} is in frame {choice.depth.frame!r}, not in "
             f"colour's {choice.colour.frame!r}, and has no CameraInfo to register it by"
         )
-    T = index.tree.at(choice.colour.frame, choice.depth.frame, stamp)
+    T = choice.tree.at(choice.colour.frame, choice.depth.frame, stamp)
     if T is None:
         raise RecordingError(
             f"{index.path}: no transform of {choice.depth.frame!r} to {choice.colour.frame!r} at "
@@ -253,6 +314,12 @@ def _noted_frame(index: BagIndex) -> str | None:
     return frame if isinstance(frame, str) and frame else None
 
 
+def noted_transform(index: BagIndex, choice: Choice) -> Pose | None:
+    """Transform (4, 4) of the poses' frame to the map that the bag itself notes; None without."""
+    noted = _noted(index, "T_map_world") if choice.map_frame == _noted_frame(index) else None
+    return None if noted is None else _transform(noted, index.path)
+
+
 def _transform(numbers: Any, path: Path | str) -> NDArray[np.float64]:
     where = f"{path}: the noted T_map_world"
     try:
@@ -261,105 +328,6 @@ def _transform(numbers: Any, path: Path | str) -> NDArray[np.float64]:
         raise RecordingError(f"{where} is no 4x4 matrix") from error
     checked_pose(T, where)
     return T
-
-
-@dataclass(frozen=True, slots=True)
-class BagImage:
-    """An image of a recording that is a message of a bag."""
-
-    source: MessageSource
-    topic: str
-    time: int  # [ns] at which it was recorded
-    ordinal: int  # which of the topic's messages of that time
-
-    def __str__(self) -> str:
-        return f"{self.source.path}, {self.topic} at {_frame_id(self.time)}"
-
-    def check(self) -> None:
-        """Nothing: bags keep no checksum of a message."""
-
-    def colour(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
-        return colour_image(self.source.message(self.topic, self.time, self.ordinal), str(self))
-
-    def depth(self, depth_scale: float) -> NDArray[np.float32]:
-        """(H, W) [m], nan = no return; `depth_scale` [units a metre] is that of 16-bit images."""
-        message = self.source.message(self.topic, self.time, self.ordinal)
-        return metres(depth_image(message, str(self)), depth_scale)
-
-
-def _images(source: MessageSource, stream: Stream) -> list[BagImage]:
-    images: list[BagImage] = []
-    for time in stream.times:
-        same = bool(images) and images[-1].time == time
-        images.append(BagImage(source, stream.topic, time, images[-1].ordinal + 1 if same else 0))
-    return images
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MessageSource:
-    """Messages of a bag, in any order; fast in the order in which they were recorded."""
-
-    path: Path
-    topics: tuple[str, ...]
-    _open: threading.local = field(default_factory=threading.local)  # a reader for each thread
-
-    def message(self, topic: str, time: int, ordinal: int) -> Any:
-        """The `ordinal`-th message of `topic` recorded at `time` [ns]."""
-        if not hasattr(self._open, "tape"):
-            self._open.tape = _Tape(BagFile(self.path), self.topics)
-        return self._open.tape.message((topic, time, ordinal))
-
-
-_Key = tuple[str, int, int]
-
-
-class _Tape:
-    """A bag read from message to message; messages passed on the way are kept for a while."""
-
-    def __init__(self, bag: BagFile, topics: tuple[str, ...]) -> None:
-        self._bag = bag
-        self._topics = topics
-        self._wind(None)
-
-    def _wind(self, start: int | None) -> None:
-        self._messages = self._bag.messages(self._topics, start)
-        self._passed = OrderedDict[_Key, RawMessage]()
-        self._held = 0  # [bytes]
-        self._last: dict[str, tuple[int, int]] = {}
-        self._now = start or 0
-
-    def message(self, key: _Key) -> Any:
-        raw = self._passed.pop(key, None)
-        if raw is not None:
-            self._held -= len(raw.data)
-        else:
-            if not self._now <= key[1] <= self._now + AHEAD:
-                self._wind(key[1])
-            raw = self._found(key)
-        if raw is None:  # passed before, and not kept
-            self._wind(key[1])
-            raw = self._found(key)
-        if raw is None:
-            raise RecordingError(f"{self._bag.path}: a message of {key[0]} is gone")
-        return self._bag.decoded(raw)
-
-    def _found(self, key: _Key) -> RawMessage | None:
-        for raw in self._messages:
-            time, ordinal = self._last.get(raw.topic, (-1, 0))
-            ordinal = ordinal + 1 if time == raw.time else 0
-            self._last[raw.topic] = (raw.time, ordinal)
-            self._now = raw.time
-            found = (raw.topic, raw.time, ordinal)
-            if found == key:
-                return raw
-            self._passed[found] = raw
-            self._held += len(raw.data)
-            while self._held > HELD:
-                self._held -= len(self._passed.popitem(last=False)[1].data)
-            if raw.time > key[1]:
-                return None
-        return None
 
 
 FORMAT = Format("bag", "a ROS 1 or ROS 2 bag or an MCAP file", matches, read)

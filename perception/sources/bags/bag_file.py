@@ -1,7 +1,9 @@
 """Bags on disk: ROS 1 bags, ROS 2 bags (folder or file, SQLite or MCAP), read without ROS.
 
-No other module reads with the package `rosbags`. Messages are decoded by the definitions that ship
-with it, never by the definitions in a file, so that no code is made from the content of a file.
+The modules of this folder alone read with the package `rosbags`. A recording that was split into
+files, and one that was cut short, are read like others. Messages are decoded by the definitions
+that ship with it, and Foxglove's by `perception.sources.ros.foxglove_schemas`, never by the
+definitions in a file, so that no code is made from the content of a file.
 """
 
 from __future__ import annotations
@@ -9,6 +11,8 @@ from __future__ import annotations
 import bz2
 import contextlib
 import functools
+import heapq
+import re
 import weakref
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
@@ -17,12 +21,15 @@ from typing import Any, Final
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
+from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
+from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 MAX_FILE: Final = 1 << 44  # [bytes] of a bag, which is read in parts
 MAX_METADATA: Final = 1 << 24  # [bytes] of the list of a bag's files
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
+_PART: Final = re.compile(r"_(\d+)\.(bag|mcap|db3)(\.active)?$")
 _TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
 _ACTION: Final = "Header header\nactionlib_msgs/"
 #: messages of ROS 1 that rosbags does not define: tf2, tf of old bags, and goals of move_base
@@ -57,16 +64,45 @@ class RawMessage:
     type: str
     time: int  # [ns] at which it was recorded
     data: bytes
+    encoding: str = ""  # "ros1", "cdr", "protobuf", "json"; "": that of its source
+    schema: str = ""  # of protobuf and JSON
 
 
 def bag_path(path: Path) -> Path | None:
     """Path to open: `path` itself, or the one storage file in it; None where it is no bag."""
     if not path.is_dir():
-        return path if path.suffix in (_ROS1, *_FILES) else None
+        return path if _storage(path) in (_ROS1, *_FILES) else None
     if (path / "metadata.yaml").is_file():
         return path
-    inner = [p for p in path.iterdir() if p.suffix in (_ROS1, *_FILES) and p.is_file()]
-    return inner[0] if len(inner) == 1 else None
+    inner = storage_files(path)
+    if len(inner) == 1:
+        return inner[0]
+    return path if inner and _are_parts(inner) else None
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """Storage files of bags in a folder, in the order of their numbers."""
+    found = [p for p in folder.iterdir() if _storage(p) in (_ROS1, *_FILES) and p.is_file()]
+    return sorted(found, key=lambda p: (_part(p), p.name))
+
+
+def _storage(path: Path) -> str:
+    """Suffix of a storage file; `rosbag record` adds .active until it ends."""
+    return path.with_suffix("").suffix if path.suffix == ".active" else path.suffix
+
+
+def _part(path: Path) -> int:
+    """Number of a recording's part: 1 for kitchen_1.bag; -1 where it has none."""
+    found = _PART.search(path.name)
+    return int(found[1]) if found else -1
+
+
+def _are_parts(files: list[Path]) -> bool:
+    """Whether files are those of one recording that was split: kitchen_0.bag, kitchen_1.bag."""
+    first = _part(files[0])
+    numbered = [_part(file) for file in files] == list(range(first, first + len(files)))
+    names = {re.sub(r"[\d-]+", "", _PART.sub("", file.name)) for file in files}
+    return first >= 0 and numbered and len(names) == 1
 
 
 class BagFile:
@@ -77,25 +113,34 @@ class BagFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.is_ros1 = path.suffix == _ROS1
-        try:
-            if not path.is_dir():
-                check_regular(path, MAX_FILE)
-            else:
-                check_regular(path / "metadata.yaml", MAX_METADATA)
-        except OSError as error:
-            raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-        self._limit = StepLimit(path)
-        with _errors(path):
-            self._reader = _reader(path)
-            with _limited_sqlite(self._limit):
-                self._reader.open()
-        self.close = weakref.finalize(self, _close, self._reader)
+        metadata = path / "metadata.yaml"
+        whole = not path.is_dir() or metadata.is_file()
+        parts = [path] if whole else storage_files(path)
+        self.is_ros1 = _storage(parts[0]) == _ROS1
+        self._limit, self._readers = StepLimit(path), list[Any]()
+        self.close = weakref.finalize(self, _close, self._readers)
+        for part in parts:
+            try:
+                inside = part.is_dir()
+                check_regular(metadata if inside else part, MAX_METADATA if inside else MAX_FILE)
+            except OSError as error:
+                raise RecordingError(f"cannot read {part}: {error.strerror}") from error
+            _check_journal(part)
+            with _errors(part):
+                self._readers.append(_reader(part))
+                with _limited_sqlite(self._limit):
+                    self._readers[-1].open()
         counts: dict[str, tuple[str, int]] = {}
-        for connection in self._reader.connections:
+        for connection in (one for reader in self._readers for one in reader.connections):
             before = counts.get(connection.topic, ("", 0))[1]
-            counts[connection.topic] = (connection.msgtype, before + connection.msgcount)
+            kind = ros_type(connection.msgtype) if _is_read(connection) else connection.msgtype
+            counts[connection.topic] = (kind, before + connection.msgcount)
         self.topics = tuple(Topic(name, *counts[name]) for name in sorted(counts))
+
+    @property
+    def cut_short(self) -> bool:
+        """Whether a file lacks its end, as a crash leaves it."""
+        return any(_is_cut(reader) for reader in self._readers)
 
     def __enter__(self) -> BagFile:
         return self
@@ -105,13 +150,20 @@ class BagFile:
 
     def messages(self, topics: Collection[str], start: int | None = None) -> Iterator[RawMessage]:
         """Messages of `topics` in order of recording, from the time `start` [ns] on."""
-        chosen = [one for one in self._reader.connections if one.topic in topics]
+        self._limit.reset()
+        parts = [self._part_messages(reader, topics, start) for reader in self._readers]
+        with _errors(self.path):
+            yield from parts[0] if len(parts) == 1 else heapq.merge(*parts, key=lambda m: m.time)
+
+    def _part_messages(
+        self, reader: Any, topics: Collection[str], start: int | None
+    ) -> Iterator[RawMessage]:
+        chosen = [c for c in reader.connections if c.topic in topics and _is_read(c)]
         if not chosen:
             return
-        self._limit.reset()
-        with _errors(self.path):
-            for connection, time, data in self._reader.messages(chosen, start=start):
-                yield RawMessage(connection.topic, connection.msgtype, time, data)
+        for connection, time, data in reader.messages(chosen, start=start):
+            encoding, kind = _encoding(connection), connection.msgtype
+            yield RawMessage(connection.topic, ros_type(kind), time, data, encoding, kind)
 
     def decoded(self, raw: RawMessage) -> Any:
         """The message with its fields."""
@@ -121,25 +173,60 @@ class BagFile:
 def decoded(raw: RawMessage, is_ros1: bool, where: Path | str) -> Any:
     """A message with its fields; raises RecordingError, beginning with `where`."""
     with _errors(where, f"a message of {raw.topic}"):
+        if raw.encoding in FOXGLOVE:
+            return decoded_foxglove(raw.data, raw.schema, raw.encoding)
+        is_ros1 = raw.encoding == "ros1" if raw.encoding else is_ros1
         types = message_types(is_ros1)
         deserialize = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
         return deserialize(raw.data, raw.type)
 
 
-def _close(reader: Any) -> None:
-    with contextlib.suppress(Exception):
-        reader.close()
+def _encoding(connection: Any) -> str:
+    """Encoding of a connection's messages."""
+    return str(getattr(connection.ext, "serialization_format", "ros1"))
+
+
+def _is_read(connection: Any) -> bool:
+    """Whether messages of a connection can be decoded."""
+    encoding = _encoding(connection)
+    return encoding in ("ros1", "cdr") or (encoding in FOXGLOVE and connection.msgtype in ROS_TYPES)
+
+
+def _is_cut(reader: Any) -> bool:
+    """Whether a reader, or one of a folder's files, found no end."""
+    inner = getattr(getattr(reader, "storage", None), "storages", ())
+    storages = (reader, getattr(reader, "storage", None), *inner)
+    return any(getattr(one, "cut_short", False) for one in storages)
+
+
+def _close(readers: list[Any]) -> None:
+    for reader in readers:
+        with contextlib.suppress(Exception):
+            reader.close()
 
 
 def _reader(path: Path) -> Any:
     try:
-        from rosbags import rosbag1, rosbag2
+        from rosbags import rosbag2
     except ImportError as error:
         raise RecordingError(
             f"reading {path} needs the package rosbags: pip install 'hereabouts[ros]'"
         ) from error
+    from perception.sources.bags.ros1_reader import AnyBagReader
+
     _bound_decompression()
-    return rosbag1.Reader(path) if path.suffix == _ROS1 else rosbag2.Reader(path)
+    return AnyBagReader(path) if _storage(path) == _ROS1 else rosbag2.Reader(path)
+
+
+def _check_journal(path: Path) -> None:
+    """Raise RecordingError where a crash left messages beside an SQLite file, not in it."""
+    for file in path.glob("*.db3") if path.is_dir() else (path,):
+        journal = file.with_name(f"{file.name}-wal")
+        if journal.is_file() and journal.stat().st_size:
+            raise RecordingError(
+                f"{journal} holds messages that a crash kept from {file.name}; "
+                f"`sqlite3 {file.name} 'PRAGMA wal_checkpoint(TRUNCATE)'` would move them there"
+            )
 
 
 @contextlib.contextmanager
@@ -182,28 +269,27 @@ def _errors(path: Path | str, what: str = "") -> Iterator[None]:
     except Exception as error:  # rosbags parses hostile bytes and asserts much
         reason = " ".join(str(error).split()) or type(error).__name__
         where = f"{path}: {what}" if what else str(path)
-        raise RecordingError(f"{where} cannot be read: {reason[:300]}{_hint(reason)}") from error
-
-
-def _hint(reason: str) -> str:
-    if "not indexed" in reason or "index looks damaged" in reason:
-        return " (`rosbag reindex` would repair a bag whose recording was cut short)"
-    if reason == "Profile is not ros2.":
-        return " (recordings hold ROS 2 messages; this is an MCAP file of another kind)"
-    if "end magic" in reason or "footer" in reason:
-        return " (`mcap recover` would repair a file whose recording was cut short)"
-    return ""
+        raise RecordingError(f"{where} cannot be read: {reason[:300]}") from error
 
 
 @functools.cache
 def _bound_decompression() -> None:
     """Let rosbags refuse chunks that expand to more than their stated size, or than MAX_CHUNK.
 
-    Otherwise a file of kilobytes could fill the memory.
+    Otherwise a file of kilobytes could fill the memory. Also let it read any MCAP file.
     """
     import lz4.frame
     from rosbags.rosbag1 import reader
+    from rosbags.rosbag2 import reader as reader2
     from rosbags.rosbag2 import storage_mcap
+
+    from perception.sources.bags.mcap_reader import AnyMcapReader, read_any_schema
+
+    read_any_schema()
+    for known in (reader2.DirectoryReader, reader2.Reader):
+        plugins: dict[str, Any] = dict(known.STORAGE_PLUGINS)
+        mcap = {name: AnyMcapReader for name in plugins if "mcap" in name}
+        known.STORAGE_PLUGINS = plugins | mcap
 
     def zstd(data: bytes, size: int) -> bytes:
         return _bounded(vars(storage_mcap)["zstd"].ZstdDecompressor(), data, size)

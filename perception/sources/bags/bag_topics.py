@@ -1,37 +1,43 @@
-"""Choice of a bag's topics of colour, depth, camera and poses, where the user names none.
+"""Choice of a bag's topics of colour, depth and camera, where the user names none.
 
-Colour: images of a colour encoding, before grey ones; before others those with `color` or `rgb` in
-their name, then those with a CameraInfo, then the most messages. Depth: images of a depth encoding;
-before others those in colour's frame, then those with `aligned` or `registered` in their name, then
-`depth`, then the most messages. CameraInfo: in the image's namespace, else of the image's frame.
+Colour: images whose camera poses reach; of a colour encoding, before grey ones; before others those
+with `color` or `rgb` in their name, then those with a CameraInfo, then the most messages. Depth:
+images of a depth encoding, of colour's robot; before others those in colour's frame, then those
+with `aligned` or `registered` in their name, then `depth`, then the most messages. CameraInfo: in
+the image's namespace, else of the image's frame.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Final
 
 from kg.model.errors import RecordingError, did_you_mean
-from perception.sources.bags.bag_index import CAMERA, IMAGES, ODOMETRY, POSES, BagIndex, Stream
+from perception.sources.bags.bag_index import CAMERA, IMAGES, BagIndex, Stream
+from perception.sources.bags.bag_poses import POSE_TYPES, reaches
+from perception.sources.listing import Streams
+from perception.sources.ros.camera_info import is_calibrated
+from perception.sources.ros.headers import frame_name
 
 _TRANSPORTS: Final = ("compressed", "compressedDepth", "theora")
 _COLOUR: Final = re.compile("colou?r|rgb")
 _REGISTERED: Final = re.compile("aligned|registered|hw_registered")
 _OTHER: Final = re.compile("disparity|confidence|label|mask|infra|/ir/|debug|detection|overlay")
-MAP_FRAMES: Final = ("map", "world", "odom")
 
 
-def colour_topic(index: BagIndex, given: str | None) -> Stream:
+def colour_topic(index: BagIndex, streams: Streams) -> Stream:
     """Stream of the colour images; raises RecordingError where there is none."""
-    if given is not None:
-        return _given(index, given, IMAGES, "--color-topic")
+    if streams.colour is not None:
+        return framed(_given(index, streams.colour, IMAGES, "--color-topic"), streams)
 
     def rank(stream: Stream) -> tuple[Any, ...]:
         kind = stream.kind
         assert kind is not None
         return (
             not _OTHER.search(stream.topic),
+            len(found) > 1 and reaches(index, stream, streams),
             not kind.encoding.startswith(("mono", "8UC1")),
             bool(_COLOUR.search(stream.topic)),
             camera_topic(index, stream) is not None,
@@ -39,8 +45,14 @@ def colour_topic(index: BagIndex, given: str | None) -> Stream:
         )
 
     found = [s for s in _images(index) if s.kind is not None and not s.kind.is_depth]
-    found = [s for s in found if "depth" not in s.topic]
+    found = [framed(s, streams) for s in found if "depth" not in s.topic.rpartition("depth_to_")[2]]
     return _best(found, rank, index, "colour images", "--color-topic")
+
+
+def framed(images: Stream, streams: Streams) -> Stream:
+    """The colour images in the frame that the user gives their camera."""
+    given = streams.camera_frame
+    return images if given is None else replace(images, frame=frame_name(given))
 
 
 def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
@@ -50,14 +62,15 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
 
     def rank(stream: Stream) -> tuple[Any, ...]:
         return (
+            index.robot(stream.topic) == index.robot(colour.topic),
             not _OTHER.search(stream.topic),
-            stream.frame == colour.frame,
+            stream.frame == index.streams[colour.topic].frame,
             bool(_REGISTERED.search(stream.topic)),
             "depth" in stream.topic,
             len(stream.stamps),
         )
 
-    found = [s for s in _images(index) if s.kind is not None and s is not colour]
+    found = [s for s in _images(index) if s.kind is not None and s.topic != colour.topic]
     found = [
         s
         for s in found
@@ -71,33 +84,29 @@ def camera_topic(index: BagIndex, images: Stream, given: str | None = None) -> S
     """Stream of the CameraInfo of an image stream; None where there is none."""
     if given is not None:
         return _given(index, given, (CAMERA,), "--info-topic")
+    frame = index.streams[images.topic].frame
     parts = images.topic.split("/")
     if parts[-1] in _TRANSPORTS:
         parts = parts[:-1]
     beside = index.streams.get("/".join([*parts[:-1], "camera_info"]))
     if beside is not None and beside.type == CAMERA:
         return beside
-    of_frame = [s for s in index.streams.values() if s.type == CAMERA and s.frame == images.frame]
+    of_frame = [s for s in cameras(index, images.topic) if s.frame == frame]
     return max(of_frame, key=lambda s: (len(s.stamps), s.topic), default=None)
 
 
-def pose_topic(index: BagIndex, given: str | None) -> Stream | None:
-    """Stream of the poses that are not tf: the given one, else odometry, else the most messages."""
+def cameras(index: BagIndex, topic: str) -> list[Stream]:
+    """Streams of CameraInfo of a topic's robot that are calibrated; else all of the robot's."""
+    robot = index.robot(topic)
+    found = [s for s in index.streams.values() if s.type == CAMERA]
+    found = [s for s in found if index.robot(s.topic) == robot]
+    return [s for s in found if is_calibrated(s.first)] or found
+
+
+def check_pose_topic(index: BagIndex, given: str | None) -> None:
+    """Raise RecordingError where the user names a topic of poses that there is not."""
     if given is not None:
-        return _given(index, given, (ODOMETRY, *POSES), "--pose-topic")
-    found = [index.streams[topic] for topic in index.poses]
-    return max(found, key=lambda s: (s.type == ODOMETRY, len(s.stamps), s.topic), default=None)
-
-
-def map_frame(index: BagIndex, camera: str, given: str | None) -> str:
-    """Frame that poses are taken in: map, world or odom, where it carries the camera; or the root.
-
-    Raises RecordingError where transforms form a loop.
-    """
-    if given is not None:
-        return given.lstrip("/")
-    above = index.tree.ancestors(camera)
-    return next((frame for frame in MAP_FRAMES if frame in above[1:]), above[-1])
+        _given(index, given, POSE_TYPES, "--pose-topic")
 
 
 def _images(index: BagIndex) -> list[Stream]:

@@ -6,17 +6,24 @@ number of the image, or its place in the order of numbers.
 
 HoloLens exporters: poses.txt has a camera -> world matrix of 16 numbers a line (row by row), in the
 order of the images' numbers; K.txt has the 3x3 matrix of the colour camera.
+
+Images alone: the same two folders without a file of poses. The numbers of a pair of images are the
+same, or they are the stamps [s] in their names, or the folders have as many images each.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
+
+import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
 from perception.camera.poses import Pose, read_pose_log, read_pose_rows
-from perception.sources.folders.image_files import ImageFile, images_by_number
+from perception.sources.association import TOLERANCE, nearest_pairs
+from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile, images_by_number
 from perception.sources.listing import (
     Format,
     FrameEntry,
@@ -27,6 +34,8 @@ from perception.sources.listing import (
 )
 
 DEPTH_SCALE = 1000.0
+COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
+STAMP = re.compile(r"\d{9,10}\.\d+")  # [s] since 1970, in a name
 
 
 def _read_log(folder: Path, streams: Streams) -> RecordingListing:
@@ -63,6 +72,60 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     _check_gaps(folder, list(colour), list(depth))
     places = range(len(poses))
     return _listing(folder, zip(colour.values(), depth.values(), poses, places, strict=True))
+
+
+def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
+    """All images of `folder` that have a depth image, in order, without poses.
+
+    Raises RecordingError where none has one, or it is not clear which.
+    """
+    colour = subfolder(folder, *COLOUR_FOLDERS)
+    depth = subfolder(folder, "depth")
+    entries = [
+        FrameEntry(a.stem, ImageFile(a), ImageFile(b), np.eye(4), stamp)
+        for a, b, stamp in _by_stamp(colour, depth) or _by_number(colour, depth)
+    ]
+    return RecordingListing(
+        tuple(entries),
+        find_intrinsics(folder),
+        DEPTH_SCALE,
+        no_poses=f"{folder} has no poses: no trajectory.log, poses.txt or transforms.json",
+    )
+
+
+def _by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
+    """Pairs of images by the stamps in their names; empty where a name has none."""
+    found = []
+    for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, (".png",))):
+        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+        stamps = [STAMP.search(path.stem) for path in paths]
+        if not paths or not all(stamps):
+            return []
+        found.append((paths, np.array([float(stamp[0]) for stamp in stamps if stamp])))
+    (colours, a), (depths, b) = found
+    pairs = sorted(nearest_pairs(a, b, TOLERANCE))
+    if not pairs:
+        raise RecordingError(f"{colour} and {depth}: no stamps in names lie within {TOLERANCE} s")
+    return [(colours[i], depths[j], float(a[i])) for i, j in pairs]
+
+
+def _by_number(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
+    """Pairs of images by their numbers, else by their order where there are as many of both."""
+    a, b = images_by_number(colour), images_by_number(depth, (".png",))
+    both = [number for number in a if number in b]
+    if 2 * len(both) >= min(len(a), len(b)):
+        return [(a[number], b[number], stamp_of_number(number)) for number in both]
+    if len(a) != len(b):
+        raise RecordingError(
+            f"{colour} has {len(a)} images, {depth} {len(b)}, and their numbers differ; "
+            "names with the same number, or with stamps in seconds, would work"
+        )
+    pairs = zip(a.values(), b.values(), strict=True)
+    return [(x, y, stamp_of_number(place)) for place, (x, y) in enumerate(pairs)]
+
+
+def _has_images(folder: Path) -> bool:
+    return (folder / "depth").is_dir() and any((folder / n).is_dir() for n in COLOUR_FOLDERS)
 
 
 def _images(folder: Path, *names: str) -> tuple[dict[int, Path], dict[int, Path]]:
@@ -121,3 +184,6 @@ TRAJECTORY_LOG = Format(
     _read_log,
 )
 HOLOLENS = Format("hololens", "images|rgb/, depth/, poses.txt and K.txt", _has_rows, _read_rows)
+IMAGES = Format(
+    "images", "rgb|color|image|images/, depth/ and intrinsics.json", _has_images, _read_alone
+)

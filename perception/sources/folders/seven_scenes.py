@@ -39,9 +39,10 @@ def matches(folder: Path) -> bool:
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
-    """All frames of `folder`, by number.
+    """All frames of `folder`, by number; without poses where no frame has one.
 
-    Raises RecordingError where a frame lacks its depth or its pose, or a pose is not rigid.
+    Raises RecordingError where a frame lacks its depth, or its pose that others have, or a pose is
+    not rigid.
     """
     colours = [p for p in folder.glob("frame-*.color.*") if p.suffix in (".png", ".jpg", ".jpeg")]
     if not colours:
@@ -52,19 +53,25 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     T_depth_colour = np.eye(4)
     if not registered:
         T_depth_colour[0, 3] = COLOUR_OFFSET
+    posed = any((folder / f"{stem}{pose}").is_file() for stem in stems.values())
+    no_poses = "" if posed else f"{folder} has no poses: files frame-N{pose} are missing"
     entries = []
     for path in sorted(colours, key=lambda p: _number(stems[p], p)):
         stem = stems[path]
-        _require(folder, stem, depth, pose)
-        T = read_pose(folder / (stem + pose)) @ T_depth_colour
+        _require(folder, stem, depth, pose if posed else depth)
+        T = read_pose(folder / (stem + pose)) @ T_depth_colour if posed else np.eye(4)
         stamp = stamp_of_number(_number(stem, path))
         at_depth = ImageFile(folder / (stem + depth))
         entries.append(FrameEntry(stem, ImageFile(path), at_depth, T, stamp))
     if registered:
-        return RecordingListing(tuple(entries), _colour_camera(folder), DEPTH_SCALE)
+        return RecordingListing(
+            tuple(entries), _colour_camera(folder), DEPTH_SCALE, no_poses=no_poses
+        )
     camera = find_intrinsics(folder) or DEPTH_CAMERA
     depth_camera = DepthCamera(camera, np.linalg.inv(T_depth_colour).astype(np.float64))
-    return RecordingListing(tuple(entries), _colour_camera(folder), DEPTH_SCALE, depth_camera)
+    return RecordingListing(
+        tuple(entries), _colour_camera(folder), DEPTH_SCALE, depth_camera, no_poses=no_poses
+    )
 
 
 def _require(folder: Path, stem: str, depth: str, pose: str) -> None:

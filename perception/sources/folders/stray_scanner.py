@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -22,6 +22,7 @@ from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
 from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, pose_from_quaternion
+from perception.camera.turns import turned_camera, turned_image, turned_poses, upright_turns
 from perception.number_tables import all_numbers, floats
 from perception.sources.folders.image_files import ImageFile, decoded, images_by_number
 from perception.sources.folders.video import Video, VideoFrame
@@ -31,6 +32,7 @@ from perception.sources.listing import (
     RecordingListing,
     StoredImage,
     Streams,
+    stamp_of_number,
     subfolder,
 )
 
@@ -57,11 +59,11 @@ class TurnedImage:
 
     def colour(self) -> NDArray[np.uint8]:
         """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
-        return np.ascontiguousarray(np.rot90(self.image.colour(), self.turns))
+        return turned_image(self.image.colour(), self.turns)
 
     def depth(self, depth_scale: float) -> NDArray[np.float32]:
         """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
-        return np.ascontiguousarray(np.rot90(self.image.depth(depth_scale), self.turns))
+        return turned_image(self.image.depth(depth_scale), self.turns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,38 +96,46 @@ class ConfidentDepth:
 
 
 def matches(folder: Path) -> bool:
-    """Whether `folder` holds odometry.csv and rgb.mp4."""
-    return (folder / "odometry.csv").is_file() and (folder / "rgb.mp4").is_file()
+    """Whether `folder` holds rgb.mp4, and odometry.csv or depth/ beside it."""
+    beside = (folder / "odometry.csv").is_file() or (folder / "depth").is_dir()
+    return beside and (folder / "rgb.mp4").is_file()
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
     """All frames that have a pose and a depth image, stamps from 0 on.
 
-    Raises RecordingError where a file is missing or malformed, or no frame has both.
+    All frames that have a depth image, without poses, where odometry.csv is missing. Raises
+    RecordingError where another file is missing or malformed, or no frame has both.
     """
     if not matches(folder):
         raise RecordingError(f"{folder} has no rgb.mp4 and odometry.csv")
-    video = Video.open(folder / "rgb.mp4")
-    poses = _poses(folder / "odometry.csv")
+    video, odometry = Video.open(folder / "rgb.mp4"), folder / "odometry.csv"
     depth = images_by_number(subfolder(folder, "depth"), (".png",))
+    posed = odometry.exists()
+    poses = _poses(odometry) if posed else {n: (stamp_of_number(n), np.eye(4)) for n in depth}
     numbers = sorted(poses.keys() & depth.keys())
     if not numbers:
         raise RecordingError(f"{folder}: no depth image has a pose of its number in odometry.csv")
-    turns = _turns([poses[number][1] for number in numbers])
-    T_cam_turned = np.linalg.matrix_power(_QUARTER, turns)
+    turns = int(upright_turns([poses[n][1] for n in numbers], UP).argmax()) if posed else 0
     first = poses[numbers[0]][0]
     entries = tuple(
         FrameEntry(
             id=depth[number].stem,
             colour=TurnedImage(VideoFrame(video, number), turns),
             depth=TurnedImage(_depth(folder, depth[number]), turns),
-            T_world_cam=poses[number][1] @ T_cam_turned,
+            T_world_cam=turned_poses(poses[number][1], turns),
             stamp=round(poses[number][0] - first, 9),
         )
         for number in numbers
     )
     camera = _turned_camera(folder / "camera_matrix.csv", video, turns)
-    return RecordingListing(entries, camera, DEPTH_SCALE, up=UP)
+    return RecordingListing(
+        entries,
+        camera,
+        DEPTH_SCALE,
+        up=UP if posed else None,
+        no_poses="" if posed else f"{folder} has no poses: {odometry.name} is missing",
+    )
 
 
 def _depth(folder: Path, path: Path) -> StoredImage:
@@ -169,17 +179,6 @@ def _cell(row: Mapping[str, str | None], name: str, where: str) -> str:
     return value
 
 
-#: Takes coordinates of a camera turned by a quarter (counter-clockwise) to those of the camera.
-_QUARTER: Final = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-
-
-def _turns(poses: list[Pose]) -> int:
-    """Quarters, counter-clockwise, that bring the world's up nearest to the top of most images."""
-    up = np.array([T[:3, :3].T @ UP for T in poses])  # (n, 3) in the cameras
-    quarters = np.round(np.arctan2(up[:, 0], -up[:, 1]) / (np.pi / 2)).astype(int) % 4
-    return int(np.bincount(quarters, np.hypot(up[:, 0], up[:, 1]), 4).argmax())
-
-
 def _turned_camera(path: Path, video: Video, turns: int) -> Intrinsics:
     """Intrinsics of the turned frames; raises RecordingError for what is no camera matrix."""
     if not path.is_file():
@@ -188,11 +187,8 @@ def _turned_camera(path: Path, video: Video, turns: int) -> Intrinsics:
     if K.size != 9:
         raise RecordingError(f"{path}: a camera matrix has 9 numbers, got {K.size}")
     camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
-    (width, height), fx, fy, cx, cy = video.size, camera.fx, camera.fy, camera.cx, camera.cy
-    for _ in range(turns):
-        fx, fy, cx, cy = fy, fx, cy, width - 1 - cx
-        width, height = height, width
-    return Intrinsics(fx, fy, cx, cy, width, height, source=str(path))
+    width, height = video.size
+    return turned_camera(replace(camera, width=width, height=height, source=str(path)), turns)
 
 
 FORMAT = Format(

@@ -16,7 +16,7 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
-from perception.camera.poses import read_trajectory
+from perception.camera.poses import Pose, read_trajectory
 from perception.number_tables import floats, rows
 from perception.sources.association import TOLERANCE, nearest_pairs
 from perception.sources.folders.image_files import ImageFile
@@ -50,20 +50,21 @@ def matches(folder: Path) -> bool:
 def read(folder: Path, streams: Streams) -> RecordingListing:
     """All colour images that have a depth image and a pose; the others are skipped with a warning.
 
-    Raises RecordingError where lists or poses are missing or malformed, or nothing fits together.
+    Without a file of poses, all that have a depth image. Raises RecordingError where lists are
+    missing, lists or poses malformed, or nothing fits together.
     """
+    pairs = sorted(_pairs(folder))
     poses = next((folder / name for name in POSES if (folder / name).is_file()), None)
     if poses is None:
-        raise RecordingError(f"{folder} has no poses: {' or '.join(POSES)} is missing")
+        unposed = tuple(_entry(folder, pair, np.eye(4)) for pair in pairs)
+        missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
+        return RecordingListing(unposed, _camera(folder), DEPTH_FACTOR, no_poses=missing)
     trajectory = read_trajectory(poses)
-    pairs = sorted(_pairs(folder))
     entries = []
-    for stamp, colour, depth in pairs:
-        T = trajectory.at(stamp, TOLERANCE)
+    for pair in pairs:
+        T = trajectory.at(pair[0], TOLERANCE)
         if T is not None:
-            frame_id = Path(colour).stem.removesuffix(".color")
-            images = ImageFile(folder / colour), ImageFile(folder / depth)
-            entries.append(FrameEntry(frame_id, *images, T, stamp))
+            entries.append(_entry(folder, pair, T))
     if not entries:
         raise RecordingError(
             f"{folder}: none of the {len(pairs)} images has a pose in {poses.name} "
@@ -73,6 +74,13 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
         lost = len(pairs) - len(entries)
         _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(pairs))
     return RecordingListing(tuple(entries), _camera(folder), DEPTH_FACTOR)
+
+
+def _entry(folder: Path, pair: _Pair, T_world_cam: Pose) -> FrameEntry:
+    stamp, colour, depth = pair
+    frame_id = Path(colour).stem.removesuffix(".color")
+    images = ImageFile(folder / colour), ImageFile(folder / depth)
+    return FrameEntry(frame_id, *images, T_world_cam, stamp)
 
 
 def _camera(folder: Path) -> Intrinsics | None:
@@ -121,6 +129,4 @@ def _associate(
     return pairs
 
 
-FORMAT = Format(
-    "tum", "rgb.txt, depth.txt (or associations.txt) and groundtruth.txt", matches, read
-)
+FORMAT = Format("tum", "rgb.txt and depth.txt, or associations.txt; groundtruth.txt", matches, read)

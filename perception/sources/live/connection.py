@@ -45,12 +45,6 @@ def max_size(type_: str) -> int:
     return MAX_IMAGE if type_ in IMAGES else MAX_OTHER
 
 
-def full_name(type_: str) -> str:
-    """Name of a message type as ROS 2 has it: sensor_msgs/msg/Image for sensor_msgs/Image."""
-    package, _, name = type_.partition("/")
-    return type_ if name.startswith("msg/") else f"{package}/msg/{name}"
-
-
 class Retry:
     """Pauses between attempts to connect, each twice as long as the one before.
 

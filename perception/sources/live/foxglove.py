@@ -1,4 +1,4 @@
-"""Foxglove WebSocket servers: channels of ROS messages (encodings ros1 and cdr).
+"""Foxglove WebSocket servers: channels of ROS messages, and of Foxglove's own schemas.
 
 Protocols foxglove.websocket.v1 and foxglove.sdk.v1: JSON for what there is and what is subscribed
 to, binary frames for messages (opcode 1, subscription, time [ns], the message).
@@ -15,10 +15,12 @@ from urllib.parse import urlsplit
 
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.live.connection import MAX_IMAGE, Inbox, Retry, full_name, max_size
+from perception.sources.live.connection import MAX_IMAGE, Inbox, Retry, max_size
+from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
+from perception.sources.ros.foxglove_schemas import ros_type
 
 PROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-ENCODINGS: Final = ("ros1", "cdr")
+ENCODINGS: Final = ("ros1", "cdr", *FOXGLOVE)
 MAX_CHANNELS: Final = 10_000
 PATIENCE: Final = 5.0  # [s] for a connection
 TICK: Final = 0.2  # [s]
@@ -31,7 +33,8 @@ class _Channel:
     id: int
     topic: str
     type: str
-    is_ros1: bool
+    encoding: str
+    schema: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +116,9 @@ class _Session:
 
     def _advertised(self, channel: Any) -> None:
         if channel["encoding"] in ENCODINGS and len(self._channels) < MAX_CHANNELS:
-            number, is_ros1 = int(channel["id"]), channel["encoding"] == "ros1"
-            kind = full_name(str(channel["schemaName"]))
-            self._channels[number] = _Channel(number, str(channel["topic"]), kind, is_ros1)
+            number, schema = int(channel["id"]), str(channel["schemaName"])
+            names = str(channel["topic"]), ros_type(schema), str(channel["encoding"]), schema
+            self._channels[number] = _Channel(number, *names)
 
     def _subscribe(self) -> None:
         """Subscribe to what is wanted now, and to nothing else."""
@@ -143,6 +146,11 @@ class _Session:
             return
         self._retry.worked()
         raw = RawMessage(
-            channel.topic, channel.type, min(stamp, _LATEST), bytes(data[_MESSAGE.size :])
+            channel.topic,
+            channel.type,
+            min(stamp, _LATEST),
+            bytes(data[_MESSAGE.size :]),
+            channel.encoding,
+            channel.schema,
         )
-        self._inbox.offer(raw, is_ros1=channel.is_ros1)
+        self._inbox.offer(raw, is_ros1=channel.encoding == "ros1")

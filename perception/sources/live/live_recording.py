@@ -5,25 +5,33 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kg.model.errors import RecordingError
+from perception.camera.gravity_alignment import FRAMES, Up, gravity_aligned_transform
+from perception.camera.poses import Pose
 from perception.frames import Frame
+from perception.sources.depth_check import check_depth
 from perception.sources.live.connection import Connection
-from perception.sources.live.stream import PATIENCE, SILENT, FrameStream
+from perception.sources.live.live_tracker import LiveTracker
+from perception.sources.live.stream import PATIENCE, SETTLING, SILENT, UNPOSED, FrameStream
 
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
+WITHIN: Final = 2.0  # [s] after the first frame, for the frames by which the floor is found
+
+
+@dataclass(slots=True)
 class LiveRecording:
     """Frames of a connection as they come, for `map_recording`; they cannot be read again.
 
-    Poses are in the map frame. It ends once `ended` is set, after `limit` frames, or where no
-    frame came for `idle` seconds.
+    Where the source gives no poses, `tracker` finds them from the images.
+    It ends once `ended` is set, after `limit` frames, or where no frame came for `idle` seconds.
     """
 
     name: str
@@ -32,47 +40,176 @@ class LiveRecording:
     ended: threading.Event
     limit: int | None = None
     idle: float | None = None
+    T_map_world: Pose = field(default_factory=lambda: np.eye(4))  # (4, 4)
+    tracker: LiveTracker | None = None  # None: the source has poses, or no frame came yet
+    pauses: Callable[[], bool] = lambda: False  # whether `frames` is to end after a frame, for now
+    paused: bool = False  # whether `frames` ended so; called again, it goes on
+    found: str = ""  # how it was found in the map that it is mapped into, where poses are estimated
+    _noted: Pose = field(default_factory=lambda: np.eye(4))  # (4, 4) that the source itself tells
+    _first: list[Frame] = field(default_factory=list)  # taken by `level`
+    _given: int = 0  # frames that the stream gave
+    _closed: threading.Event = field(default_factory=threading.Event)
+    _failed: list[Exception] = field(default_factory=list)
+    _thread: threading.Thread | None = None
 
     @property
-    def T_map_world(self) -> NDArray[np.float64]:  # noqa: N802 - names its frames
-        """(4, 4) identity."""
-        return np.eye(4)
+    def is_empty(self) -> bool:
+        """Whether no frame came."""
+        return self._given == 0
+
+    @property
+    def pose_estimate(self) -> str:
+        """How poses are estimated, for the map; "" where the source gives them."""
+        if self.tracker is None:
+            return ""
+        drift = "poses while the camera was live, which drift by 1 to 2 % of the way"
+        return "; ".join(line for line in (drift, self.found) if line)
+
+    def level(self, up: Up = "z", *, check: bool = True) -> None:
+        """Take the first frames, up to FRAMES; turn `up` to z, and the floor that they show to 0.
+
+        Raises RecordingError where their depth contradicts their poses, with `check`.
+        """
+        self._start()
+        try:
+            began, piece = 0.0, None
+            for frame in self._until_ended():
+                if self.tracker is not None and self.tracker.given != piece:
+                    piece, began = self.tracker.given, 0.0  # the camera was lost: once more
+                    self._given -= len(self._first)
+                    self._first.clear()
+                began = began or time.monotonic()
+                self._first.append(frame)
+                if len(self._first) == FRAMES or time.monotonic() > began + WITHIN:
+                    break
+            if check and self._first and self.tracker is None:
+                poses = [frame.T_map_cam for frame in self._first]
+                scale, at = self.stream.depth_scale, self._first.__getitem__
+                check_depth(self.name, poses, "camera-to-world", scale, at)
+        except BaseException:
+            self.close()
+            raise
+        if self.tracker is not None:
+            self.tracker.hold()
+            up = self.stream.options.up  # type: ignore[assignment]  # else by floor and walls
+        noted = self.stream.noted_transform  # the stream's frames are placed by it
+        if noted is not None:
+            self._noted = noted
+            self.T_map_world = noted
+        elif self._first:
+            self.T_map_world = self._leveled(up)
+
+    def _leveled(self, up: Up | None) -> Pose:
+        try:
+            return gravity_aligned_transform(_Sample(self.name, self._first), up=up)
+        except RecordingError as error:
+            _log.warning("%s is not levelled: %s", self.name, error)
+            return np.eye(4)
+
+    def _start(self) -> None:
+        def receive() -> None:
+            try:
+                self.connection.run(self.stream, self._closed)
+            except Exception as error:  # noqa: BLE001 - raised again by the caller's thread
+                self._failed.append(error)
+                self.ended.set()
+
+        if self._thread is None:
+            self._thread = threading.Thread(target=receive, name="live", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End the connection."""
+        self._closed.set()
+        if self.tracker is not None:
+            self.tracker.close()
+        if self._thread is not None:
+            self._thread.join(PATIENCE)
 
     def __len__(self) -> int:
         return 0
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
         """Frames from now on, whatever `start` is: the map goes on where it was left."""
-        closed, failed = threading.Event(), list[Exception]()
-
-        def receive() -> None:
-            try:
-                self.connection.run(self.stream, closed)
-            except Exception as error:  # noqa: BLE001 - raised again by the caller's thread
-                failed.append(error)
-                self.ended.set()
-
-        thread = threading.Thread(target=receive, name="live", daemon=True)
-        thread.start()
+        self._start()
+        self.paused = False
         try:
-            yield from self._until_ended()
+            while self._first:
+                yield self._placed(self._first.pop(0))
+            for frame in self._until_ended():
+                yield self._placed(frame)
+                self.paused = self.pauses()
+                if self.paused:
+                    return
         finally:
-            closed.set()
-            thread.join(PATIENCE)
-        if failed:
-            raise failed[0]
+            if not self.paused:
+                self.close()
+        if self._failed:
+            raise self._failed[0]
+
+    def corrected_poses(self) -> dict[str, Pose]:
+        """Pose in the map (4, 4) of each frame so far by the loops since, by id, where tracked."""
+        if self.tracker is None:
+            return {}
+        T = self.T_map_world @ np.linalg.inv(self._noted)
+        return {name: T @ found for name, found in self.tracker.corrected().items()}
+
+    def _for_poses(self) -> float:
+        """[s] for which the first frame may wait for poses, where images come."""
+        return UNPOSED + SETTLING if self.is_empty and self.stream.counts.received else 0.0
+
+    def views(self) -> Iterator[Frame]:
+        """Frames by their first level, which are not mapped, until the caller has seen enough."""
+        given = self._given
+        for frame in self._until_ended():
+            yield self._placed(frame)
+            self._given = given
+
+    def _next_frame(self) -> Frame | None:
+        if self.tracker is not None:
+            return self.tracker.next_frame(0.1)
+        frame = self.stream.next_frame(0.1)
+        if frame is None or not self.stream.estimates:
+            return frame
+        self.tracker = LiveTracker(self.name, self.stream.next_frame)
+        self.tracker.start(frame)
+        return None
+
+    def _placed(self, frame: Frame) -> Frame:
+        if self.T_map_world is self._noted:
+            return frame
+        T = self.T_map_world @ np.linalg.inv(self._noted)
+        return replace(frame, T_map_cam=T @ frame.T_map_cam)
 
     def _until_ended(self) -> Iterator[Frame]:
-        last, given, warning = time.monotonic(), 0, ""
-        while not self.ended.is_set() and (self.limit is None or given < self.limit):
-            frame = self.stream.next_frame(0.1)
+        last, warning = time.monotonic(), ""
+        while not self.ended.is_set() and (self.limit is None or self._given < self.limit):
+            frame = self._next_frame()
             now = time.monotonic()
             if frame is not None:
-                given += 1
+                self._given += 1
                 yield frame
                 last = time.monotonic()
-            elif self.idle is not None and now - last >= self.idle:
+            elif self.idle is not None and now - last >= self.idle + self._for_poses():
                 return
             elif self.stream.problem not in ("", warning) and now - last >= SILENT:
                 warning = self.stream.problem
                 _log.warning("waiting: %s", warning)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    """The first frames, as a recording."""
+
+    name: str
+    taken: list[Frame]
+
+    @property
+    def T_map_world(self) -> Pose:  # noqa: N802 - names its frames
+        return np.eye(4)
+
+    def __len__(self) -> int:
+        return len(self.taken)
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        return iter(self.taken[start:])

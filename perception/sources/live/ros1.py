@@ -18,9 +18,10 @@ from urllib.parse import urlsplit
 
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.live.connection import Inbox, Retry, full_name, max_size
+from perception.sources.live.connection import Inbox, Retry, max_size
 from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
 from perception.sources.live.tcpros import TcprosConnection
+from perception.sources.ros.foxglove_schemas import ros_type
 
 PORT: Final = 11311
 POLL: Final = 0.2  # [s] between two requests to the master
@@ -95,7 +96,7 @@ def _publishers(master: Ros1Master, inbox: Inbox) -> set[_Key]:
     types = {str(topic): str(type_) for topic, type_ in master.ask("getTopicTypes")}
     publishers, *_ = master.ask("getSystemState")
     nodes = {str(topic): [str(node) for node in names] for topic, names in publishers}
-    full = {topic: full_name(type_) for topic, type_ in types.items() if nodes.get(topic)}
+    full = {topic: ros_type(type_) for topic, type_ in types.items() if nodes.get(topic)}
     return {(topic, types[topic], node) for topic in inbox.wanted(full) for node in nodes[topic]}
 
 
@@ -120,7 +121,7 @@ class _Subscription:
             try:
                 for data in self._messages():
                     retry.worked()
-                    raw = RawMessage(self._topic, full_name(self._type), time.time_ns(), data)
+                    raw = RawMessage(self._topic, ros_type(self._type), time.time_ns(), data)
                     self._inbox.offer(raw, is_ros1=True)
                 retry.wait()  # an orderly end: the node leaves, and the master will know
             except FAILURES as error:
@@ -150,6 +151,6 @@ class _Subscription:
             if fields.get("type") != self._type:
                 was = f"{fields.get('type')}, not {self._type}"
                 raise RecordingError(f"{self._topic} has messages of {was}")
-            bound = max_size(full_name(self._type))
+            bound = max_size(ros_type(self._type))
             while (data := connection.block(bound)) is not None:
                 yield data

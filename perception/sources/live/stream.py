@@ -18,38 +18,46 @@ from typing import Final
 import numpy as np
 
 from kg.model.errors import RecordingError
+from perception.camera.gravity_alignment import parse_up
 from perception.camera.image_decoding import MILLIMETRES
-from perception.camera.poses import Pose
+from perception.camera.poses import CONVENTIONS, Pose, gridded_pose
 from perception.camera.rectification import Rectifier
+from perception.camera.turns import clear_turns, turned_poses
 from perception.frames import Frame
 from perception.sources.association import nearest_pairs
-from perception.sources.bags.bag import Choice, add_poses, camera_of, choose, depth_camera_of
+from perception.sources.bags.bag import (
+    Choice,
+    camera_of,
+    camera_or_reason,
+    choose,
+    depth_camera_of,
+    noted_transform,
+)
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import (
-    CAMERA,
     IMAGES,
-    ODOMETRY,
-    POSES,
+    NOTE_TOPIC,
     TRANSFORMS,
+    WANTED,
     BagIndex,
     add_message,
-    header_stamp,
+    stamp_of,
 )
+from perception.sources.bags.bag_poses import add_poses
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.images import HeldImages, LiveDecoder, LiveImage
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.headers import NANOSECONDS
-from perception.sources.ros.transform_tree import TransformTree
 
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
 SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
+UNPOSED: Final = 10.0  # [s] wait for poses that reach the camera, before they are estimated
 SILENT: Final = 3.0  # [s] the same wait while an advertised topic has had no message
 TICK: Final = 0.02  # [s] between two checks of the transforms
 MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
 TRANSFORMS_KEPT: Final = 4000  # of a link
 STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
-_WANTED: Final = {*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES}
 
 _log = logging.getLogger(__name__)
 
@@ -96,7 +104,7 @@ class FrameStream:
     _changed: threading.Condition = field(default_factory=threading.Condition)  # and the lock
 
     def __post_init__(self) -> None:
-        self._index = BagIndex(self.address, tree=TransformTree(TRANSFORMS_KEPT))
+        self._index = BagIndex(self.address, kept=TRANSFORMS_KEPT)
 
     @property
     def counts(self) -> StreamCounts:
@@ -118,26 +126,44 @@ class FrameStream:
         The stamp is 0 where no transform on the way moves.
         """
         with self._changed:
-            if self._choice is None:
+            if self._choice is None or self._choice.poses is None:
                 return None
-            tree, target = self._index.tree, self._choice.map_frame
+            tree, target = self._choice.poses.tree, self._choice.poses.map_frame
             try:
                 span = tree.span(target, frame)
                 stamp = span[1] if span else 0.0
                 T = tree.at(target, frame, stamp)
             except RecordingError:
                 return None
-            return None if T is None else (T, stamp)
+            noted = noted_transform(self._index, self._choice)
+            return None if T is None else (T if noted is None else noted @ T, stamp)
+
+    @property
+    def noted_transform(self) -> Pose | None:
+        """Transform (4, 4) of the poses' frame to the map that the source itself tells."""
+        with self._changed:
+            return None if self._choice is None else noted_transform(self._index, self._choice)
+
+    @property
+    def estimates(self) -> bool:
+        """Whether the frames have no poses, which are to be estimated from their images."""
+        with self._changed:
+            return self._choice is not None and self._choice.poses is None
+
+    @property
+    def depth_scale(self) -> float:
+        """Depth units a metre."""
+        return MILLIMETRES if self._camera is None else self._camera.depth_scale
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
-            wanted = {name for name, type_ in topics.items() if type_ in _WANTED}
+            wanted = {n for n, type_ in topics.items() if type_ in WANTED or n == NOTE_TOPIC}
             given, choice = self.options.streams, self._choice
             if choice is not None:
                 images = {choice.colour.topic, choice.depth.topic}
-                poses = set() if choice.pose is None else {choice.pose.topic}
-                wanted = {n for n in wanted if topics[n] in TRANSFORMS or n in images | poses}
+                images.add(self._pose_topic or "")
+                wanted = {n for n in wanted if topics[n] in TRANSFORMS or n in images}
             elif given.colour is not None and given.depth is not None:
                 images = {given.colour, given.depth}
                 wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
@@ -160,8 +186,7 @@ class FrameStream:
             with self._changed:
                 entry = self._newest()
                 if entry is None:
-                    left = until - time.monotonic()
-                    if left <= 0:
+                    if (left := until - time.monotonic()) <= 0:
                         return None
                     self._changed.wait(min(left, TICK))
                     continue
@@ -171,22 +196,30 @@ class FrameStream:
 
     def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
         chosen, index = self._choice, self._index
-        if raw.type in TRANSFORMS or (chosen is None and raw.type in _WANTED):
+        if raw.topic == NOTE_TOPIC:
+            add_message(index, decoder, raw)
+        elif raw.type in TRANSFORMS or (chosen is None and raw.type in WANTED):
             add_message(index, decoder, raw)
             self._trim(raw.topic)
-        elif chosen is not None and chosen.pose is not None and raw.topic == chosen.pose.topic:
+        elif chosen is not None and chosen.poses is not None and raw.topic == self._pose_topic:
             add_message(index, decoder, raw)
-            add_poses(index, raw.topic, chosen.colour.frame)
+            frame = self.options.streams.pose_frame
+            add_poses(index, raw.topic, chosen.poses.tree, chosen.colour.frame, frame)
             self._trim(raw.topic, poses=0)
         if raw.type in IMAGES and self._is_used(raw.topic):
             self._received[raw.topic] += 1
-            stamp = header_stamp(raw, decoder.is_ros1, self.address) or raw.time
+            stamp = stamp_of(decoder, raw, self.address) or raw.time
             image = LiveImage(raw, decoder, stamp, time.monotonic())
             self._held.setdefault(raw.topic, HeldImages()).add(image)
             while sum(held.size for held in self._held.values()) > MAX_BYTES:
                 largest = max(self._held.values(), key=lambda held: held.size)
                 largest.drop(largest.images[0])
             self._changed.notify_all()
+
+    @property
+    def _pose_topic(self) -> str | None:
+        topic = None if self._choice is None else self._choice.pose_topic
+        return None if topic is None else topic.topic
 
     def _is_used(self, topic: str) -> bool:
         chosen = self._choice
@@ -201,6 +234,7 @@ class FrameStream:
         if rows is not None and len(rows.stamps) > 2 * poses:
             rows.stamps = rows.stamps[len(rows.stamps) - poses :]
             rows.rows = rows.rows[len(rows.rows) - 7 * poses :]
+            rows.run = 0
         if index.refused:
             self._warn(topic, index.refusal)
         index.refused, index.refusal = 0, ""
@@ -241,7 +275,7 @@ class FrameStream:
                 for held, last in ((colours, colour), (depths, depth)):
                     for image in [one for one in held.images if one.stamp <= last.stamp]:
                         held.drop(image)
-                return FrameEntry(colour.id, colour, depth, T, colour.seconds)
+                return FrameEntry(colour.id, colour, depth, self._convert(T), colour.seconds)
             if final:
                 self._counts.without_pose += 1
                 colours.drop(colour)
@@ -249,10 +283,16 @@ class FrameStream:
                 return self._newest_pair(colours, depths)
         return None
 
+    def _convert(self, T: Pose) -> Pose:
+        return T if self.estimates else CONVENTIONS[self.options.pose_convention](T)
+
     def _pose(self, stamp: float, *, waited: bool) -> tuple[bool, Pose | None]:
         """Whether the pose at `stamp` [s] is final, and the pose, or None without transforms."""
         assert self._choice is not None
-        tree, names = self._index.tree, (self._choice.map_frame, self._choice.colour.frame)
+        poses = self._choice.poses
+        if poses is None:
+            return True, np.eye(4)
+        tree, names = poses.tree, (poses.map_frame, self._choice.colour.frame)
         try:
             span = tree.span(*names)
             if waited or span is None or span[1] >= stamp:
@@ -277,7 +317,7 @@ class FrameStream:
     def _choose(self) -> bool:
         """Choose the topics once they are there; returns whether they are chosen."""
         index, now = self._index, time.monotonic()
-        there = (*index.streams, *index.tree.frames)
+        there = (*index.streams, *(f for tree in index.trees.values() for f in tree.frames))
         if there != self._tried_names:
             self._tried_names, self._tried_choice = there, self._try_choice()
         if not isinstance(self._tried_choice, Choice):
@@ -288,23 +328,30 @@ class FrameStream:
         if now < self._choosable_since + (SILENT if silent else SETTLING):
             return False
         choice = self._try_choice()  # by all that has come since
+        if isinstance(choice, Choice) and choice.poses is None:
+            if now < self._choosable_since + UNPOSED:
+                return False
+            reason = choice.no_poses.partition("; ")[0]
+            _log.warning("%s: %s; they are estimated from the images", self.address, reason)
         if not isinstance(choice, Choice):
             self._tried_names = None
             return False
         self.problem, self._choice = "", choice
         self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
-        _log.warning("%s: %s", self.address, _description(choice))
+        used = f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of {choice.posed}"
+        _log.warning("%s: %s", self.address, used)
         return True
 
     def _try_choice(self) -> Choice | RecordingError:
         """The choice by the messages so far, or an error that names the missing topic."""
         try:
             choice = choose(self._index, self.options.streams)
-            if choice.camera is None and self.options.intrinsics is None:
-                raise RecordingError(
-                    f"{self.address}: no CameraInfo of {choice.colour.topic} (--info-topic names "
-                    "one, --intrinsics FILE gives it)"
-                )
+            if choice.poses is None and (choice.posed_elsewhere or self.options.streams.pose):
+                raise RecordingError(choice.no_poses)
+            if self.options.intrinsics is None:
+                camera, reason = camera_or_reason(self._index, choice)
+                if camera is None:
+                    raise RecordingError(reason)
             if choice.depth_apart:
                 depth_camera_of(self._index, choice, choice.depth.stamps[-1] / NANOSECONDS)
             return choice
@@ -316,7 +363,8 @@ class FrameStream:
         try:
             if self._camera is None:
                 self._camera = self._opened(entry)
-            frame = self._camera.decoded(entry)
+            T = turned_poses(entry.T_world_cam, self._camera.turns)
+            frame = self._camera.decoded(replace(entry, T_world_cam=gridded_pose(T)))
         except (RecordingError, ValueError) as error:
             self._counts.unreadable += 1
             self._warn("images", error)
@@ -334,22 +382,19 @@ class FrameStream:
         if choice.depth_apart:
             with self._changed:
                 apart = depth_camera_of(self._index, choice, entry.stamp)
-        height, width = entry.colour.colour().shape[:2]
+        noted, (height, width) = self.noted_transform, entry.colour.colour().shape[:2]
         relative = entry.stamp < ABSOLUTE_STAMP
         return FolderRecording(
             name=self.address,
             format="live",
-            T_map_world=np.eye(4),
+            T_map_world=np.eye(4) if noted is None else noted,
             listing=RecordingListing((), camera, MILLIMETRES, apart),
             rectifier=Rectifier.for_camera(camera.fitted(width, height)),
             depth_scale=self.options.depth_scale or camera.depth_scale or MILLIMETRES,
             start_time=time.time() - entry.stamp if relative else 0.0,
+            turns=0
+            if self.estimates
+            else clear_turns(
+                [entry.T_world_cam], parse_up("z" if self.options.up is None else self.options.up)
+            ),
         )
-
-
-def _description(choice: Choice) -> str:
-    by = "tf" if choice.pose is None else choice.pose.topic
-    return (
-        f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of "
-        f"{choice.colour.frame} in {choice.map_frame} by {by}"
-    )

@@ -22,10 +22,10 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
     Raises RecordingError, beginning with `where`, for a camera that is not calibrated or a model of
     distortion that OpenCV does not have.
     """
-    K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
-    P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
-    if len(K) != 9 or not K[0]:
+    if not is_calibrated(message):
         raise RecordingError(f"{where} is not calibrated (K is 0); --intrinsics FILE would work")
+    K = np.asarray(_field(message, "k"), np.float64)
+    P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
     matrix = P.reshape(3, 4)[:, :3] if rectified and len(P) == 12 and P[0] else K.reshape(3, 3)
     fisheye = not rectified and str(message.distortion_model) in FISHEYE
     dist = () if rectified else _distortion(message, fisheye, where)
@@ -45,6 +45,12 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
         source=where,
         fisheye=fisheye,
     )
+
+
+def is_calibrated(message: Any) -> bool:
+    """Whether a CameraInfo has a camera matrix."""
+    K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
+    return len(K) == 9 and bool(K[0])
 
 
 def _distortion(message: Any, fisheye: bool, where: str) -> tuple[float, ...]:

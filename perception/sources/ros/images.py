@@ -27,6 +27,12 @@ _MOSAICS: Final = {
     "bayer_gbrg": cv2.COLOR_BayerGR2RGB,
     "bayer_grbg": cv2.COLOR_BayerGB2RGB,
 }
+#: luminance of all pixels, then colour of each square of four
+_PLANAR: Final = {
+    "nv12": cv2.COLOR_YUV2RGB_NV12,
+    "nv21": cv2.COLOR_YUV2RGB_NV21,
+    "i420": cv2.COLOR_YUV2RGB_I420,
+}
 #: type and channels of the encodings that are read
 ENCODINGS: Final = {
     "rgb8": (np.uint8, 3),
@@ -34,13 +40,19 @@ ENCODINGS: Final = {
     "rgba8": (np.uint8, 4),
     "bgra8": (np.uint8, 4),
     "8UC3": (np.uint8, 3),
+    "8UC4": (np.uint8, 4),
+    "rgb16": (np.uint16, 3),
+    "bgr16": (np.uint16, 3),
     "mono8": (np.uint8, 1),
     "8UC1": (np.uint8, 1),
     "mono16": (np.uint16, 1),
     "16UC1": (np.uint16, 1),
     "32FC1": (np.float32, 1),
     "yuv422": (np.uint8, 2),
+    "uyvy": (np.uint8, 2),
     "yuv422_yuy2": (np.uint8, 2),
+    "yuyv": (np.uint8, 2),
+    **dict.fromkeys(_PLANAR, (np.uint8, 1)),
     **{f"{mosaic}8": (np.uint8, 1) for mosaic in _MOSAICS},
     **{f"{mosaic}16": (np.uint16, 1) for mosaic in _MOSAICS},
 }
@@ -51,10 +63,16 @@ _TO_RGB: Final = {
     "8UC3": cv2.COLOR_BGR2RGB,
     "rgba8": cv2.COLOR_RGBA2RGB,
     "bgra8": cv2.COLOR_BGRA2RGB,
+    "8UC4": cv2.COLOR_BGRA2RGB,
+    "rgb16": None,
+    "bgr16": cv2.COLOR_BGR2RGB,
     "mono8": cv2.COLOR_GRAY2RGB,
     "8UC1": cv2.COLOR_GRAY2RGB,
     "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
     "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    **_PLANAR,
     **{f"{mosaic}{bits}": code for mosaic, code in _MOSAICS.items() for bits in (8, 16)},
 }
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
@@ -79,7 +97,7 @@ class ImageKind:
 def image_kind(message: Any) -> ImageKind:
     """Kind of a sensor_msgs/Image or CompressedImage."""
     if hasattr(message, "encoding"):
-        return ImageKind(str(message.encoding), "", (int(message.width), int(message.height)))
+        return ImageKind(_encoding(message), "", (int(message.width), int(message.height)))
     # "bgr8; jpeg compressed bgr8", "16UC1; compressedDepth png", "png", "jpeg"
     given = str(message.format)
     encoding = given.split(";")[0].strip() if ";" in given else ""
@@ -99,7 +117,7 @@ def colour_image(message: Any, where: str) -> NDArray[np.uint8]:
         return np.ascontiguousarray(decode_image(_bytes(message), flags, where)[:, :, ::-1]).astype(
             np.uint8, copy=False
         )
-    encoding = str(message.encoding)
+    encoding = _encoding(message)
     if encoding not in _TO_RGB:
         raise RecordingError(
             f"{where}: encoding {encoding!r} is not read as colour; known are {', '.join(_TO_RGB)}"
@@ -122,7 +140,7 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
     No return is 0 or nan. Raises RecordingError, beginning with `where`, for what is no depth.
     """
     if hasattr(message, "encoding"):
-        if message.encoding not in DEPTH_ENCODINGS:
+        if _encoding(message) not in DEPTH_ENCODINGS:
             raise RecordingError(
                 f"{where}: encoding {message.encoding!r} is not depth; "
                 f"known are {', '.join(DEPTH_ENCODINGS)}"
@@ -134,6 +152,13 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
     return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
 
 
+def _encoding(message: Any) -> str:
+    """Encoding of an Image; some drivers write it in capitals, or as their own."""
+    given = str(message.encoding)
+    lower = given.lower()
+    return given if given in ENCODINGS else {"z16": "16UC1"}.get(lower, lower)
+
+
 def _bytes(message: Any) -> NDArray[np.uint8]:
     return np.frombuffer(memoryview(message.data), np.uint8)
 
@@ -141,11 +166,14 @@ def _bytes(message: Any) -> NDArray[np.uint8]:
 def _raw_image(message: Any, where: str) -> NDArray[Any]:
     """(H, W) or (H, W, C) without the padding of its rows, in this machine's byte order."""
     height, width, step = int(message.height), int(message.width), int(message.step)
-    type_, channels = ENCODINGS[str(message.encoding)]
+    encoding = _encoding(message)
+    type_, channels = ENCODINGS[encoding]
     item = np.dtype(type_).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * item.itemsize
     data = _bytes(message)
     _check_size(width, height, where)
+    if encoding in _PLANAR:
+        return _planes(data, width, height, where)
     if step < row or len(data) < step * (height - 1) + row:
         raise RecordingError(
             f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "
@@ -156,6 +184,14 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
     pixels = rows.copy().view(item)
     shape = (height, width) if channels == 1 else (height, width, channels)
     return pixels.reshape(shape).astype(type_, copy=False)
+
+
+def _planes(data: NDArray[np.uint8], width: int, height: int, where: str) -> NDArray[np.uint8]:
+    """(3 H / 2, W) of an image whose colour follows its luminance."""
+    size = width * height * 3 // 2
+    if width % 2 or height % 2 or len(data) < size:
+        raise RecordingError(f"{where}: {len(data)} bytes are no {width}x{height} planar image")
+    return data[:size].reshape(height * 3 // 2, width)
 
 
 def _compressed_depth(

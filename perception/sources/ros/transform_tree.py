@@ -6,6 +6,7 @@ hold for all times.
 
 from __future__ import annotations
 
+import contextlib
 from array import array
 from collections.abc import Sequence
 from typing import Any, Final
@@ -13,7 +14,13 @@ from typing import Any, Final
 import numpy as np
 
 from kg.model.errors import RecordingError, did_you_mean
-from perception.camera.poses import Pose, Trajectory, pose_from_quaternion
+from perception.camera.poses import (
+    Pose,
+    Trajectory,
+    check_pose_numbers,
+    pose_from_quaternion,
+    quaternion_from_pose,
+)
 from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
 
 MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
@@ -68,20 +75,62 @@ class TransformTree:
         where = f"transform {parent} -> {child}"
         if parent == child or not parent or not child:
             raise RecordingError(f"{where}: a link needs two frames")
-        t, q = np.array(numbers[:3], np.float64), np.array(numbers[3:], np.float64)
-        pose_from_quaternion(t, q, where)
+        check_pose_numbers(numbers, where)
         if parent not in self._links.get(child, ()):
             if self._count >= MAX_LINKS:
                 raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
             self._count += 1
         link = self._links.setdefault(child, {}).setdefault(parent, _Link())
-        if self._kept is not None:
-            link.forget(0 if static else stamp, self._kept)
+        link.forget(0 if static else stamp, self._kept)
         link.add(0 if static else stamp, numbers, static)
 
     def prefer(self, parent: str, child: str) -> None:
         """Take `parent` for the parent of `child`, whatever other links there are."""
         self._preferred[frame_name(child)] = frame_name(parent)
+
+    def link(self, parent: str, child: str, T: Pose) -> None:
+        """Add a static link by the pose (4, 4) of `child` in `parent`, and prefer it."""
+        numbers = (*T[:3, 3], *quaternion_from_pose(T))
+        self.add(parent, child, 0, [float(n) for n in numbers], static=True)
+        self.prefer(parent, child)
+
+    def keep_last_run(self) -> None:
+        """Forget what came before stamps jumped back, as where a simulation is started again."""
+        for links in self._links.values():
+            for link in links.values():
+                link.keep_last_run()
+
+    def merged(self, other: TransformTree) -> TransformTree:
+        """A tree with the links of both, which are shared with them."""
+        both = TransformTree(self._kept)
+        for tree in (other, self):
+            for child, links in tree._links.items():
+                both._links.setdefault(child, {}).update(links)
+            both._preferred.update(tree._preferred)
+        both._count = sum(map(len, both._links.values()))
+        return both
+
+    def mounts(self, frame: str) -> list[str]:
+        """Frames above `frame` that static links join to it, the nearest first."""
+        chain = self.ancestors(frame)
+        still = [place for place, one in enumerate(chain[:-1]) if not self.is_static(one)]
+        return chain[1 : still[0] + 1] if still else chain[1:]
+
+    def chains(self) -> dict[str, list[str]]:
+        """Each frame with those above it, without frames whose links form a loop."""
+        found = {}
+        for frame in self.frames:
+            with contextlib.suppress(RecordingError):
+                found[frame] = self.ancestors(frame)
+        return found
+
+    def carried(self) -> list[str]:
+        """Frames that a link above them moves."""
+        return [
+            frame
+            for frame, chain in self.chains().items()
+            if any(not self.is_static(one) for one in chain[:-1])
+        ]
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -178,10 +227,11 @@ class TransformTree:
 class _Link:
     """One link's transforms over time."""
 
-    __slots__ = ("_ordered", "_rows", "static")
+    __slots__ = ("_ordered", "_rows", "_run", "static")
 
     def __init__(self) -> None:
         self.static = False
+        self._run = 0  # where the rows begin that came after stamps jumped back
         self._rows = array("d")  # stamp, x, y, z, qx, qy, qz, qw
         self._ordered: Trajectory | None = None
 
@@ -191,20 +241,27 @@ class _Link:
     def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
         if static:
             self.static = True
+            self._run = 0
             self._rows = array("d")  # the latest static transform holds
         elif self.static:
             return
         self._rows.extend((stamp / NANOSECONDS, *numbers))
         self._ordered = None
 
-    def forget(self, stamp: int, kept: int) -> None:
+    def forget(self, stamp: int, kept: int | None) -> None:
         """Forget transforms that are not needed beside a new one of `stamp` [ns]."""
         if self.static or not len(self):
             return
         if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
-            self._rows = array("d")
-        elif len(self) >= 2 * kept:
+            self._run = len(self._rows)
+            if kept is not None:
+                self.keep_last_run()
+        elif kept is not None and len(self) >= 2 * kept:
             self._rows = self._rows[-8 * kept :]
+
+    def keep_last_run(self) -> None:
+        """Forget what came before stamps jumped back."""
+        self._rows, self._run, self._ordered = self._rows[self._run :], 0, None
 
     def trajectory(self) -> Trajectory:
         if self._ordered is None:

@@ -107,11 +107,10 @@ def draw_object(axes: Axes, record: ObjectRecord, group: Group, size: float = 6.
         alpha = 0.35 + 0.65 * float(np.clip(record.existence, 0, 1))
         rim = {"mec": "white", "mew": min(0.8, size / 8)}
         style |= {"mfc": group.colour, "alpha": alpha, "zorder": 6, **rim}
-        if record.extent is not None and np.isfinite(record.extent).all():
-            width, depth, _ = (float(side) for side in record.extent)
+        corners = record.footprint
+        if corners is not None and np.isfinite(corners).all():
             fill, edge = to_rgba(group.colour, 0.05), to_rgba(group.colour, 0.4)
-            corner = float(x) - width / 2, float(y) - depth / 2
-            axes.add_patch(Rectangle(corner, width, depth, fc=fill, ec=edge, lw=0.7, zorder=3.5))
+            axes.add_patch(Polygon(corners, fc=fill, ec=edge, lw=0.7, zorder=3.5))
     axes.plot(x, y, **style)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.display.viewers.scene import Scene, SceneObject
-from planner.display.viewers.viewer import MARKER
+from planner.display.viewers.viewer import MARKER, heading_quaternion
 
 _SPACING: Final = 0.01  # [m] between points along an edge
 _Z_UP: Final = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # by columns
@@ -70,7 +70,8 @@ def scene_as_glb(scene: Scene) -> bytes:
             box = made.mesh({"POSITION": at}, indices=indices, material=material)
             name = f"{thing.text} ({thing.name})"
             placed = {"translation": list(thing.p_map), "scale": list(_sides(thing))}
-            parts.append(made.node(name, box, **placed))
+            turn = list(heading_quaternion(thing.yaw))
+            parts.append(made.node(name, box, **placed, rotation=turn))
     return made.file(made.node(scene.title, None, matrix=_Z_UP, children=parts))
 
 
@@ -150,8 +151,10 @@ def _bytes(thing: SceneObject) -> NDArray[np.uint8]:
 
 def _edges(thing: SceneObject) -> NDArray[np.float32]:
     """Points (n, 3) [m] along the 12 edges of an object's box."""
-    half = np.array(_sides(thing)) / 2
-    return np.concatenate([np.array(thing.p_map) + edge for edge in _edges_of(half)]).astype("<f4")
+    edges = np.concatenate([*_edges_of(np.array(_sides(thing)) / 2)])
+    c, s = np.cos(thing.yaw), np.sin(thing.yaw)
+    turned = edges @ np.array([(c, s, 0), (-s, c, 0), (0, 0, 1)])
+    return np.asarray(np.array(thing.p_map) + turned, "<f4")
 
 
 def _edges_of(half: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:

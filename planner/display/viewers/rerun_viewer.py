@@ -153,6 +153,7 @@ class RerunViewer:
             rr.Boxes3D(
                 centers=[thing.p_map for thing, _ in boxes],
                 sizes=[extent for _, extent in boxes],
+                quaternions=[rr.Quaternion(xyzw=heading_quaternion(t.yaw)) for t, _ in boxes],
                 colors=[_rgba(thing.colour, thing.existence) for thing, _ in boxes],
             ),
         )

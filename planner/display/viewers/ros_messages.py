@@ -201,7 +201,8 @@ class RosMessages(MessageMaker):
         )
         if thing.extent is not None:
             alpha = 0.25 * thing.existence
-            yield self._marker(header, "extents", _CUBE, scale=thing.extent, alpha=alpha, **style)
+            style |= {"scale": thing.extent, "heading": thing.yaw}
+            yield self._marker(header, "extents", _CUBE, alpha=alpha, **style)
         x, y, z = thing.p_map
         above = max(MARKER, thing.extent[2] if thing.extent else 0.0) / 2 + TEXT
         yield self._words(header, "labels", thing.text, (x, y, z + above), thing.colour)

@@ -55,8 +55,9 @@ class SceneObject:
     colour: Colour
     existence: float  # 0..1
     p_map: Point
-    extent: Point | None  # [m] of its box along the map's axes, centred at `p_map`
+    extent: Point | None  # [m] of its box along its own axes, centred at `p_map`
     place: str | None  # place/1
+    yaw: float = 0.0  # [rad] of its box about z
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +185,7 @@ class SceneReader:
                 p_map=_point(record.p_map),
                 extent=_point(extent) if extent is not None and sized else None,
                 place=None if record.place is None else self._name(record.place),
+                yaw=record.yaw if math.isfinite(record.yaw) else 0.0,
             )
 
     def _groups_of(self, records: Sequence[ObjectRecord]) -> dict[str, Group]:

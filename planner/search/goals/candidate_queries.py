@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from kg.knowledge.placement.table import PlacementTable
 from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
 from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.planning_map import (
     Place,
@@ -41,6 +42,7 @@ from planner.settings import BeliefSettings
 Kind = Literal["known", "nearby", "place", "frontier"]
 
 _ALL_SEEN = 0.95  # share of a floor from which on all of it counts as seen
+_BEARS = 0.1  # share of a probability from which on its source is named
 #: first words of the reasons in the table that are statements of the ontology
 _STATEMENTS = ("listed", "stated", "weight")
 
@@ -59,6 +61,8 @@ class Candidate:
     existence: float = 1.0  # of a known object, when it was last seen
     place: str | None = None  # IRI of the place that the candidate is in, or is
     noticed: float = 0.0  # of a place: chance that earlier views of a cell noticed a target in it
+    room_kind: str = ""  # of a place: IRI of its likeliest category
+    rooms: float = np.inf  # of a place: rooms of that kind that its probability is worth
 
 
 def map_time(semantic_map: SemanticMap) -> float:
@@ -70,6 +74,19 @@ def map_time(semantic_map: SemanticMap) -> float:
     ]
     robot = semantic_map.robot()
     return max(stamps + ([] if robot is None else [robot.stamp]), default=0.0)
+
+
+def kinds_half_lives(target: Target, rows: Iterable[Row]) -> dict[str, float]:
+    """[s] half-life of each kind of a target, learned from its objects (rows of the map)."""
+    stays: dict[str, list[float]] = {kind: [] for kind in target.kinds}
+    for row in rows:
+        first, last = time_or_none(row, "firstSeen"), time_or_none(row, "lastSeen")
+        if first is not None and last is not None and row["own"] is None:
+            stays[str(row["kind"])].append((last - first).total_seconds())
+    return {
+        kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
+        for kind, label in target.kinds.items()
+    }
 
 
 class CandidateQueries:
@@ -89,7 +106,7 @@ class CandidateQueries:
     def things(self, index: int, target: Target) -> tuple[Candidate, ...]:
         """Candidates of target `index` at known objects: its instances, and objects it is near."""
         remembered = self._rows("goals-remembered", target)
-        half_lives = self._half_lives(target, remembered)
+        half_lives = kinds_half_lives(target, remembered)
         once: dict[str, Row] = {}  # each object by its most probable reading
         for row in remembered:
             once.setdefault(str(row["iri"]), row)
@@ -100,7 +117,7 @@ class CandidateQueries:
 
     def places(self, index: int, target: Target, ground: PlanningMap) -> tuple[Candidate, ...]:
         """Candidates for target `index` in every place, and beyond the frontiers of the floor."""
-        half_life = min(self._half_lives(target, self._rows("goals-remembered", target)).values())
+        half_life = min(kinds_half_lives(target, self._rows("goals-remembered", target)).values())
         rooms = _Rooms(self._table, target, self._rows("goals-expected", target))
         return (
             *(self._place(index, place, rooms, half_life, ground) for place in self._places),
@@ -111,17 +128,6 @@ class CandidateQueries:
         return [
             row for iri in target.queried for row in self._map.query(query, category=iri).records()
         ]
-
-    def _half_lives(self, target: Target, rows: Iterable[Row]) -> dict[str, float]:
-        stays: dict[str, list[float]] = {kind: [] for kind in target.kinds}
-        for row in rows:
-            first, last = time_or_none(row, "firstSeen"), time_or_none(row, "lastSeen")
-            if first is not None and last is not None and row["own"] is None:
-                stays[str(row["kind"])].append((last - first).total_seconds())
-        return {
-            kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
-            for kind, label in target.kinds.items()
-        }
 
     def _known(self, index: int, row: Row, half_lives: Mapping[str, float]) -> Candidate:
         existence, label, age = number(row, "existence"), label_of(row), self._age(row)
@@ -186,6 +192,7 @@ class CandidateQueries:
         self, index: int, place: Place, rooms: _Rooms, half_life: float, ground: PlanningMap
     ) -> Candidate:
         p, facts = rooms.of(place)
+        kind = max(place.beliefs, key=lambda kind: (place.beliefs[kind], kind), default=v.PLACE)
         noticed = 0.0
         if place.views > 0:
             age = self._now - (place.last_seen if place.last_seen is not None else self._now)
@@ -207,6 +214,8 @@ class CandidateQueries:
             facts=facts,
             place=place.iri,
             noticed=noticed,
+            room_kind=kind,
+            rooms=rooms.worth(kind),
         )
 
     def _beyond(self, index: int, target: Target, area: UnexploredArea, rooms: _Rooms) -> Candidate:
@@ -275,21 +284,32 @@ class _Rooms:
             return p, (reason, f"a place of unknown kind {chance}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
 
+    def worth(self, kind: str) -> float:
+        """Rooms of `kind` that p(target in such a place) is worth: alpha + beta."""
+        known = [self._table.placement(iri, kind) for iri in self._target.queried]
+        return min(one.alpha + one.beta for one in known)
+
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
         a_category, label = with_article(place.names[kind]), self._target.label
-        facts = [f"{place.label} is believed to be {a_category} ({place.beliefs[kind]:.2f})"]
-        row = self._rows.get(kind)
-        if row is None:
-            return (*facts, f"{a_category} holds {label} with probability {self._p_in(kind):.2f}")
+        believed = f"{place.label} is believed to be {a_category} ({place.beliefs[kind]:.2f})"
+        row, p = self._rows.get(kind), self._p_in(kind)
+        if row is None or p != min(_product(row), 1.0):  # the table has it, from several sources
+            holds_it = f"{a_category} holds {label} with probability {p:.2f}"
+            return believed, holds_it + self._sources(kind) + self._members(kind)
         sought = row["near"] or row["wanted"]
-        facts.append(
-            f"{sought} is found in {with_article(str(row['category']))} "
-            f"{sourced(row, 'probability')}"
-        )
+        where = with_article(str(row["category"]))
+        facts = [believed, f"{sought} is found in {where} {sourced(row, 'probability')}"]
         if row["near"] is not None:
             near = number(row, "nearProbability")
             facts.append(f"{row['wanted']} is found near {row['near']} ({near:g})")
-        return (*facts, f"together {self._p_in(kind):.2f}{self._members(kind)}")
+        return (*facts, f"together {p:.2f}{self._members(kind)}")
+
+    def _sources(self, kind: str) -> str:
+        """The sources that bear most of p(target in a place of `kind`), with their shares."""
+        best = max(self._target.queried, key=lambda iri: self._table.probability(iri, kind))
+        borne = [r for r in self._table.placement(best, kind).reasons if r.share >= _BEARS]
+        named = [f"{_source_words(r.source, r.text)} ({r.share:.0%})" for r in borne]
+        return f", by {' and '.join(named)}" if named else ""
 
     def _members(self, kind: str) -> str:
         kinds = {k: label for k, label in self._target.kinds.items() if k != self._target.iri}
@@ -300,6 +320,14 @@ class _Rooms:
         return f" for any of {len(kinds)} kinds: {', '.join(shown)}" + (
             ", ..." if len(kinds) > len(shown) else ""
         )
+
+
+def _source_words(source: str, text: str) -> str:
+    if source == "model":
+        return "how rare such things are"
+    if source == "this map":
+        return "the rooms of this map"
+    return f"{text} in {source}" if text.endswith("rooms") else source
 
 
 def _product(row: Row) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -13,10 +14,10 @@ from numpy.typing import NDArray
 from kg.maps.facts.coordinate_frames import frames_in, maps_in
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
+from mapping.persistence import holds
 from planner.freespace.planning_map import number, text_or_none, time_or_none
-from planner.search.goals.candidate_queries import span
-from planner.search.goals.search_goals import label_of, times, whereabouts, with_article
-from planner.search.goals.status import stamp
+from planner.search.goals.candidate_queries import kinds_half_lives
+from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target
 
 _MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
@@ -41,6 +42,17 @@ class KnownObject:
     own: str | None = None  # its most probable category, where that is not the target
     may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
     place: str | None = None  # IRI
+    z: float | None = None  # [m]
+    half_life: float = math.inf  # [s] after which half of such objects were moved
+
+    def kept(self, now: float) -> float:
+        """Probability that it was not moved between its last sighting and `now` [s since 1970]."""
+        last = now if self.last_seen is None else self.last_seen.timestamp()
+        return holds(self.half_life, now - last)
+
+    def still_there(self, now: float) -> float:
+        """Probability that it exists, and was not moved until `now` [s since 1970]."""
+        return self.existence * self.kept(now)
 
     @property
     def sure(self) -> bool:
@@ -67,7 +79,9 @@ def known_objects(
         others.setdefault(str(row["object"]), []).append(alternative)
     found: dict[str, KnownObject] = {}
     for category in target.queried:
-        for row in semantic_map.query("goals-remembered", category=category).records():
+        rows = semantic_map.query("goals-remembered", category=category).records()
+        half_lives = kinds_half_lives(target, rows)
+        for row in rows:
             iri, existence = str(row["iri"]), number(row, "existence")
             if existence < _MIN_EXISTENCE or iri in found:
                 continue
@@ -85,6 +99,8 @@ def known_objects(
                 own=text_or_none(row, "own"),
                 place=text_or_none(row, "place"),
                 may_be=tuple(others.get(iri, ())),
+                z=None if row["z"] is None else number(row, "z"),
+                half_life=half_lives[str(row["kind"])],
             )
     titles = _other_maps(semantic_map)
     known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
@@ -122,68 +138,10 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
     return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
-def answer_lines(known: Sequence[KnownObject], now: float, *, address: str = "MAP") -> list[str]:
-    """Known objects in sentences: label, whereabouts, existence, time and best frame.
-
-    Args:
-        known: Objects; the first `LISTED` are listed.
-        now: Moment that ages count to [s since 1970].
-        address: Address of the map.
-    """
-    lines = []
-    for one in known[:LISTED]:
-        if one.doubted:
-            lines.append(_perhaps(one, now, address))
-            continue
-        x, y = (float(value) for value in one.p_map)
-        text = f"{'' if one.sure else 'perhaps '}{one.label}"
-        if one.own is not None:
-            text += f", which may be {with_article(one.category)}"
-        text += f": {one.where} at ({x:.1f}, {y:.1f}), existence {one.existence:.2f}"
-        text += _may_be(one)
-        if one.found_by is not None:
-            text += f", found by search/{one.found_by.rpartition('/')[2]}"
-        text += _last_seen(one, now)
-        if one.observations:
-            text += f", {one.observations} observation{'s' * (one.observations > 1)}"
-            text += f", the best in {one.frame}" if one.frame else ""
-        lines.append(text)
-    if len(known) > LISTED:
-        lines.append(f"and {len(known) - LISTED} more: `hereabouts ask MAP objects-by-category`")
-    return lines
-
-
-def _perhaps(one: KnownObject, now: float, address: str) -> str:
-    """A sentence about a doubted object."""
-    x, y = (float(value) for value in one.p_map)
-    where = "" if one.where.startswith("at (") else f" {one.where}"
-    verb = f"was seen {times(one.observations)}" if one.observations else "is"
-    number = "/".join(one.iri.rsplit("/", 2)[-2:])
-    return (
-        f"Perhaps: {with_article(one.category)} {verb}"
-        f"{where} at ({x:.1f}, {y:.1f}){_last_seen(one, now)}, "
-        f"existence {one.existence:.2f}{_may_be(one)} "
-        f"(hereabouts why {address} {number})"
-    )
-
-
-def _may_be(one: KnownObject) -> str:
-    if one.own is not None or not one.may_be:
-        return ""
-    may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
-    return f", may also be {' or '.join(may_be)}"
-
-
-def _last_seen(one: KnownObject, now: float) -> str:
-    if one.last_seen is None:
-        return ""
-    age = max(now - one.last_seen.timestamp(), 0.0)
-    ago = f", last seen {span(age)} ago" if age >= 1 else ", seen just now"
-    return f"{ago} ({stamp(one.last_seen)})"
-
-
-def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dict[str, object]]:
-    """Known objects of all targets as plain values; lengths to 1 mm."""
+def known_json(
+    semantic_map: SemanticMap, targets: Sequence[Target], now: float
+) -> list[dict[str, object]]:
+    """Known objects of all targets as plain values at `now` [s since 1970]; lengths to 1 mm."""
     return [
         {
             "target": target.label,
@@ -193,8 +151,10 @@ def known_json(semantic_map: SemanticMap, targets: Sequence[Target]) -> list[dic
             "where": one.where,
             "x": round(float(one.p_map[0]), 3),
             "y": round(float(one.p_map[1]), 3),
+            "z": None if one.z is None else round(one.z, 3),
             "own_category": one.own or one.category,
             "existence": round(one.existence, 6),
+            "still_there": round(one.still_there(now), 6),
             "may_be": [{"category": other, "probability": p} for other, p in one.may_be],
             "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
             "observations": one.observations,

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.result_rows import Value
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import UnknownCategoryError, did_you_mean
+from kg.model.errors import UnknownCategoryError
 from planner.freespace.planning_map import Row, number, time_or_none
+from planner.search.goals.target_words import meaning_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,36 +35,16 @@ class Goal:
 
 
 def resolve_target(catalogue: Catalogue, target: str) -> Category:
-    """The category that `target` names: by label, synonym or IRI; objects and supercategories.
+    """The category that `target` names: by label, synonym, word or IRI; objects, supercategories.
 
-    Raises UnknownCategoryError for anything else, places included; the message names what exists.
+    Raises UndetectableError for a thing that no category includes, and UnknownCategoryError for a
+    word of several categories, for places, and for anything else; the message names what exists.
     """
-    category = catalogue.get(target)
-    if category is None:
-        raise UnknownCategoryError(_not_a_category(catalogue, target))
-    if category.kind == "place":
-        other = catalogue.get(target, "object")
-        if other is None:
-            raise UnknownCategoryError(
-                f"'{category.label}' is a kind of place, not something to search for; "
-                f"search for an object such as banana, or one of {_supercategories(catalogue)}"
-            )
-        return other
-    return category
-
-
-def _supercategories(catalogue: Catalogue) -> str:
-    return ", ".join(sorted(c.label for c in catalogue.categories if c.kind == "supercategory"))
-
-
-def _not_a_category(catalogue: Catalogue, target: str) -> str:
-    objects = [c for c in catalogue.categories if c.kind != "place"]
-    spellings = [name for c in objects for name in (c.label, *c.synonyms)]
-    count = sum(c.kind == "object" for c in objects)
-    return (
-        f"no category '{target}'{did_you_mean(target, spellings) or ';'} there are {count} "
-        f"categories of objects, and the supercategories {_supercategories(catalogue)}"
-    )
+    meaning = meaning_of(catalogue, target)
+    found = [one for one in meaning.categories if not one.undetected] or meaning.categories
+    if len(found) > 1:
+        raise UnknownCategoryError(f"{meaning.note}; ask for one of them")
+    return found[0]
 
 
 def derive_goals(semantic_map: SemanticMap, target: str) -> tuple[Goal, ...]:

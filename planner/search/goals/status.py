@@ -1,11 +1,13 @@
-"""Status: whether something is present, gone, hidden or was never looked for, and the proof.
+"""Status: present, gone, looked (none seen), hidden, or never looked for, and the proof.
 
 `queries/status.rq` answers for each place. This module combines the places. A single object is
-looked up in the map, and in its history once it has left the map.
+looked up in the map, and in its history once it has left the map. Only what was really there, by
+its greatest existence and its observations, can be gone.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,12 +16,19 @@ from typing import Final, Literal, cast
 from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
+from mapping.objects.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
+from planner.search.goals.place_names import object_named
 from planner.search.goals.search_goals import resolve_target
+from planner.settings import BELIEF
 
-Value = Literal["present", "gone", "hidden", "never looked"]
+Value = Literal["present", "gone", "looked, none seen", "hidden", "never looked"]
+NONE_SEEN: Final[Value] = "looked, none seen"
 
 _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
+_LOOKED_AT: Final = 0.05  # viewed share of a place, below which nobody looked, as in `status.rq`
+_REAL: Final = 0.8, 3  # greatest existence and observations of what was there, as in `status.rq`
+_LARGE: Final = 0.5  # [m] usual size from which on a thing is noticed from up to 4 m
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +38,15 @@ class PlaceStatus:
     value: Value
     place: str | None  # IRI
     place_label: str
-    object: str | None  # IRI of the object that is present
+    object: str | None  # IRI of the object that is present, or that was
     label: str
     existence: float | None
     last_seen: datetime | None  # of the object
     viewed_share: float  # of the place's area, 0..1
     closely_viewed_share: float
     last_viewed: datetime | None  # of the place
+    found_gone: datetime | None = None  # when its spot was first seen empty
+    noticed: float = 0.0  # probability that one thing of the category would have been noticed
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,20 +71,25 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         UnknownCategoryError: `what` is neither a category nor an object.
         QueryParameterError: The place is unknown, or the object never was in the map.
     """
-    if "object/" in what:
-        return _object_status(semantic_map, what)
+    if thing := object_named(semantic_map, what):
+        return _object_status(semantic_map, what, thing)
     category = resolve_target(semantic_map.catalogue, what)
     rows = semantic_map.query("status", category=category.iri).records()
-    found = tuple(_place(row) for row in rows)
+    found = tuple(_place(row, category.label) for row in rows)
     if place is not None:
         chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
-    return Status(category.label, _combined(found), _proof(category.label, found), found)
+    value, proof = _combined(found), _proof(category.label, found)
+    if category.undetected and value != "present" and "no detector" not in proof:
+        proof = f"no detector here can see {category.label}; {proof}"
+    return Status(category.label, value, proof, found)
 
 
-def _place(row: Row) -> PlaceStatus:
+def _place(row: Row, category: str) -> PlaceStatus:
+    value, large = cast(Value, row["status"]), _size(category) >= _LARGE
+    viewed = _share(row, "viewedShare" if large else "closelyViewedShare")
     return PlaceStatus(
-        value=cast(Value, row["status"]),
+        value=value,
         place=text_or_none(row, "place"),
         place_label=str(row["placeLabel"] or "no place"),
         object=text_or_none(row, "object"),
@@ -83,7 +99,13 @@ def _place(row: Row) -> PlaceStatus:
         viewed_share=_share(row, "viewedShare"),
         closely_viewed_share=_share(row, "closelyViewedShare"),
         last_viewed=time_or_none(row, "lastViewed"),
+        found_gone=time_or_none(row, "foundGone"),
+        noticed=0.0 if value == "never looked" else BELIEF.noticed * viewed,
     )
+
+
+def _size(category: str) -> float:
+    return usual_sizes().get(category, UNUSUAL).longest
 
 
 def _share(row: Row, column: str) -> float:
@@ -91,25 +113,25 @@ def _share(row: Row, column: str) -> float:
 
 
 def _combined(places: Sequence[PlaceStatus]) -> Value:
-    """Status of all places: present if it is in any, gone only if it is in each."""
+    """Status of all places: present or gone if it is so in any, looked only if in each."""
     values = {one.value for one in places}
-    if "present" in values:
-        return "present"
-    if values == {"gone"}:
-        return "gone"
+    for value in ("present", "gone"):
+        if value in values:
+            return value
+    if values == {NONE_SEEN}:
+        return NONE_SEEN
     return "hidden" if values - {"never looked"} else "never looked"
 
 
 def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
-    present = [one for one in places if one.value == "present"]
-    if present:
-        best = present[0]
-        more = f", and {len(present) - 1} more" if len(present) > 1 else ""
-        seen = f", last seen {stamp(best.last_seen)}" if best.last_seen else ""
-        sure = f"existence {best.existence:.2f}" if best.existence is not None else "asserted"
-        return f"{best.label or label} in {best.place_label}, {sure}{seen}{more}"
+    for value in ("present", "gone"):
+        if known := [one for one in places if one.value == value]:
+            more = f", and {len(known) - 1} more" if len(known) > 1 else ""
+            return _known_proof(label, known[0]) + more
     if not places:
         return "the map has no places, so the viewed area is unknown"
+    if any(one.value == "never looked" and one.viewed_share >= _LOOKED_AT for one in places):
+        return f"no detector that mapped here has a name for {label}, so none could be seen"
     least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
     parts = [
         f"{one.viewed_share:.0%} of {one.place_label}"
@@ -118,7 +140,21 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     ]
     others = len(places) - len(least)
     rest = f", and more of {others} other places" if others else ""
-    return f"no {label} was seen, and the robot viewed {', '.join(parts)}{rest}"
+    noticed = sum(one.noticed for one in places) / len(places)
+    return (
+        f"no {label} was seen, and the robot viewed {', '.join(parts)}{rest}; "
+        f"one would have been noticed with probability {noticed:.2f}"
+    )
+
+
+def _known_proof(label: str, one: PlaceStatus) -> str:
+    """Place and time of an object's last sighting, and since when its spot is empty."""
+    seen = f", last seen {stamp(one.last_seen)}" if one.last_seen else ""
+    if one.value == "gone":
+        empty = f", and its spot was seen empty at {stamp(one.found_gone)}"
+        return f"{one.label or label} was in {one.place_label}{seen}{empty}"
+    sure = f"existence {one.existence:.2f}" if one.existence is not None else "asserted"
+    return f"{one.label or label} in {one.place_label}, {sure}{seen}"
 
 
 def stamp(time: datetime | None) -> str:
@@ -126,15 +162,16 @@ def stamp(time: datetime | None) -> str:
     return "" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
 
 
-def _object_status(semantic_map: SemanticMap, what: str) -> Status:
-    iri = what if "://" in what else semantic_map.base + what
+def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     places = {place.iri: place for place in semantic_map.places()}
     for record in semantic_map.perceived.objects((iri,)):
         place = places.get(record.place or "")
         views = None if place is None else place.viewed
         seen = datetime.fromtimestamp(record.last_seen, UTC)
         viewed_since = views is not None and views.last > record.last_seen
-        value: Value = "gone" if viewed_since else "hidden"
+        value: Value = "hidden"
+        if viewed_since:
+            value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
         if record.existence >= PRESENT:
             value = "present"
         where = place.label if place else "no place"
@@ -150,12 +187,24 @@ def _object_status(semantic_map: SemanticMap, what: str) -> Status:
         proof = (
             f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, found gone {stamp(gone)}"
         )
-        return Status(what, "gone", proof, ())
+        real = left.peak >= _REAL[0] and left.observations >= _REAL[1]
+        return Status(what, "gone" if real else NONE_SEEN, proof, ())
     *_, last = semantic_map.history.events(iri)
     if not any(change.endswith("removed") for change in last.changes):
         raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")
     when = datetime.fromtimestamp(last.time, UTC)
     by = last.cause.by or last.cause.note or last.cause.kind
-    return Status(
-        what, "gone", f"left the map by transaction #{last.sequence} ({by}), {stamp(when)}", ()
+    value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
+    proof = f"left the map by transaction #{last.sequence} ({by}), {stamp(when)}"
+    return Status(what, value, proof, ())
+
+
+def _was_real(semantic_map: SemanticMap, iri: str) -> bool:
+    """Whether an object's existence ever was that of a thing that is really there."""
+    steps = (
+        line.removeprefix("existence ")
+        for event in semantic_map.history.events(iri)
+        for line in event.changes
+        if line.startswith("existence ")
     )
+    return any(float(n) >= _REAL[0] for step in steps for n in re.findall(r"\d+\.?\d*", step))

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import UnknownCategoryError, did_you_mean
-from planner.search.goals.search_goals import resolve_target
+from kg.model.errors import UndetectableError, UnknownCategoryError, did_you_mean
+from planner.search.goals.place_names import object_named
+from planner.search.goals.target_words import Undetectable, meaning_of, undetectable
 
 _NEED: Final = re.compile(
     r"(?:(?:some|any)(?:thing|where|place)|a thing|things|what)(?: (?:i|one|we) can)?(?: to)? (.+)",
@@ -28,6 +29,7 @@ class Target:
     iri: str | None  # of its category; None for a need
     kinds: dict[str, str]  # IRI -> label of every category that will do
     above: dict[str, frozenset[str]]  # IRI -> labels of all supercategories of each kind
+    note: str = ""  # how the text was understood, where it is not a category's own name
 
     @property
     def queried(self) -> tuple[str, ...]:
@@ -38,7 +40,8 @@ class Target:
 def resolve(semantic_map: SemanticMap, texts: Sequence[str]) -> tuple[Target, ...]:
     """The targets that `texts` name, each once, in their order.
 
-    Raises UnknownCategoryError for a text that is neither a category nor a need.
+    Raises UndetectableError for a thing that no category includes, with its usual places, and
+    UnknownCategoryError for a text that is neither a word nor a need.
     """
     found: dict[tuple[str, ...], Target] = {}
     for text in texts:
@@ -47,13 +50,43 @@ def resolve(semantic_map: SemanticMap, texts: Sequence[str]) -> tuple[Target, ..
     return tuple(found.values())
 
 
-def _resolve(semantic_map: SemanticMap, text: str) -> Target:
+def undetectable_target(semantic_map: SemanticMap, text: str) -> Undetectable | None:
+    """The answer for a wanted thing that no category includes; None for any other text."""
+    return None if _need(semantic_map, text) else undetectable(semantic_map, text)
+
+
+def _need(semantic_map: SemanticMap, text: str) -> str:
+    """The words for a use in a text such as ``something to sit on``, or ""."""
     match = _NEED.fullmatch(text.strip())
-    if match is None or semantic_map.catalogue.get(text) is not None:
-        category = resolve_target(semantic_map.catalogue, text)
-        return _target(semantic_map, text, category.label, category.iri, [category.iri])
-    kinds = _used_for(semantic_map, match[1])
+    return "" if match is None or semantic_map.catalogue.get(text) is not None else match[1]
+
+
+def _resolve(semantic_map: SemanticMap, text: str) -> Target:
+    need = _need(semantic_map, text)
+    if not need:
+        return _named(semantic_map, text)
+    kinds = _used_for(semantic_map, need)
     return _target(semantic_map, text, text.strip(), None, kinds)
+
+
+def _named(semantic_map: SemanticMap, text: str) -> Target:
+    """The target of a word; of several categories where the word includes them."""
+    try:
+        meaning = meaning_of(semantic_map.catalogue, text)
+    except UndetectableError as error:
+        answer = undetectable(semantic_map, text)
+        raise UndetectableError(answer.answer if answer else str(error)) from error
+    except UnknownCategoryError as error:
+        if object_named(semantic_map, text) in {one.iri for one in semantic_map.objects()}:
+            raise UnknownCategoryError(
+                f"{text[:60]!r} is one thing, not a kind of things; "
+                f"`hereabouts ask MAP whereabouts -p object='{text[:60]}'` tells where it is"
+            ) from error
+        raise
+    single = meaning.categories[0] if len(meaning.categories) == 1 else None
+    label = single.label if single else meaning.text
+    target = _target(semantic_map, text, label, single.iri if single else None, meaning.iris)
+    return replace(target, note=meaning.note)
 
 
 def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import time
 from collections.abc import Iterator, Sequence
 from itertools import takewhile
 from typing import Final
@@ -14,7 +15,8 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
-from planner.search.goals.targets import resolve
+from planner.search.goals.targets import Target, resolve
+from planner.search.plans.answer_sentences import find_sentences
 from planner.search.plans.baselines import Baseline
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
 from planner.search.plans.view_plan import (
@@ -26,6 +28,9 @@ from planner.search.plans.view_plan import (
 )
 
 _MAX_REASONS: Final = 5  # of a step; the others are summed up
+_BEARS: Final = 0.05  # share of a plan's probability from which on a reason is named
+_LITTLE: Final = 0.1  # share of a plan's probability below which its last looks are left out, ...
+_SLOWER: Final = 0.5  # ... where their gain a second is below this share of that before
 _SAME_WEIGHT: Final = 0.5  # share of the weightiest reason from which on a second one is named
 
 
@@ -161,9 +166,45 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
-    """Each main candidate of the views once, with its chain of facts and without sources."""
-    first = {one.iri: one for step in steps for one in main_candidates(step)}
-    return [f"{purpose(one)}: {fact_chain(one.facts)}" for one in first.values()]
+    """The reasons that bear the probability of `steps`: share, chain of facts without sources."""
+    borne: dict[str, float] = {}
+    named: dict[str, Candidate] = {}
+    for reason in (reason for step in steps for reason in step.why):
+        iri = reason.candidate.iri
+        named.setdefault(iri, reason.candidate)
+        borne[iri] = borne.get(iri, 0.0) + reason.probability
+    total = sum(borne.values())
+    ranked = sorted(borne, key=lambda iri: (-borne[iri], iri))
+    return [
+        f"{borne[iri] / total:4.0%}  {_named(named[iri])}: "
+        # the answer has said where a known object was seen
+        + fact_chain(named[iri].facts[named[iri].kind == "known" :])
+        for iri in ranked[:_MAX_REASONS]
+        if borne[iri] >= _BEARS * total
+    ]
+
+
+def _named(candidate: Candidate) -> str:
+    """A candidate with its position [m], where that is one of an object."""
+    if candidate.kind not in ("known", "nearby"):
+        return purpose(candidate)
+    x, y = (float(value) for value in candidate.p_map)
+    return f"{purpose(candidate)} at ({x:.1f}, {y:.1f})"
+
+
+def worthwhile(steps: Sequence[ViewStep]) -> int:
+    """Number of the first looks of a plan, after which the others gain too little for their time.
+
+    The others together add less than a tenth of the plan's probability, and find it at less than
+    half the rate of the looks before.
+    """
+    gains, seconds = [step.probability for step in steps], [step.seconds for step in steps]
+    for number in range(1, len(steps)):
+        found, rest = sum(gains[:number]), sum(gains[number:])
+        rate, later = found / seconds[number - 1], rest / (seconds[-1] - seconds[number - 1])
+        if rest < _LITTLE * (found + rest) and later < _SLOWER * rate:
+            return number
+    return len(steps)
 
 
 def fact_chain(facts: Sequence[str]) -> str:
@@ -181,22 +222,27 @@ def without_sources(fact: str) -> str:
     return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
 
 
-def plan_lines(plan: ViewPlan) -> list[str]:
-    """Lines below the steps: probability and expected time of the plan, and of its baselines."""
-    assert plan.expected_seconds is not None, "there are steps"
+def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
+    """Lines below the first `looks` (None: all): their probability and time, and the others'."""
+    steps, rest = plan.steps[:looks], plan.steps[slice(looks, None) if looks else slice(0)]
+    gain = sum(step.probability for step in steps)
+    mean = sum(step.seconds * step.probability for step in steps) / gain if gain else 0.0
     count = len(plan.targets)
     if count == 1:
-        lines = [
+        text = (
             f"{plan.targets[0]} is on this floor with probability {plan.present:.2f}; these looks "
-            f"find it with probability {plan.probability:.2f}, on average after "
-            f"{plan.expected_seconds:.0f} s"
-        ]
+            f"find it with probability {gain:.2f}, on average after {mean:.0f} s"
+        )
     else:
-        lines = [
-            f"these looks are expected to find {plan.probability:.2f} of {count}, after "
-            f"{plan.expected_seconds:.0f} s on average"
-        ]
-    return lines + [baseline_line(other, count) for other in plan.baselines]
+        text = (
+            f"these looks are expected to find {gain:.2f} of {count}, after {mean:.0f} s on average"
+        )
+    if not rest:
+        return [text]
+    more = sum(step.probability for step in rest)
+    looks_more = f"{len(rest)} more look{'s' * (len(rest) > 1)}"
+    seconds = rest[-1].seconds - steps[-1].seconds
+    return [text, f"{looks_more} would add {more:.2f} in {seconds:.0f} s"]
 
 
 def baseline_line(other: Baseline, targets: int = 1) -> str:
@@ -249,34 +295,55 @@ def _lines_of_step(
 
 
 def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
-    """Answer of `find --json` for `wanted`, by default settings from the robot's pose.
+    """Answer of `find --json` for `wanted`, now, by default settings from the robot's pose.
 
     Raises UnknownCategoryError for a word that is neither a category nor a need.
     """
-    state = build_search(semantic_map, wanted)
+    now = time.time()
+    state = build_search(semantic_map, wanted, at=now)
     if state is None:
-        return empty_answer([target.label for target in resolve(semantic_map, wanted)])
-    return answer_json(semantic_map, state, plan_from(semantic_map, state))
+        return empty_answer(semantic_map, resolve(semantic_map, wanted), now)
+    return answer_json(semantic_map, state, plan_from(semantic_map, state), now)
 
 
 def answer_json(
-    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan
+    semantic_map: SemanticMap, state: PlanningState, found: ViewPlan, now: float
 ) -> dict[str, object]:
-    """A plan with its ways, and the known objects of its targets, as plain values."""
+    """A plan with its ways, and the known objects of its targets at `now`, as plain values."""
     ways = planned_ways(state, found, found.steps)
-    return {**plan_json(found, ways), "known": known_json(semantic_map, state.targets)}
-
-
-def empty_answer(targets: Sequence[str]) -> dict[str, object]:
-    """Answer for a map without floor, on which no view can be planned."""
     return {
-        "target": ", ".join(targets),
-        "targets": list(targets),
+        **plan_json(found, ways),
+        "worthwhile": worthwhile(found.steps),
+        **_known_json(semantic_map, state.targets, now, state),
+    }
+
+
+def _known_json(
+    semantic_map: SemanticMap,
+    targets: Sequence[Target],
+    now: float,
+    state: PlanningState | None = None,
+) -> dict[str, object]:
+    said = [line for one in targets for line in find_sentences(semantic_map, one, now, state)]
+    notes = [target.note for target in targets if target.note]
+    known = known_json(semantic_map, targets, now)
+    return {"answer": said, "known": known, "understood": notes}
+
+
+def empty_answer(
+    semantic_map: SemanticMap, targets: Sequence[Target], now: float
+) -> dict[str, object]:
+    """Answer for a map without floor, on which no view can be planned."""
+    labels = [target.label for target in targets]
+    return {
+        "target": ", ".join(labels),
+        "targets": labels,
         "goals": [],
         "expected_seconds": None,
         "probability": 0.0,
         "present": 0.0,
         "steps": [],
         "alternatives": [],
-        "known": [],
+        "worthwhile": 0,
+        **_known_json(semantic_map, targets, now),
     }

@@ -34,7 +34,7 @@ from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     belief_cells,
     candidate_views,
-    picture_chance,
+    sweep_chance,
 )
 from planner.search.viewpoints.coverage import covering_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
@@ -104,6 +104,11 @@ class PlanningState:
     def rooms(self) -> tuple[str, ...]:
         """Place IRI by number of room; "" where a room is no place."""
         return self._planning_map.rooms
+
+    @property
+    def room_names(self) -> tuple[str, ...]:
+        """Label of the place by number of room."""
+        return tuple(self._planning_map.names)
 
     @property
     def wanted(self) -> tuple[int, ...]:
@@ -232,12 +237,12 @@ class PlanningState:
         self.unseen = self.unseen * (1.0 - self.revisits.chance(view))
         self.revisits.add(view)
 
-    def missed_picture(self, cell: int, heading: float) -> None:
-        """Update the belief: a picture from floor `cell` towards `heading` [rad] showed no target.
+    def missed_sweep(self, cell: int, heading: float, extent: float) -> None:
+        """Update the belief: a sweep of `extent` [rad] about `heading` showed no target.
 
-        Cells that an earlier picture or view from nearby showed count less (`RevisitModel`).
+        Cells that an earlier view from near the floor `cell` showed count less (`RevisitModel`).
         """
-        chance = picture_chance(self.views, cell, heading)
+        chance = sweep_chance(self.views, cell, heading, extent)
         self.unseen = self.unseen * (1.0 - self.revisits.reduced(cell, chance))
         self.revisits.add_shown(cell, chance)
 
@@ -273,11 +278,11 @@ class PlanningState:
         """
         unseen = self.unseen if unseen is None else unseen
         shown = (revisits or self.revisits).chance(view) * unseen
-        missed, wanted = self.target_belief.missed(unseen), set(self.wanted)
+        present, wanted = self.target_belief.present(unseen), set(self.wanted)
         found: dict[int, tuple[Candidate, float]] = {}
         for part in self.target_belief.parts:
             if part.candidate.target in wanted:
-                share = float(part.weight @ shown / missed[part.row])
+                share = float(part.weight @ shown * present[part.row])
                 found[id(part.candidate)] = (part.candidate, share)
         total = sum(share for _, share in found.values())
         reasons = [
@@ -331,7 +336,7 @@ def build_search(
         planning_map: PlanningMap | None = planning_map_on(space, places)
     else:
         spots = [c.p_map for of_target in things for c in of_target if c.probability > 0]
-        planning_map = _planning_map(semantic_map, places, spots, settings)
+        planning_map = observed_map(semantic_map, places, spots, settings)
     if planning_map is None:
         return None
     candidates = tuple(
@@ -347,7 +352,7 @@ def build_search(
     return PlanningState(wanted, planning_map, views, candidates, belief, settings)
 
 
-def _planning_map(
+def observed_map(
     semantic_map: SemanticMap,
     places: Sequence[Place],
     spots: Sequence[NDArray[np.float64]],

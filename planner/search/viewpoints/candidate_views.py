@@ -204,8 +204,9 @@ def floor_in_view(
     return FloorView(space.centres(seen[shown]), metres[shown], space.cell)
 
 
-def picture_chance(views: CandidateViews, cell: int, heading: float) -> NDArray[np.float32]:
-    """(c,) chance to detect an object in each cell by one picture from `cell` to `heading`."""
-    kinds = [(heading, views.sensor.field_of_view)]
-    viewpoint = np.array([cell], np.intp)
+def sweep_chance(
+    views: CandidateViews, cell: int, heading: float, extent: float
+) -> NDArray[np.float32]:
+    """(c,) chance to detect an object in each cell by a sweep of `extent` [rad] about `heading`."""
+    viewpoint, kinds = np.array([cell], np.intp), [(heading, extent)]
     return _chances(views.space, views.sensor, views.cells, viewpoint, kinds).reshape(-1)

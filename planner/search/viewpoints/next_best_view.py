@@ -14,8 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.freespace.geodesic import cells_before, distance_fields
 from planner.search.viewpoints.candidate_views import CandidateViews, square
 from planner.search.viewpoints.sensor import angle_between
+
+LAST_STEPS: Final = 3  # cells before the end of a way by which the robot's heading is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +35,7 @@ class _Room:
     """The views from within one room, and the cells they show."""
 
     rows: NDArray[np.intp]  # (k,) numbers of views
-    cells: NDArray[np.intp]  # (m,) which of the belief's cells
+    cells: NDArray[np.intp]  # (m,) indices of cells of the belief
     chance: NDArray[np.float32]  # (k, m)
 
     def reduced(self, views: CandidateViews, revisits: RevisitModel) -> NDArray[np.float32]:
@@ -58,6 +61,7 @@ class NextBestView:
         self._rooms = [_room(views, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
         from_viewpoints = views.chance.reshape(len(views.viewpoints), -1, len(views.cells)) > 0
         self._shown: NDArray[np.bool_] = np.asarray(from_viewpoints.any(axis=1), np.bool_)  # (s, c)
+        self._headings = dict[int, NDArray[np.float64]]()  # of arrival at each viewpoint, by cell
 
     @property
     def seeable(self) -> NDArray[np.bool_]:
@@ -85,15 +89,25 @@ class NextBestView:
         views = self.views
         viewpoint = views.viewpoint[among]
         metres = self.metres_to(at)[viewpoint]
-        here = views.space.centres([at.cell])[0]
-        towards = views.space.centres(views.viewpoints[viewpoint]) - here
         moved = metres > views.space.cell / 2
-        heading = np.where(moved, np.arctan2(towards[:, 1], towards[:, 0]), at.heading)
+        heading = np.where(moved, self.arriving(at)[viewpoint], at.heading)
         first, last = views.starts(among)
         turn = np.minimum(angle_between(heading, first), angle_between(heading, last))
         turn = np.where(views.extent[among] >= 2 * np.pi - 1e-9, 0.0, turn)
         motion = views.motion
         return metres / motion.speed + turn / motion.turn_rate + views.seconds[among]
+
+    def arriving(self, at: RobotState) -> NDArray[np.float64]:
+        """(s,) [rad] headings with which shortest ways from `at` arrive at each viewpoint."""
+        if at.cell not in self._headings:
+            space, ends = self.views.space, self.views.viewpoints
+            if at.viewpoint is None:
+                field = distance_fields(space, [at.cell])[0]
+            else:
+                field = self.views.fields[at.viewpoint]
+            way = space.centres(ends) - space.centres(cells_before(space, field, ends, LAST_STEPS))
+            self._headings[at.cell] = np.arctan2(way[:, 1], way[:, 0])
+        return self._headings[at.cell]
 
     def after(self, at: RobotState, view: int) -> RobotState:
         """State of the robot after `view`."""
@@ -103,10 +117,7 @@ class NextBestView:
         if views.extent[view] >= 2 * np.pi - 1e-9:
             return RobotState(cell, at.heading, viewpoint)
         ends = np.array([float(end[0]) for end in views.starts([view])])
-        heading = at.heading
-        if cell != at.cell:
-            dx, dy = views.space.centres([cell])[0] - views.space.centres([at.cell])[0]
-            heading = float(np.arctan2(dy, dx))
+        heading = at.heading if cell == at.cell else float(self.arriving(at)[viewpoint])
         near = int(np.argmin(angle_between(heading, ends)))
         return RobotState(cell, float(ends[1 - near]), viewpoint)
 

@@ -58,6 +58,33 @@ class Motion:
         return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
 
 
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Sweep of the camera: the robot turns on the spot and looks all the way."""
+
+    start: float  # [rad] heading to begin with
+    turn: float  # [rad] to turn from there, to the left
+    middle: float  # [rad] heading in the middle of all that is in view
+    extent: float  # [rad] in view altogether
+
+
+def sweep_over(at: float, heading: float, extent: float, field_of_view: float) -> Sweep:
+    """The shortest sweep that shows `extent` [rad] about `heading`, for a robot that heads `at`.
+
+    It begins at once where the robot has to turn there anyway, and shows what it turns past.
+    """
+    whole = 2 * np.pi - 1e-9
+    if extent >= whole:
+        return Sweep(at, 2 * np.pi, heading, extent)
+    half = max(extent - field_of_view, 0.0) / 2
+    off = float(np.remainder(heading - at + np.pi, 2 * np.pi) - np.pi)
+    side = -1.0 if off < 0 else 1.0
+    if abs(off) <= half:  # it stands within the sweep: from the nearer end to the other
+        return Sweep(heading - side * half, side * 2 * half, heading, extent)
+    turn = side * (abs(off) + half)
+    return Sweep(at, turn, at + turn / 2, min(abs(turn) + field_of_view, whole))
+
+
 def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
     """[rad] the smaller angle between headings, 0..pi."""
     off = (np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi

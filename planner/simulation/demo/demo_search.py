@@ -85,7 +85,7 @@ def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot)
         plan=found,
         thesis=_thesis_rule(semantic_map, target, state, found, here.heading),
         options=f"--speed {motion.speed:g} --turn-rate {math.degrees(motion.turn_rate):.1f} "
-        f"--range {sensor.near:g},{sensor.far:g} --recall {sensor.recall:g}",
+        f"--range {sensor.near:g},{sensor.far:g} --recall {sensor.recall:g} --now map",
     )
 
 

@@ -24,17 +24,17 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.errors import GraphError, MapBusyError
 from kg.serving.opening import create_map, open_map
-from mapping.evaluation.class_scores import MapScore, Truth, score_map
+from mapping.class_scores import MapScore, Truth, score_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
+from planner.display.plots.drawing import GroundTruth
 from planner.display.plots.search_plot import plot_search
 from planner.execution.options import Event
 from planner.search.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house
-from planner.simulation.houses.house_truth import ground_truth
 from planner.simulation.robot.house_robot import SimulatedHouseRobot, simulated_robot
 from planner.simulation.robot.mapping_tour import DEMO_RECORDING, SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
@@ -319,5 +319,26 @@ def _plain(value: object) -> object:
 
 def _peak_memory() -> float:
     """[MB] largest resident size of this process so far."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / 1e6 if sys.platform == "darwin" else peak / 1e3
+    if sys.platform == "linux":  # where the system's counter goes on from the parent's
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        return int(status.partition("VmHWM:")[2].split()[0]) / 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # bytes on macOS
+
+
+def ground_truth(house: House) -> GroundTruth:
+    """Walls, boxes around furniture and objects, and the objects' middles."""
+    xmin, xmax, ymin, ymax = house.extent
+    boxes = [item.bounds() for item in (*house.furnishings, *house.objects)]
+    walls = []
+    for wall in house.walls:
+        for a, b in wall.pieces():
+            if wall.along_x:
+                walls.append(((a, wall.start[1]), (b, wall.start[1])))
+            else:
+                walls.append(((wall.start[0], a), (wall.start[0], b)))
+    return GroundTruth(
+        corners=np.array([(xmin, ymin), (xmax, ymax)]),
+        boxes=np.array(boxes, np.float64).reshape(-1, 2, 3),
+        walls=np.array(walls, np.float64).reshape(-1, 2, 2),
+        objects=np.array([item.centre()[:2] for item in house.objects]).reshape(-1, 2),
+    )

@@ -1,7 +1,7 @@
 """Houses as data: rooms, walls with doorways, and items; and the demo's house.
 
 Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
-`planner.simulation.houses.random_house` draws houses.
+`lab.houses.random_house` draws houses.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ class House:
         )
 
     def room(self, name: str) -> HouseRoom:
-        """The room of that name; KeyError where there is none."""
+        """The room of that name; raises KeyError for an unknown name."""
         return {room.name: room for room in self.rooms}[name]
 
     def room_at(self, x: float, y: float) -> HouseRoom | None:

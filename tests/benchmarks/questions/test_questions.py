@@ -42,7 +42,16 @@ def question(family: str, answer: Any, **more: Any) -> Question:
         (question("between", ["cup"]), "cup", 0.0),
         (question("why", [["a", "f1"], ["a", "f2"]]), ["a", "f2"], 1.0),
         (question("why", [["a", "f1"]]), ["b", "f1"], 0.0),
-        (question("plan", ["den", "hall"]), ["bath", "hall", "den"], 0.5),
+        (question("plan", ["den", "hall"]), ["hall", "bath"], 1.0),
+        (question("plan", ["den", "hall"]), ["bath", "hall", "den"], 0.0),
+        (question("size", 2.0, tolerance=0.3), 2.2, 1.0),
+        (question("size", 2.0, tolerance=0.3), 2.4, 0.0),
+        (question("picture", [["a", "f1", 0, 0, 10, 10]]), ["a", "f1", 1, 0, 10, 11], 1.0),
+        (question("picture", [["a", "f1", 0, 0, 10, 10]]), ["a", "f1", 5, 5, 15, 15], 0.0),
+        (question("picture", [["a", "f1", 0, 0, 10, 10]]), ["a", "f2", 0, 0, 10, 10], 0.0),
+        (question("picture", [["a", "f1", 0, 0, 10, 10]]), ["a", "f1"], 0.0),
+        (question("unanswerable", "not known"), "not known", 1.0),
+        (question("unanswerable", "not known"), 0, 0.0),
         (question("plan", ["den"]), [], 0.0),
     ],
 )
@@ -51,7 +60,7 @@ def test_scores(asked: Question, given: Any, points: float) -> None:
 
 
 def thing(number: int, category: str, x: float, y: float, **more: Any) -> dict[str, Any]:
-    seen = {"recording": "session-2", "frame": f"frame-{number:06d}"}
+    seen = {"recording": "session-2", "frame": f"frame-{number:06d}", "box": [10, 20, 30, 40]}
     return {
         "name": f"object/{number}",
         "category": category,
@@ -102,6 +111,10 @@ def facts() -> HouseFacts:
         now=now,
         doubtful=[Doubtful(frozenset({"chair", "couch"}), 1.0, 3.0)],
         frames={one["name"]: [("session-2", one["seen_in"]["frame"])] for one in _all(now)},
+        boxes={
+            one["name"]: [("session-2", one["seen_in"]["frame"], (10, 20, 30, 40))]
+            for one in _all(now)
+        },
         rooms_with={"cup": {"kitchen"}, "keyboard": {"study"}, "chair": {"kitchen"}},
     )
 
@@ -123,7 +136,13 @@ def test_plain_maps_answer_each_family(facts: HouseFacts) -> None:
     assert (plain.moved_since(None), plain.moved_since("bedroom")) == (["cup"], [])
     status = [plain.never_looked("cup", r) for r in ("kitchen", "bedroom", "study")]
     assert status == ["present", "hidden", "never looked"]
-    assert plain.never_looked("bed", "kitchen") == "gone"
+    assert plain.never_looked("bed", "kitchen") == "looked, none seen"
+    assert plain.never_looked("vase", "kitchen") == "gone"
+    assert (plain.past("vase", "kitchen"), plain.past("vase", "bedroom")) == (1, 0)
+    assert (plain.appeared_since(None), plain.vanished_since("kitchen")) == ([], ["vase"])
+    assert plain.unanswerable("cup", "study") == "not known"
+    assert (plain.unanswerable("cup", "kitchen"), plain.size("bed", "bedroom")) == (1, 0.3)
+    assert plain.picture("bed", "bedroom") == ["session-2", "frame-000004", 10, 20, 30, 40]
     assert plain.why("cup", "kitchen") == ["session-2", "frame-000002"]
     assert plain.plan("cup") == ["kitchen", "study", "bedroom"]
     assert plain.why("cup", "study") is None and plain.nearest("cup", "cup", "study") is None
@@ -133,7 +152,7 @@ def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFa
     asked = questions_of(facts, 4)
     assert asked == questions_of(facts, 4)
     families = {one.family for one in asked}
-    assert families >= FAMILIES.keys() - {"nearest", "between"}
+    assert families >= FAMILIES.keys() - {"nearest", "between", "appeared since", "size"}
     for one in asked:
         assert one.parameters.get("category") not in ("chair", "couch") or (
             one.parameters.get("room") in ("bedroom", "study")

@@ -18,6 +18,7 @@ from benchmarks.search.homes import Home, HomeRoom, read_homes
 from benchmarks.search.plan_calibration import planned, reliability
 from benchmarks.search.priors import PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
+from benchmarks.search.room_beliefs import RoomChances
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
 from benchmarks.search.scores import HORIZON, score
 from benchmarks.search.view_policy import Ablation, ours
@@ -47,6 +48,10 @@ def hidden(room: int, recall: float = 1.0, name: str = "x") -> HiddenObject:
     place = building(recall)
     floor = place.space.floor(room)
     return HiddenObject(place.space, place.sensor, [int(floor[len(floor) // 3])], name)
+
+
+def even(parts: int) -> RoomChances:
+    return RoomChances.apart(np.ones(3) / parts)
 
 
 def test_a_look_shows_what_is_in_range_and_in_view() -> None:
@@ -103,8 +108,10 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
         told = {
             "thesis": thesis_rule(building(), start, thing, [True, False, False]),
             "brute": brute_force(building(), start, thing),
-            "ours": ours(building(), start, thing, np.array([0.8, 0.3, 0.1])),
-            "turns": ours(building(), start, thing, np.ones(3) / 2, Ablation(False, True)),
+            "ours": ours(building(), start, thing, RoomChances.apart([0.8, 0.3, 0.1])),
+            "turns": ours(
+                building(), start, thing, RoomChances.apart(np.ones(3) / 2), Ablation(False, True)
+            ),
         }
         for name, outcome in told.items():
             assert outcome.found, (name, room)
@@ -120,8 +127,8 @@ def test_the_rule_goes_to_listed_rooms_first_and_belief_to_likely_ones() -> None
         < thesis_rule(building(), start, hidden(0), other).seconds
     )
     assert (
-        ours(building(), start, hidden(0), np.array([0.9, 0.01, 0.01])).seconds
-        < ours(building(), start, hidden(0), np.array([0.01, 0.9, 0.01])).seconds
+        ours(building(), start, hidden(0), RoomChances.apart([0.9, 0.01, 0.01])).seconds
+        < ours(building(), start, hidden(0), RoomChances.apart([0.01, 0.9, 0.01])).seconds
     )
 
 
@@ -130,7 +137,7 @@ def test_a_search_gives_up_where_there_is_nothing() -> None:
     start = building().space.nearest((4, 5), 2)
     for outcome in (
         brute_force(building(), start, nothing),
-        ours(building(), start, nothing, np.ones(3) / 3),
+        ours(building(), start, nothing, even(3)),
         oracle(building(), start, nothing),
     ):
         assert not outcome.found
@@ -141,7 +148,13 @@ def test_the_surer_one_wants_to_be_the_later_one_gives_up() -> None:
     nothing = HiddenObject(building().space, building().sensor, [], "nothing")
     start = building().space.nearest((4, 5), 2)
     outcomes = [
-        ours(building(), start, nothing, np.ones(3) / 3, Ablation(give_up_at=limit))
+        ours(
+            building(),
+            start,
+            nothing,
+            even(3),
+            Ablation(give_up_at=limit),
+        )
         for limit in (0.1, 1e-5)
     ]
     assert outcomes[0].seconds < outcomes[1].seconds
@@ -164,8 +177,8 @@ def test_no_home_tells_where_its_own_things_are(tmp_path: Path) -> None:
     own = PriorKnowledge([told], rooms).priors(told)["bed"]
     apart = PriorKnowledge([told], rooms, apart=True).priors(told)["bed"]
     shipped = PriorKnowledge([told]).priors(told)["bed"]
-    assert own.chances[0] < apart.chances[0]
-    assert own.chances[1] > max(own.chances[0], own.chances[2], shipped.chances[2])
+    assert own.chances.p[0] < apart.chances.p[0]
+    assert own.chances.p[1] > max(own.chances.p[0], own.chances.p[2], shipped.chances.p[2])
     assert own.listed[1]
     assert not own.listed[2]
 
@@ -226,7 +239,7 @@ def test_plans_find_with_the_chance_they_predict_where_the_belief_is_the_truth()
     for number in range(60):
         cells, start = [int(rng.choice(floor))], int(rng.choice(place.space.floor()))
         thing = HiddenObject(place.space, place.sensor, cells, f"plan {number}")
-        outcomes.append(planned(place, start, thing, {0: 1.0}))
+        outcomes.append(planned(place, start, thing, RoomChances.apart([1.0, 0.0, 0.0])))
     told = reliability(outcomes)["one instance"]
     assert told.plans == 60
     assert list(told.predicted) == sorted(told.predicted)

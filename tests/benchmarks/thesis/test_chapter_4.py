@@ -16,7 +16,7 @@ from benchmarks.thesis.categorisation import (
 )
 from benchmarks.thesis.localisation import localisation_errors, printed_objects
 from benchmarks.thesis.registration import counted, printed
-from mapping.evaluation.truth_matching import MappedObject, Matching, Pair
+from lab.maps.truth_matching import MappedObject, Matching, Pair
 
 DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "research" / "chapter_4.md"
 

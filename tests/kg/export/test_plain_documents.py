@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ def home() -> SemanticMap:
             last_seen=10.0,
             place=where,
             extent=np.array([0.1, 0.1, 0.2]),
+            yaw=0.79,
         )
         semantic_map.apply(MapUpdate(objects=(record,)))
     hole = (((0, 0), (0, 4), (4, 4), (4, 0)), ((2, 2), (3, 2), (3, 3), (2, 3)))
@@ -51,6 +53,7 @@ def test_rooms_hold_their_objects(home: SemanticMap) -> None:
     assert (kitchen["name"], kitchen["likely_category"]) == ("place/3", "kitchen")
     assert [(o["category"], o["position"]) for o in kitchen["objects"]] == [("cup", [0.5, 0.25, 1])]
     assert kitchen["objects"][0]["size"] == [0.1, 0.1, 0.2]
+    assert kitchen["objects"][0]["yaw"] == 0.79
     assert (corridor["likely_category"], corridor["objects"]) == (None, [])
     assert [o["category"] for o in document["elsewhere"]] == ["chair"]
     assert [o["category"] for o in rooms_document(home, 0)["elsewhere"]] == ["chair", "tv"]
@@ -73,6 +76,8 @@ def test_geojson_names_its_metres_and_turns_rings_as_the_rfc_has_it(home: Semant
     assert document["crs"]["properties"]["name"] == home.base + "crs"
     kinds = [f["properties"]["kind"] for f in document["features"]]
     assert kinds == ["place", "place", "object", "object"]
+    corners = np.array(document["features"][2]["properties"]["footprint"])
+    np.testing.assert_allclose(np.ptp(corners, axis=0), 0.1 * math.sqrt(2), atol=0.002)
     outer, hole = document["features"][0]["geometry"]["coordinates"]
     assert outer[0] == outer[-1] and hole[0] == hole[-1]
 

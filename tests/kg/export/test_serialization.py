@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,7 @@ def chart() -> SemanticMap:
     seen = Evidence("frame 1", "a/b c", 1.0, (1, 2, 3, 4), 0.8, "detector")
     where, place = np.array([1.25, -2.0, 0.5]), chart.place_iri(1)
     record = ObjectRecord(chart.new_object_iri(), chair, where, 1.0, 0.83, 1, 0.0, 1.0, place, seen)
+    record = replace(record, extent=np.array([0.5, 0.4, 0.9]), yaw=math.pi / 2)
     room = PlaceRecord(place, "room", 0, 4, -3, 4.5, 3, {kitchen: 0.81})
     robot = RobotRecord(np.zeros(3), 1.0, 7.0)
     chart.apply(MapUpdate(objects=(record,), places=(room,), robot=robot))
@@ -106,6 +109,9 @@ def test_geometries_name_the_frame_of_the_map(chart: SemanticMap) -> None:
     text = export_text(chart, "ttl", ontology=False)
     crs = "<http://example.org/lab/crs>"
     assert f'"{crs} POINT Z (1.25 -2 0.5)"^^geo:wktLiteral' in text
+    turned = "1.45 -2.25, 1.45 -1.75, 1.05 -1.75, 1.05 -2.25, 1.45 -2.25"
+    assert f'"{crs} POLYGON (({turned}))"^^geo:wktLiteral' in text
+    assert "geo:hasBoundingBox" in text
     assert f'"{crs} POLYGON ((0 -3, 4 -3, 4 4.5, 0 4.5, 0 -3))"^^geo:wktLiteral' in text
 
 

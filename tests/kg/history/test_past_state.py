@@ -23,7 +23,8 @@ from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import open_map
-from kg.store.transactional import TransactionalStore, stored_sequence
+from kg.store.transaction_quads import stored_sequence
+from kg.store.transactional import TransactionalStore
 
 Written = Callable[[int], SemanticMap]
 

@@ -85,7 +85,7 @@ def ask_once(url: str) -> None:
     with suppress(HereaboutsError):
         assert served.sequence
     with suppress(HereaboutsError):
-        served.retract("object/1", "category")
+        served.delete("assertions", iri="object/1", property="category")
     endpoint = SparqlClient(url, f"{url}/sparql", f"{url}/sparql")
     endpoint.ask("ASK {}")
     endpoint.update("INSERT DATA {}")

@@ -14,7 +14,8 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 from kg.model.transactions import Cause
 from kg.store import transactional as store_module
-from kg.store.transactional import TransactionalStore, sequence_quad
+from kg.store.transaction_quads import sequence_quad
+from kg.store.transactional import TransactionalStore
 
 ROOT = Path(__file__).resolve().parents[3]
 CAUSE = Cause("update", by="a test")

@@ -83,14 +83,14 @@ def test_an_unknown_object_is_mapped_as_what_the_detector_calls_it(
     semantic_map, step_back, make_detections, list_recording, scripted_detector
 ):
     drive = [step_back(n) for n in range(3)]
-    found = make_detections(("Espresso machine", 0.9, MIDDLE))
+    found = make_detections(("Espresso gizmo", 0.9, MIDDLE))
     detector = scripted_detector({}, found)
     report = map_recording(
         list_recording(drive), semantic_map, detector, options=MappingOptions(reference=SETTINGS)
     )
-    assert report.provisional == ("Espresso machine",)
+    assert report.provisional == ("Espresso gizmo",)
     assert report.unknown_labels == {}
-    (record,) = semantic_map.objects("espresso machine")
+    (record,) = semantic_map.objects("espresso gizmo")
     assert record.observations == 3
     again = map_recording(
         list_recording(drive),
@@ -99,8 +99,8 @@ def test_an_unknown_object_is_mapped_as_what_the_detector_calls_it(
         options=MappingOptions(reference=SETTINGS),
         again=True,
     )
-    assert again.provisional == ("Espresso machine",)
-    assert len(semantic_map.objects("espresso machine")) == 1
+    assert again.provisional == ("Espresso gizmo",)
+    assert len(semantic_map.objects("espresso gizmo")) == 1
 
 
 def test_a_faint_detection_makes_no_category(semantic_map, make_frame, make_detections):
@@ -135,9 +135,9 @@ def test_prior_knowledge_of_places_leaves_no_room_for_new_ones(semantic_map, mak
 def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
     semantic_map, make_frame, make_detections, table
 ):
-    labels = table("label,category\n# ours\nEspresso machine,toaster\ncup,-\n")
+    labels = table("label,category\n# ours\nEspresso gizmo,toaster\ncup,-\n")
     mapper = ReferenceObjectMapper(semantic_map, SETTINGS, labels=labels)
-    seen = make_detections(("espresso_machine", 0.9, MIDDLE), ("cup", 0.9, (5.0, 5.0, 9.0, 9.0)))
+    seen = make_detections(("espresso_gizmo", 0.9, MIDDLE), ("cup", 0.9, (5.0, 5.0, 9.0, 9.0)))
     mapper.add(make_frame(2.0), seen)
     (record,) = mapper.objects()
     assert semantic_map.catalogue.label(record.category) == "toaster"
@@ -147,12 +147,12 @@ def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
 def test_a_rerun_with_a_table_maps_a_provisional_label_to_a_real_category(
     semantic_map, step_back, make_detections, list_recording, scripted_detector, table
 ):
-    detector = scripted_detector({}, make_detections(("Espresso machine", 0.9, MIDDLE)))
+    detector = scripted_detector({}, make_detections(("Espresso gizmo", 0.9, MIDDLE)))
     run = [step_back(n) for n in range(3)]
     map_recording(
         list_recording(run), semantic_map, detector, options=MappingOptions(reference=SETTINGS)
     )
-    labels = table("Espresso machine,toaster\n")
+    labels = table("Espresso gizmo,toaster\n")
     map_recording(
         list_recording(run, name="later"),
         semantic_map,

@@ -16,18 +16,21 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map, open_map
+from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import FILE, RunState, TrackStore
 from perception.frames import Detections, Frame
-from planner.simulation.houses.random_house import random_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 FRAMES = 60
+_NO_BOX = (
+    "UPDATE tracks SET state = json_set(state, '$.box', json('[0,0,0,1,-1,1,9]')) WHERE number"
+)
 
 
 @functools.cache
@@ -57,6 +60,8 @@ def objects(folder: Path) -> list[tuple[object, ...]]:
                 record.iri.removeprefix(semantic_map.base),
                 record.category,
                 record.p_map.tolist(),
+                None if record.extent is None else record.extent.tolist(),
+                record.yaw,
                 record.existence,
                 record.observations,
                 sorted(record.labels.items()),
@@ -142,8 +147,12 @@ def test_what_people_changed_meanwhile_counts(tmp_path: Path) -> None:
         lambda path: _filled(path, "UPDATE tracks SET state = '[]'"),
         lambda path: _filled(path, "UPDATE tracks SET state = json_remove(state, '$.low')"),
         lambda path: _filled(path, 'UPDATE tracks SET state = replace(state, ":", ": 1e999,")'),
+        lambda path: _filled(
+            path, "UPDATE tracks SET state = json_set(state, '$.views', '//') WHERE number"
+        ),
+        lambda path: _filled(path, _NO_BOX),
     ],
-    ids=["text", "cut", "a view", "no object", "no boxes", "no number"],
+    ids=["text", "cut", "a view", "no object", "no boxes", "no number", "no views", "no box"],
 )
 def test_a_damaged_file_is_thrown_away(tmp_path: Path, damage) -> None:
     with create_map(tmp_path / "a.map") as semantic_map:

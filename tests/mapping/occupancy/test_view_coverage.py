@@ -131,7 +131,7 @@ def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
         assert one.viewed.last == 6e8 + 60
         assert other.viewed is None
         (row,) = semantic_map.query("status", category="cup", viewed=0.3).records()[:1]
-        assert (row["placeLabel"], row["status"]) == ("near", "gone")
+        assert (row["placeLabel"], row["status"]) == ("near", "looked, none seen")
         values = {
             str(r["placeLabel"]): r["status"]
             for r in semantic_map.query("status", category="cup", viewed=0.95).records()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -103,6 +104,28 @@ def test_a_chair_at_a_table_is_on_nothing_and_so_is_a_bag_below_it(room: Room) -
     chair = room.put("chair", (0.3, 0.5, 0.45), (0.45, 0.45, 0.9))
     bag = room.put("backpack", (-0.2, 0.0, 0.2), (0.3, 0.2, 0.4))
     assert room.related(chair, "on") == room.related(bag, "on") == []
+
+
+@pytest.mark.parametrize(
+    ("label", "extent"),
+    [
+        ("dining table", (1.2, 0.7, 0.3)),
+        ("chair", (0.45, 0.45, 0.5)),
+        ("couch", (1.0, 0.6, 0.4)),
+        ("bed", (1.0, 0.6, 0.4)),
+        ("bench", (1.0, 0.4, 0.4)),
+    ],
+)
+def test_furniture_is_on_no_other_where_boxes_overlap(
+    room: Room, label: str, extent: tuple[float, ...]
+) -> None:
+    room.put(*TABLE)
+    above = room.put(label, (0.1, 0.1, 0.7 + extent[2] / 2), extent)
+    cup = room.put("cup", (0.1, 0.1, 0.75 + extent[2]), (0.08, 0.08, 0.1))
+    assert room.related(above, "on") == []
+    assert len(room.related(cup, "on")) == 1
+    microwave = room.put("microwave", (-0.5, 0.0, 0.9), (0.5, 0.35, 0.3))
+    assert len(room.related(microwave, "on")) == 1  # what contains things may stand on others
 
 
 def test_a_teddy_bear_sits_on_the_seat_of_a_couch_below_its_back(room: Room) -> None:
@@ -210,3 +233,23 @@ def test_a_kind_of_table_carries_what_tables_carry(room: Room) -> None:
     )
     sideboard = room.put("sideboard", TABLE[1], TABLE[2])
     assert room.related(room.put(*CUP), "on") == [sideboard]
+
+
+def test_a_turned_table_carries_what_lies_over_it_and_not_beside_its_corners(room: Room) -> None:
+    label, position, extent = TABLE
+    table = room.put(label, position, extent, yaw=math.pi / 4)
+    over = room.put("cup", (0.5, 0.5, 0.85), (0.08, 0.08, 0.1))
+    off = room.put("bowl", (0.5, -0.5, 0.85), (0.2, 0.2, 0.1))
+    assert room.related(over, "on") == [table]
+    assert room.related(off, "on") == []
+    room.change(replace(room.cache.perceived[table], yaw=-math.pi / 4))
+    assert room.related(over, "on") == []
+    assert room.related(off, "on") == [table]
+
+
+def test_turned_things_are_beside_one_another_by_the_gap_between_them(room: Room) -> None:
+    sofa = room.put("couch", (0.0, 0.0, 0.4), (2.0, 0.8, 0.8), yaw=math.pi / 4)
+    near = room.put("couch", (-0.75, 0.75, 0.4), (2.0, 0.8, 0.8), yaw=math.pi / 4)
+    far = room.put("couch", (1.4, -1.4, 0.4), (2.0, 0.8, 0.8), yaw=math.pi / 4)
+    assert room.related(sofa, "beside") == [near]
+    assert room.related(far, "beside") == []

@@ -18,10 +18,10 @@ from kg.maps.surface.surface_store import FILE
 from kg.maps.surface.voxels import Surface
 from kg.model.errors import GraphError
 from kg.serving.opening import create_map, in_memory_map, open_map
+from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
-from planner.simulation.houses.random_house import random_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 

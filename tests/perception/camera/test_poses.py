@@ -7,7 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from kg.model.errors import RecordingError
 from perception.camera.poses import (
+    check_pose_numbers,
     gridded_pose,
     pose_from_quaternion,
     quaternion_from_pose,
@@ -62,3 +64,26 @@ def test_a_gridded_pose_written_as_a_quaternion_is_the_same_to_the_last_bit(q):
     assert np.abs(gridded - T).max() < 1e-11
     again = gridded_pose(pose_from_quaternion(t, quaternion_from_pose(gridded), "here"))
     assert np.array_equal(again, gridded)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (0, 0, 0, 0, 0, 0, 0),
+        (0, 0, 0, 0, 0, 0, 1.2),
+        (0, float("nan"), 0, 0, 0, 0, 1),
+        (0, 0, float("inf"), 0, 0, 0, 1),
+        (0, 0, 0, float("nan"), 0, 0, 1),
+        (0, -2e7, 0, 0, 0, 0, 1),
+    ],
+)
+def test_numbers_that_are_no_pose_are_refused_as_poses_are(numbers):
+    with pytest.raises(RecordingError) as quick:
+        check_pose_numbers(numbers, "here")
+    with pytest.raises(RecordingError) as whole:
+        pose_from_quaternion(np.array(numbers[:3], float), np.array(numbers[3:], float), "here")
+    assert str(quick.value) == str(whole.value)
+
+
+def test_numbers_of_a_pose_pass():
+    check_pose_numbers((1.0, -2.0, 3.0, 0.5, 0.5, -0.5, 0.52), "here")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import ModelError
-from perception.evaluation.scene_evaluation import labelled_images
+from lab.networks.scene_evaluation import labelled_images
 from perception.frames import SceneScores
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.inference.taught_rooms import (

@@ -125,6 +125,7 @@ class Bag:
             rosbag1.Writer(path) if ros1 else rosbag2.Writer(path, version=8, storage_plugin=plugin)
         )
         self.connections: dict[str, Any] = {}
+        self.now: float | None = None  # [s] when messages are recorded; by default at their stamps
         self.bag.open()
 
     def make(self, kind: str, **fields: Any) -> Any:
@@ -141,7 +142,7 @@ class Bag:
             self.connections[topic] = self.bag.add_connection(topic, kind, typestore=self.types)
         serialize = self.types.serialize_ros1 if self.ros1 else self.types.serialize_cdr
         data = serialize(message, kind)
-        self.bag.write(self.connections[topic], round(stamp * 1e9), data)
+        self.bag.write(self.connections[topic], round((self.now or stamp) * 1e9), data)
 
     def image(self, topic: str, stamp: float, array: NDArray[Any], encoding: str, frame: str,
               **changes: Any) -> None:  # fmt: skip
@@ -231,10 +232,16 @@ def views() -> Iterator[tuple[int, float, NDArray[np.float64], NDArray[np.uint8]
 MOUNT = np.array([[0.0, 0, 1, 0.1], [-1, 0, 0, 0], [0, -1, 0, 1.2], [0, 0, 0, 1]])
 
 
-def robot_bag(path: Path, *, skip: tuple[str, ...] = (), **options: Any) -> Path:
-    """The room as a robot with odometry, a mounted camera and depth 5 ms late records it."""
+def robot_bag(
+    path: Path, *, skip: tuple[str, ...] = (), raised: float = 0.0, **options: Any
+) -> Path:
+    """The room as a robot with odometry, a mounted camera and depth 5 ms late records it.
+
+    The map frame is `raised` [m] below the floor.
+    """
     made = Bag(path, **options)
     for i, stamp, T, rgb, mm in views():
+        T[2, 3] += raised
         T_map_base = T @ np.linalg.inv(MOUNT)
         if i == 0 and "static" not in skip:
             made.tf("/tf_static", stamp, "base", "lens", MOUNT)
@@ -243,7 +250,8 @@ def robot_bag(path: Path, *, skip: tuple[str, ...] = (), **options: Any) -> Path
             made.tf("/tf", stamp, "map", "odom", np.eye(4))
         if "odometry" not in skip:
             made.odometry("/odom", stamp, "base", T_map_base)
-        made.pose("/vslam/pose", stamp, "map", T)
+        if "pose" not in skip:
+            made.pose("/vslam/pose", stamp, "map", T)
         if "info" not in skip:
             made.camera("/cam/rgb/camera_info", stamp, "lens")
         made.image("/cam/rgb/image_raw", stamp, rgb[:, :, ::-1], "bgr8", "lens")
@@ -315,9 +323,12 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("skip", "said"),
     [
-        (("info",), "has no intrinsics"),
+        (("info",), "no CameraInfo of /cam/rgb/image_raw; --intrinsics FILE would work"),
         (("depth",), "has no depth images; image topics are: /cam/ir"),
-        (("static",), "no transforms"),
+        (
+            ("static", "pose"),
+            "has poses of base, odom, but none reach the camera .* --camera-in base=X",
+        ),
     ],
 )
 def test_what_a_bag_lacks_is_said(tmp_path: Path, skip: tuple[str, ...], said: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from kg.serving.opening import create_map
+from kg.serving.opening import create_map, open_map
 from planner.cli import main
 
 
@@ -21,6 +21,54 @@ def den(tmp_path: Path) -> Path:
 
 def rows(prints, den: Path, question: str) -> list[dict[str, object]]:
     return json.loads(prints("ask", den, question, "--format", "json"))
+
+
+@pytest.mark.parametrize(
+    ("words", "category"),
+    [("coffee mug", "cup"), ("Weinglas", "wine glass"), ("sofa", "couch"), ("bowls", "bowl")],
+)
+def test_a_word_is_asserted_as_the_category_it_means(
+    den: Path, prints, words: str, category: str
+) -> None:
+    prints("assert", den, "object/1", "category", words, "--by", "ann")
+    assert [row["category"] for row in rows(prints, den, "objects")] == [category]
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        ("office chair", "is a kind of chair; the category chair would work, or `hereabouts name"),
+        ("bannana", "no object category 'bannana'"),
+        ("kitchen", "that is a place"),
+        ("kettle", "no object category 'kettle'"),
+    ],
+)
+def test_a_word_of_no_category_is_refused_with_what_works(
+    den: Path, capsys: pytest.CaptureFixture[str], words: str, hint: str
+) -> None:
+    assert main(["assert", str(den), "object/1", "category", words, "--by", "ann"]) == 1
+    assert hint in capsys.readouterr().err
+
+
+def test_a_thing_is_on_another_by_its_label(den: Path, prints) -> None:
+    with open_map(den) as semantic_map:
+        table = "<http://m/object/2> a here:DiningTable ; here:x 1 ; here:y 2"
+        semantic_map.update(f"INSERT DATA {{ {table} }}")
+    prints("assert", den, "object/2", "label", "big table", "--by", "ann")
+    prints("assert", den, "object/1", "on", "big table", "--by", "ann")
+    (row,) = rows(prints, den, "SELECT ?on WHERE { <object/1> here:on ?on }")
+    assert row == {"on": "http://m/object/2"}
+
+
+@pytest.mark.parametrize("text", ["x" * 10_000, "two\nlines", "a\u202eb", "a\x1b[31mb"])
+def test_labels_and_authors_are_one_visible_line(
+    den: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    for label, author in ((text, "ann"), ("cup", text)):
+        assert main(["assert", str(den), "object/1", "label", label, "--by", author]) == 1
+        error = capsys.readouterr().err
+        assert "would work" in error or "has up to 100 characters" in error
+        assert error.count("\n") == 1 and len(error) < 300
 
 
 def test_what_is_said_is_believed_until_it_is_taken_back(den, prints, capsys):

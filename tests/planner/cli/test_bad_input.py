@@ -140,7 +140,12 @@ def test_questions_that_cannot_be_asked(
 
 @pytest.mark.parametrize(
     ("target", "says"),
-    [("bananna", "did you mean banana"), ("fruit", "food"), ("kitchen", "place"), ("", "no cat")],
+    [
+        ("bamama", "did you mean banana"),
+        ("froobl", "food"),
+        ("kitchen", "place"),
+        ("", "no name of a thing"),
+    ],
 )
 def test_targets_that_nobody_can_find(lab: Path, fails: Fails, target: str, says: str) -> None:
     assert says in fails("find", lab, target)

@@ -92,3 +92,14 @@ def test_a_served_map_is_described_on_its_page_and_in_dcat(
     assert f'<a rel="license" href="{CC_BY}">' in page
     assert process.end() == 0
     assert '<h1 id="title">O&#x27;Neill&#x27;s &quot;flat&quot;' in page
+
+
+def test_check_tells_of_a_history_that_is_missing(
+    flat: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check", str(flat)]) == 0
+    assert "keeps no history" not in capsys.readouterr().err
+    for file in flat.glob("history.sqlite*"):
+        file.unlink()
+    assert main(["check", str(flat)]) == 0
+    assert "keeps no history here" in capsys.readouterr().err

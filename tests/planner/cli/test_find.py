@@ -42,32 +42,53 @@ def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
     out, err = says("cup", "bed", "--from", "6,1,90", "--budget", "10min", "--speed", "0.5")
     assert "place 1" in out
     assert "bed" in out
-    assert "these looks are expected to find" in err
-    assert "rooms, nearest first" in err
+    assert "these looks are expected to find" in out
+    assert "rooms, nearest first" not in out and not err
 
 
 def test_lines_of_baselines_differ(says: Said) -> None:
-    _, err = says("cup", "--from", "6,1,90")
-    compared = [line for line in err.splitlines() if "this plan needs" in line]
+    out, _ = says("cup", "--from", "6,1,90", "--compare")
+    compared = [line for line in out.splitlines() if "this plan needs" in line]
     assert compared
     assert len({line.partition(":")[2] for line in compared}) == len(compared)
 
 
 def test_what_is_known_comes_before_the_plan(says: Said) -> None:
-    out, _ = says("cup")
-    assert out.startswith("cup 2: in place 1 (kitchen) at (3.0, 1.0), existence 0.90, ")
-    assert ", existence " in out.splitlines()[0]
-    assert out.index("cup 2:") < out.index("Where to look") < out.index("chance")
+    out, _ = says("cup", "--now", "map")
+    assert out.startswith("Probably in place 1 (kitchen): cup 2 was seen there ")
+    assert re.search(r"\(0\.\d\d\)", out.splitlines()[0])
+    assert out.index("cup 2 was") < out.index("Where to look") < out.index("chance")
     (known,) = json.loads(says("cup", "--json")[0])["known"]
     assert known["existence"] >= 0.5
     assert known["last_seen"].startswith("1970-01-01T00:00:00")
 
 
+def test_now_is_now_unless_a_time_is_given(says: Said) -> None:
+    today = json.loads(says("cup", "--json")[0])
+    assert today["answer"][0].startswith("Probably no longer in place 1 (kitchen): cup 2 was seen")
+    assert re.search(r"last \d\d years ago \(0\.00; in the same room 0\.\d\d\)", today["answer"][0])
+    assert "lies before the last frame of the map" in says("cup", "--now", "1969-01-01")[1]
+    then = json.loads(says("cup", "--json", "--now", "1970-01-01T00:10:00Z")[0])
+    assert today["known"][0]["still_there"] < 0.01 < 0.85 < then["known"][0]["still_there"]
+
+
+def test_a_plan_ends_where_looks_gain_too_little(says: Said) -> None:
+    answer = json.loads(says("cup", "--now", "map", "--json")[0])
+    steps, worth = answer["steps"], answer["worthwhile"]
+    assert 0 < worth < len(steps)
+    rest = sum(step["probability"] for step in steps[worth:])
+    assert rest < 0.1 * sum(step["probability"] for step in steps)
+    out, _ = says("cup", "--now", "map")
+    assert f"{len(steps) - worth} more look" in out
+    assert f"\n {worth + 1} " not in out.partition("Where to look")[2]
+
+
 def test_what_is_not_known_is_said_with_what_was_viewed(says: Said) -> None:
     out, _ = says("apple")
     assert out.startswith(
-        "no apple is in the map (never looked): no apple was seen, and the robot viewed "
+        "No apple is in the map (never looked): no apple was seen, and the robot viewed "
     )
+    assert "; the first place to look is place 1 (0." in out.splitlines()[0]
     assert "Where to look" in out
 
 
@@ -78,8 +99,8 @@ def test_each_reason_is_printed_once(says: Said) -> None:
 
 
 def test_looks_worth_nothing_are_not_listed(says: Said) -> None:
-    out, err = says("giraffe")
-    assert "too improbable for a search" in err
+    out, _ = says("giraffe")
+    assert "too improbable for a search" in out
     assert "chance" not in out
     assert "chance" not in says("giraffe", "--explain")[0]
     steps = json.loads(says("cup", "--json")[0])["steps"]
@@ -143,7 +164,7 @@ def test_the_floor_may_come_from_a_file(says: Said, tmp_path: Path) -> None:
 
 
 def test_json_keeps_the_goals_and_adds_steps(says: Said) -> None:
-    answer = json.loads(says("apple", "--json")[0])
+    answer = json.loads(says("apple", "--json", "--now", "map")[0])
     assert answer["target"] == "apple"
     assert {goal["kind"] for goal in answer["goals"]} == {"nearby", "place"}
     visited = [goal["seconds"] for goal in answer["goals"] if goal["seconds"] is not None]
@@ -171,7 +192,7 @@ def test_the_thesis_rules_are_still_there(says: Said) -> None:
     [
         (["something to fly with"], "drink from"),
         (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
-        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --at"),
+        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --now"),
         (["cup", "--picture", "plan.doc"], ".png"),
         (["cup", "--at", "yesterday"], "moment"),
         (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),
@@ -193,3 +214,13 @@ def test_what_cannot_be_done_is_one_line(
 def test_wrong_numbers_are_wrong_usage(flat_on_disk: Path, words: list[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(["find", str(flat_on_disk), "cup", *words])
+
+
+def test_a_thing_that_no_detector_sees_is_an_answer(says: Said) -> None:
+    said, _ = says("keys")
+    assert said.startswith("No detector here can see keys. They are usually on a table")
+    both = json.loads(says("keys", "cup", "--json")[0])
+    assert both["targets"] == ["cup"]
+    (keys,) = both["undetectable"]
+    assert (keys["target"], keys["synset"], keys["source"]) == ("keys", "key.n.01", "stated")
+    assert json.loads(says("wallet", "--json")[0])["targets"] == []

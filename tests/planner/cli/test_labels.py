@@ -77,3 +77,29 @@ def test_a_table_that_names_no_category_makes_no_map(
     message = fails("map", kitchen, "--into", tmp_path / "m", "--labels-map", table)
     assert "did you mean chair" in message
     assert not (tmp_path / "m").exists()
+
+
+def test_a_list_of_labels_is_checked_before_it_maps(
+    tmp_path: Path, prints: Prints, fails: Callable[..., str]
+) -> None:
+    path = tmp_path / "labels.txt"
+    path.write_text("Chair\nsofa, couch, lounge\nArmchair\nWindsor seat\n", encoding="utf-8")
+    found = json.loads(prints("models", "check", path, "--json"))
+    assert [(one["way"], one["category"]) for one in found["labels"]] == [
+        ("category", "chair"),
+        ("name of a category", "couch"),
+        ("new class", "chair"),
+        ("provisional class", ""),
+    ]
+    assert "cup" in found["unseen"]
+    assert "cannot read labels" in fails("models", "check", tmp_path / "none.txt")
+
+
+def test_words_are_written_as_an_ontology(
+    tmp_path: Path, prints: Prints, fails: Callable[..., str]
+) -> None:
+    out = tmp_path / "mine.ttl"
+    prints("ontology", "words", "keys", "kettle", "-o", out)
+    assert "key.n.01" in out.read_text(encoding="utf-8")
+    prints("ontology", "check", out)
+    assert "no category 'qwzx'" in fails("ontology", "words", "qwzx")

@@ -33,6 +33,14 @@ def objects(prints: Prints, path: Path) -> list[object]:
     return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
+@pytest.mark.parametrize("camera", ["realsense", "oak"])
+def test_cameras_without_a_driver_are_refused_with_what_works(
+    camera: str, fails: Callable[..., str], tmp_path: Path
+) -> None:
+    said = fails("live", camera, "--into", tmp_path / "new.map")
+    assert "no driver" in said and "ros2 launch" in said and said.count("\n") <= 1
+
+
 @pytest.mark.parametrize(
     "words", [["nowhere"], ["ftp://host"], ["ros1://"], ["ros1://h:port"], ["ros3"]]
 )
@@ -137,3 +145,16 @@ def test_live_is_ended_killed_and_started_again(kitchen: Path, tmp_path: Path) -
             report = json.loads(process.communicate()[0])
         assert process.returncode == 0
         assert frames_applied(into) == killed + report["frames"]
+
+
+def test_live_without_a_frame_fails_and_makes_no_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rosbags")
+    pytest.importorskip("websockets")
+    from tests.perception.sources.live.foxglove_peer import foxglove_peer
+
+    with foxglove_peer({"/tf": "tf2_msgs/msg/TFMessage"}, "cdr") as peer:
+        assert main(["live", peer.address, "--into", str(tmp_path / "x.map"), "--idle", "1"]) == 1
+    assert "has no colour images" in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "x.map").exists()

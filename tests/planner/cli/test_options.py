@@ -48,6 +48,9 @@ TOPICS: dict[str, tuple[list[str], str, Any]] = {
     "--depth-topic": (["/d"], "topics.streams.depth", "/d"),
     "--info-topic": (["/i"], "topics.streams.camera", "/i"),
     "--pose-topic": (["/p"], "topics.streams.pose", "/p"),
+    "--pose-frame": (["base"], "topics.streams.pose_frame", "base"),
+    "--camera-frame": (["lens"], "topics.streams.camera_frame", "lens"),
+    "--camera-in": (["base=0,0,1,0,0,0"], "topics.streams.camera_in", "base=0,0,1,0,0,0"),
     "--map-frame": (["earth"], "topics.streams.map_frame", "earth"),
     "--tolerance": (["0.5"], "topics.streams.tolerance", 0.5),
 }

@@ -104,8 +104,8 @@ def test_what_cannot_be_written_is_one_line(
     assert "cannot write" in fails("export", lab, "-o", tmp_path / "nowhere" / "m.mcap")
     assert "did you mean mcap" in fails("export", lab, "-o", tmp_path / "m", "--format", "mcapp")
     assert "--find needs one of" in fails("export", lab, "-o", tmp_path / "m.ttl", "--find", "cup")
-    assert "no category 'bananna'" in fails(
-        "export", lab, "-o", tmp_path / "m.bag", "--find", "bananna"
+    assert "no category 'bamama'" in fails(
+        "export", lab, "-o", tmp_path / "m.bag", "--find", "bamama"
     )
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     for name, extra in (("m.mcap", "foxglove"), ("m.rrd", "rerun"), ("m.bag", "ros")):

@@ -14,10 +14,10 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("onnx")
 from kg.serving.opening import in_memory_map
+from lab.robot.ros1_node import Ros1HouseNode
 from perception.sources.live.ros1 import Ros1Master
 from planner.execution.options import Event, SearchOptions
 from planner.execution.search_loop import search
-from planner.simulation.robot.ros1_node import Ros1HouseNode
 from tests.perception.sources.live.debian_ros import free_port, started
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running
 

@@ -202,7 +202,7 @@ def test_what_lately_was_in_the_way_of_another_search_counts(
 def test_ways_that_were_shut_to_others_are_tried_before_giving_up() -> None:
     with in_memory_map() as semantic_map:
         ring(semantic_map, rooms=2)
-        far = ["apple", 7.5, 0.5, 0.8, 0.9]
+        far = ["apple", 7.95, 2.0, 0.8, 0.9]  # out of range of the corridor
         shut = run(semantic_map, "apple", blocked_at_goto=1, door=[4.0, 2.0], objects=[far])
         assert shut.state == "given up"
         assert shut.looks < 100  # what is behind the door keeps nobody looking at the corridor
@@ -349,7 +349,7 @@ def test_errors_say_what_would_have_worked(semantic_map: SemanticMap) -> None:
 
 
 def test_what_the_robot_saw_by_the_way_is_in_the_map_too(semantic_map: SemanticMap) -> None:
-    things = [APPLE, ["oven", 7.5, 3.5, 0.5, 0.8], ["flux capacitor", 7.0, 1.0, 0.5, 0.9]]
+    things = [APPLE, ["oven", 6.0, 2.2, 0.5, 0.8], ["flux capacitor", 6.1, 2.0, 0.5, 0.9]]
     events: list[Event] = []
     run(semantic_map, "apple", objects=things, on_event=events.append)
     assert len(semantic_map.objects("oven")) == 1

@@ -46,7 +46,7 @@ def test_after_a_search_in_vain_status_says_that_it_was_looked_for() -> None:
         assert set(views(semantic_map).values()) == {"never looked"}
         outcome = run(semantic_map, "apple")
         assert outcome.state == "given up"
-        assert set(views(semantic_map).values()) == {"gone"}
+        assert set(views(semantic_map).values()) == {"looked, none seen"}
         viewed = [place.viewed for place in semantic_map.places()]
         assert all(one is not None and one.close_share < one.share for one in viewed)
         assert {one.last for one in viewed if one} == {START + 60}
@@ -65,7 +65,7 @@ def test_only_where_it_looked_and_again_after_a_restart(tmp_path: Path) -> None:
     with open_map(tmp_path / "cut.map") as semantic_map:
         assert views(semantic_map) == first
         run(semantic_map, "apple", resume=True)
-        assert set(views(semantic_map).values()) == {"gone"}
+        assert set(views(semantic_map).values()) == {"looked, none seen"}
 
 
 def test_floor_that_no_depth_has_shown_does_not_count() -> None:

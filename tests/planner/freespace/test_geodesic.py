@@ -11,15 +11,17 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError
+from planner.freespace.floor_plan import free_space
 from planner.freespace.geodesic import (
     FAR,
     UNIT,
     StepLengths,
+    cells_before,
     distance_fields,
     path_lengths,
     shortest_path,
 )
-from planner.freespace.grid import NO_ROOM, FreeSpace, Passage
+from planner.freespace.grid import NO_ROOM, FreeSpace, Passage, Room
 from tests.planner.freespace.distances import metres_between
 
 Mask = NDArray[np.bool_]
@@ -163,3 +165,12 @@ def test_a_path_is_about_as_long_as_its_field_says(passable: Mask, data: st.Data
 def test_a_passage_to_what_is_no_floor_leads_nowhere() -> None:
     space = two_rooms(Passage(0, 2 * 9, 1.0)).without([2 * 9 + 4])
     assert np.isinf(metres_between(space, [0, 44])[0, 1])
+
+
+def test_the_last_cells_of_shortest_ways_to_many_ends() -> None:
+    space = free_space([Room(0, 5, 0, 4), Room(5, 8, 0, 4), Room(0, 8, 4, 5.4)])
+    start, ends = int(space.floor()[7]), space.floor()[::9]
+    (field,) = distance_fields(space, [start])
+    before = cells_before(space, field, ends, 1)
+    for end, cell in zip(ends.tolist(), before.tolist(), strict=True):
+        assert cell == shortest_path(space, field, end)[:2][-1]

@@ -122,9 +122,9 @@ def test_a_share_is_spread_over_the_whole_floor() -> None:
 def test_views_in_vain_lower_what_is_left_of_the_targets_together() -> None:
     cells = home().inside()[:4]
     weight = np.array([[0.5, 0.0, 0.0, 0.0], [0.0, 0.2, 0.2, 0.0], [0.0, 0.0, 0.0, 0.6]])
-    made = TargetBelief(cells, weight, np.array([0, 0, 1]), ())
+    made = TargetBelief.apart(cells, weight, np.array([0, 0, 1]))
     unseen = np.array([0.5, 1.0, 0.0, 1.0])
-    assert made.missed(unseen) == pytest.approx([0.75, 0.8, 1.0])
+    assert made.present(unseen) == pytest.approx([1 / 0.75, 1 / 0.8, 1.0])
     assert made.still_missing(unseen, 3) == pytest.approx([0.6, 1.0, 1.0])
     assert made.left(unseen, [0]) == pytest.approx(1 - (0.5 / 0.75) * (0.6 / 0.8))
     assert made.expected(unseen, np.array([1.0, 2.0])) == pytest.approx(
@@ -133,3 +133,36 @@ def test_views_in_vain_lower_what_is_left_of_the_targets_together() -> None:
     both = made.belief(unseen, [0, 1], 2)
     assert both.present == pytest.approx(1 - (0.5 / 0.75) * (0.6 / 0.8) * 0.4)
     assert made.belief(np.zeros(4), [0], 2).absent == 1.0
+
+
+def bedrooms(*kinds: str, rooms: float = 4.0, p: float = 0.5) -> TargetBelief:
+    """One candidate in each room of a home with rooms of `kinds`."""
+    space = free_space([Room(4.0 * i, 4.0 * i + 3, 0, 3) for i in range(len(kinds))])
+    names = tuple(f"room {i}" for i in range(len(kinds)))
+    candidates = [
+        replace(candidate("place", p, iri=name, place=name), room_kind=kind, rooms=rooms, facts=())
+        for name, kind in zip(names, kinds, strict=True)
+    ]
+    settings = replace(SETTINGS, uniform_share=0.0)
+    return build_target_belief(
+        PlanningMap(space, names, names), space.inside(), candidates, settings
+    )
+
+
+def test_a_room_searched_in_vain_lowers_the_others_of_its_kind_alone() -> None:
+    made = bedrooms("bedroom", "bedroom", "kitchen")
+    unseen = 1.0 - 0.8 * (made.weight[0] > 0)
+    left = made.weight @ made.expected(unseen, np.ones(1)) / (made.weight**2).sum(axis=1)
+    assert left[1] == pytest.approx(4 / 4.8)
+    assert left[2] == pytest.approx(1.0)
+    assert made.left(unseen, [0]) == pytest.approx(1 - (0.5 / 0.6) * (1 - 0.5 * 4 / 4.8) * 0.5)
+
+
+def test_rooms_of_a_kind_are_missed_together_as_often_as_their_distribution_says() -> None:
+    made = bedrooms(*["bedroom"] * 6, rooms=3.0, p=0.4)
+    theta = (np.arange(20000) + 0.5) / 20000
+    density = theta ** (0.4 * 3 - 1) * (1 - theta) ** (0.6 * 3 - 1)
+    for count in range(7):
+        unseen = 1.0 - (made.weight[:count] > 0).any(axis=0)
+        expected = (density * (1 - theta) ** count).sum() / density.sum()
+        assert made.still_missing(unseen, 1)[0] == pytest.approx(expected, abs=1e-3)

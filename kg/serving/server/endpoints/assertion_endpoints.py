@@ -14,7 +14,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.export.serialization import prefixes_of
-from kg.maps.facts.assertions import PLACE_PROPERTIES, PROPERTIES, Assertions, is_unicode
+from kg.maps.facts.assertions import (
+    NAME,
+    PLACE_PROPERTIES,
+    PROPERTIES,
+    Assertions,
+    is_unicode,
+)
 from kg.model import vocabulary as v
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
@@ -93,14 +99,16 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
         with semantic_map.hold():
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
-            return change, assertions[prop]
+            return change, assertions["category" if prop == NAME else prop]
 
     change, assertion = await completed(write)
     answer = written(serving, change, request, assertion=assertion_to_json(assertion))
     if change is not None and any(quad.object == _KIND for quad in change.added):
         answer.status_code = 201
         ours = Assertions(serving.semantic_map.base)
-        path = local_path(serving.semantic_map.base, ours.iri(assertion.subject, prop))
+        path = local_path(
+            serving.semantic_map.base, ours.iri(assertion.subject, assertion.property)
+        )
         answer.headers["Location"] = path
     return answer
 
@@ -124,7 +132,7 @@ def _word(content: Mapping[str, Any], name: str) -> str:
 
 
 def _property(name: str) -> str:
-    if name not in (*PROPERTIES, *PLACE_PROPERTIES):
+    if name not in (*PROPERTIES, *PLACE_PROPERTIES, NAME):
         raise Problem(422, f"{name[:100]!r} cannot be asserted; these can: {', '.join(PROPERTIES)}")
     return name
 

@@ -10,6 +10,7 @@ import math
 import re
 from typing import Final
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -99,12 +100,19 @@ async def _arguments(
         to = given.one("to")
         after = semantic_map.sequence if to is None else await sequence_at(semantic_map, to)
         facts, far = given.flag("facts"), _far(given.one("far"))
-        return {"before": before, "after": after, "facts": facts, "far": far}
+        areas = await run_in_threadpool(_areas, semantic_map, before, after)
+        return {"before": before, "after": after, "facts": facts, "far": far, "surface": areas}
     if what == "timeline":
         return {}
     if ("iri" in given) == ("what" in given):
         raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
     return {"about": given.one("iri") or _needed(given, "what")}
+
+
+def _areas(semantic_map: SemanticMap, *sequences: int) -> list[float]:
+    """[m^2] of the map's surface after transactions."""
+    store = semantic_map.surface_store
+    return [0.0 if store is None else store.area(number) for number in sequences]
 
 
 def _needed(given: RequestParameters, name: str) -> str:

@@ -36,6 +36,7 @@ def _described(question: ParameterizedQuery) -> dict[str, object]:
     return {
         "name": question.name,
         "summary": question.summary,
+        "asked": list(question.asked),
         "parameters": parameters,
         "columns": list(question.columns),
     }

@@ -1,9 +1,11 @@
 """`/state?at=`: what a page draws of the map at one moment; without `at`, now.
 
-With `objects=0` the objects are left out, which a page follows by the feed of changes.
+With `objects=0` objects and things are left out, which a page follows by the feed of changes.
 
-The answer has `sequence`, `time` (of a past moment), `objects`, `places`, `doors`, `robot` and
-`floor` (see `kg.history.replay.map_state`). It is made once for each moment, and has an ETag.
+The answer has `sequence`, `time` (of a past moment), `objects`, `things` (without a name),
+`places`, `doors`, `robot`, `floor` (see `kg.history.replay.map_state`), `surface`: its version, a
+number of frames, and `poses`: a line for each recording whose poses were estimated from its images.
+It is made once for each moment, and has an ETag.
 """
 
 from __future__ import annotations
@@ -41,23 +43,26 @@ async def state(serving: AppState, request: Request) -> Response:
     moment, whole = given.one("at"), given.one("objects") != "0"
     past = None if moment is None else await sequence_at(serving.semantic_map, moment)
     number = serving.semantic_map.sequence if past is None else past
-    key = (number, past is not None, whole)
-    form = f"{serving.states.mark}{int(past is None)}{int(whole)}"
+    store = serving.semantic_map.surface_store
+    frames = 0 if store is None else store.frames
+    key = (number, past is not None, whole, frames)
+    form = f"{serving.states.mark}{int(past is None)}{int(whole)}-{frames}"
     known = State(number, None, form=form)
     headers = {**known.headers, "Vary": "Accept-Encoding"}
     if known.is_known_to(request):
         return Response(status_code=304, headers=headers)
     if serving.states.waiting >= MAX_WAITING:
         raise Problem(503, "too many requests for states wait already", {"Retry-After": "1"})
-    made = serving.states.get(key, partial(_made, serving, past, number, whole))
+    made = serving.states.get(key, partial(_made, serving, *key))
     found = await unless_gone(request, asyncio.ensure_future(made))
     if past is None:
         serving.sessions.saw(asker_of(request).client, found.sequence)
     return _response(request, found, headers)
 
 
-async def _made(serving: AppState, past: int | None, number: int, whole: bool) -> Answer:
-    request = {"base": serving.semantic_map.base, "objects": whole}
+async def _made(serving: AppState, number: int, is_past: bool, whole: bool, frames: int) -> Answer:
+    request = {"base": serving.semantic_map.base, "objects": whole, "surface": frames}
+    past = number if is_past else None
     return await serving.pool.state_async(request, at=past, at_least=number, asker=_PAGES)
 
 

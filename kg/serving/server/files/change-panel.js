@@ -45,11 +45,11 @@ export class ChangePanel {
     this._view.draw();
     const [before, after] = found.times.map((time) => clock(time));
     const lists = Object.entries(TITLES).flatMap(([kind, title]) => this._list(title, found.changes.filter((one) => one.kind === kind)));
-    const [first, second] = found.floor.map((area) => `${area.toFixed(1)} m²`);
     byId("changes").replaceChildren(
       element("h2", `From ${before} to ${this._data.past === null ? "now" : after}`),
       ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name.")]),
-      element("p", first === second ? `${second} of floor seen` : `floor seen: ${first}, then ${second}`),
+      element("p", areasOf("floor", found.floor)),
+      ...(found.surface.some(Boolean) ? [element("p", areasOf("surface", found.surface))] : []),
     );
   }
 
@@ -59,6 +59,11 @@ export class ChangePanel {
     const more = changes.length - entries.length;
     return [element("h3", `${title} (${changes.length})`), element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
   }
+}
+
+function areasOf(name, areas) {
+  const [before, after] = areas.map((area) => `${area.toFixed(1)} m²`);
+  return before === after ? `${after} of ${name} seen` : `${name} seen: ${before}, then ${after}`;
 }
 
 function wordsOf(one) {

@@ -31,10 +31,10 @@ export class Corrections {
     name.setAttribute("aria-label", "name");
     category.setAttribute("list", isPlace ? "place-categories" : "object-categories");
     category.setAttribute("aria-label", "category");
-    category.placeholder = isPlace ? "e.g. kitchen" : "e.g. bowl";
+    category.placeholder = isPlace ? "e.g. kitchen" : "e.g. coffee machine";
     const made = element("fieldset", "", element("legend", "Correct it"),
       element("p", "", name, button("rename", () => this._assert(thing.iri, "label", name.value))),
-      element("p", "", category, button("is a", () => this._assert(thing.iri, "category", category.value))));
+      element("p", "", category, button("is a", () => this._assert(thing.iri, isPlace ? "category" : "name", category.value))));
     if (!isPlace) {
       made.append(element("p", "",
         button("move", () => { this._moving = thing.iri; status("click where it is"); }),
@@ -50,7 +50,7 @@ export class Corrections {
     if (this._rooms.take([x, y])) return true;
     const iri = this._moving;
     this._moving = null;
-    if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.objects.get(iri)?.z ?? 0).toFixed(2)}`);
+    if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.thingAt(iri)?.z ?? 0).toFixed(2)}`);
     return iri !== null;
   }
 

@@ -5,6 +5,7 @@ import { isNumber, request, select, stateAt } from "/files/server.js";
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
 const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
+const UNNAMED = `${HERE}UnnamedThing`;
 const MAP_GRAPH = "https://w3id.org/hereabouts/graph/map";
 
 const CATEGORIES = `SELECT ?class ?label ?kind WHERE {
@@ -15,7 +16,7 @@ const CATEGORIES = `SELECT ?class ?label ?kind WHERE {
 const FIELDS = {
   [RDF_TYPE]: "class", [LABEL]: "label", [`${HERE}x`]: "x", [`${HERE}y`]: "y", [`${HERE}z`]: "z",
   [`${HERE}existence`]: "existence", [`${HERE}inPlace`]: "place", [`${HERE}lastSeen`]: "seen",
-  [`${HERE}positionDeviation`]: "deviation", [`${HERE}extentX`]: "dx", [`${HERE}extentY`]: "dy",
+  [`${HERE}positionDeviation`]: "deviation", [`${HERE}yaw`]: "yaw", [`${HERE}extentX`]: "dx", [`${HERE}extentY`]: "dy",
   [`${HERE}extentZ`]: "dz", [`${HERE}observationCount`]: "count", [`${HERE}heading`]: "heading",
 };
 
@@ -52,12 +53,15 @@ export class MapData extends EventTarget {
     super();
     this.base = base;
     this.objects = new Map();
+    this.things = new Map(); // without a name
     this.places = new Map();
     this.doors = [];
     this.floor = [];
     this.robot = null;
     this.trail = [];
     this.sequence = 0; // of the shown state
+    this.surface = 0; // version of its surface
+    this.poses = []; // a line for each recording with estimated poses
     this.last = 0; // of the map's last transaction
     this.past = null; // number of the shown past transaction; null for the present
     this.labels = new Map(); // of categories
@@ -70,7 +74,7 @@ export class MapData extends EventTarget {
 
   /** Read the state at `at` (ISO 8601 or the number of a transaction), or the present state.
    *
-   * Returns whether it is shown; false if another state was requested meanwhile. What is shown stays until then. */
+   * Returns whether it is shown; false if another state was requested meanwhile. The state before stays until then. */
   async load(at = null) {
     this._loading.abort();
     const { signal } = this._loading = new AbortController();
@@ -95,11 +99,10 @@ export class MapData extends EventTarget {
     this.time = isPast ? state.time : null;
     this.sequence = state.sequence;
     this.last = Math.max(this.last, this.sequence);
-    this.objects = new Map();
-    for (const one of state.objects) {
-      const iri = this.base + one.iri;
-      this.objects.set(iri, { ...one, iri, place: one.place && this.base + one.place });
-    }
+    const byIri = (rows, more) => new Map(rows.map((one) =>
+      [this.base + one.iri, { ...one, ...more, iri: this.base + one.iri, place: one.place && this.base + one.place }]));
+    this.objects = byIri(state.objects, {});
+    this.things = byIri(state.things, { class: UNNAMED });
     this.trail = [];
     this._takeSurroundings(state, tiles);
     const missed = this._missed || [];
@@ -112,6 +115,8 @@ export class MapData extends EventTarget {
     this._takePlaces(state.places);
     this.doors = state.doors;
     this.floor = tiles;
+    this.surface = state.surface ?? 0;
+    this.poses = state.poses ?? [];
     this.robot = state.robot && { ...state.robot, iri: this.base + state.robot.iri };
   }
 
@@ -145,6 +150,11 @@ export class MapData extends EventTarget {
     this.last = sequence;
     await this.load(this.past);
     return this.past === null ? this.sequence : sequence;
+  }
+
+  /** An object, or a thing without a name. */
+  thingAt(iri) {
+    return this.objects.get(iri) || this.things.get(iri);
   }
 
   labelOf(iri) {
@@ -208,7 +218,7 @@ export class MapData extends EventTarget {
     }
     for (const one of touched) {
       if (one === this.robot) this.trail.push([one.x, one.y]);
-      else if (!this._isObject(one)) this.objects.delete(one.iri);
+      else this._sort(one);
     }
     if (this.trail.length > 2000) this.trail.splice(0, 500);
     if (around) this._readSurroundings();
@@ -219,12 +229,18 @@ export class MapData extends EventTarget {
 
   _at(iri, make) {
     if (this.robot && iri === this.robot.iri) return this.robot;
-    if (!this.objects.has(iri) && make) this.objects.set(iri, { iri });
-    return this.objects.get(iri);
+    if (!this.thingAt(iri) && make) this.objects.set(iri, { iri });
+    return this.thingAt(iri);
   }
 
-  _isObject(one) {
-    return one.existence !== undefined && one.x !== undefined && one.y !== undefined && this.kinds.get(one.class) === "object";
+  /** Keep a changed object or thing where it belongs now: a name makes an object of a thing. */
+  _sort(one) {
+    const isThere = one.existence !== undefined && one.x !== undefined && one.y !== undefined;
+    const kind = isThere ? this.kinds.get(one.class) : null;
+    if (kind === "object") this.objects.set(one.iri, one);
+    else this.objects.delete(one.iri);
+    if (kind === "thing") this.things.set(one.iri, one);
+    else this.things.delete(one.iri);
   }
 
   /** Read places, doors and floor, at most once a second: they change often while a robot drives. */
@@ -252,6 +268,8 @@ export class MapData extends EventTarget {
   }
 
   async _readCategories() {
+    this.labels.set(UNNAMED, "unnamed thing");
+    this.kinds.set(UNNAMED, "thing");
     for (const { class: iri, label, kind } of (await select(CATEGORIES)).rows) {
       this.labels.set(iri, label);
       this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");

@@ -1,4 +1,4 @@
-// Functions that the layers share: colours, text, free space for text, points in polygons.
+// Functions of drawing: colours, text, free space for text, points in polygons.
 
 /** The colour of a category, always the same. */
 export function colourOf(label, dark) {
@@ -11,19 +11,13 @@ export function colourOf(label, dark) {
 /** Text with an outline in the colour of the background. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
   c.globalAlpha = alpha;
-  c.lineWidth = 3;
+  c.lineWidth = 4;
   c.lineJoin = "round";
   c.strokeStyle = view.panel;
   c.strokeText(text, x, y);
   c.fillStyle = colour;
   c.fillText(text, x, y);
   c.globalAlpha = 1;
-}
-
-/** Begin a path through points of the screen. */
-export function tracePath(c, points) {
-  c.beginPath();
-  points.forEach(([u, v], n) => (n ? c.lineTo(u, v) : c.moveTo(u, v)));
 }
 
 /** Occupied rectangles of the screen, in a grid of squares. */
@@ -45,6 +39,13 @@ export class Taken {
     keys.forEach((key) => { if (!this._cells.has(key)) this._cells.set(key, []); this._cells.get(key).push(box); });
     return true;
   }
+}
+
+/** The corners [x, y] of an object's box, seen from above. */
+export function footprintOf({ x, y, dx, dy, yaw = 0 }) {
+  const [cos, sin] = [Math.cos(yaw), Math.sin(yaw)];
+  return [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([a, b]) =>
+    [x + (a * dx * cos - b * dy * sin) / 2, y + (a * dx * sin + b * dy * cos) / 2]);
 }
 
 /** Whether a point lies within rings, by the even-odd rule. */

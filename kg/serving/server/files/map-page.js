@@ -5,6 +5,7 @@ import { Corrections } from "/files/corrections.js";
 import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
+import { MeasuringTape } from "/files/measuring-tape.js";
 import { ObjectList } from "/files/object-list.js";
 import { all, byId, status } from "/files/page-elements.js";
 import { PageAddress, readAddress } from "/files/page-address.js";
@@ -15,6 +16,7 @@ import { TimeAxis } from "/files/time-axis.js";
 const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
 const view = new MapView(byId("canvas"), data, shown);
+const tape = new MeasuringTape(view);
 const corrections = new Corrections(data, () => { if (view.selected) choose(view.selected); });
 const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
 const axis = new TimeAxis(data, () => changes.compare(changes.from));
@@ -22,7 +24,6 @@ const changes = new ChangePanel(data, view, goToChange);
 const search = new PlanPanel(data, view, goTo);
 const address = new PageAddress({ data, view, changes, search });
 let listing = 0;
-let solid = null; // the view in three dimensions, after its first use
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -37,6 +38,8 @@ function refresh() {
 
 function showLists() {
   list.show(shown, view.selected, view.dark);
+  byId("cut-shown").textContent = view.cut.toFixed(1);
+  byId("cut").value = view.cut;
   const isEmpty = !data.objects.size && !data.places.size && !data.floor.length;
   byId("empty").classList.toggle("hidden", !isEmpty);
   byId("empty-now").classList.toggle("hidden", data.past !== null);
@@ -48,6 +51,7 @@ function showLists() {
 /** Select a thing, or nothing. */
 function choose(iri) {
   view.selected = iri;
+  if (view.isFocused) focus(data.objects.has(iri));
   address.writeNow();
   panel.show(iri, list.least);
   refresh();
@@ -55,7 +59,7 @@ function choose(iri) {
 
 /** Select a thing and centre it. */
 function goTo(iri) {
-  const one = data.objects.get(iri), place = data.places.get(iri);
+  const one = data.thingAt(iri), place = data.places.get(iri);
   if (one) view.goTo(one.x, one.y, undefined, one.z);
   if (place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
   choose(iri);
@@ -70,40 +74,32 @@ function goToChange({ iri, was, now }) {
 /** Show what the address names; an address without parameters only selects a thing. */
 async function goToAddress() {
   const { thing, given } = readAddress(location.hash);
-  const hasView = given.size > 0 && await address.follow(given, { show: (at) => axis.show(at), turn, filter: (...values) => list.filter(...values) });
-  const iri = [thing, data.base + thing].find((one) => data.objects.has(one) || data.places.has(one)) || null;
+  const hasView = await address.follow(given, { show: (at) => axis.show(at), turn, cut, filter: (...values) => list.filter(...values) });
+  const iri = [thing, data.base + thing].find((one) => data.thingAt(one) || data.places.has(one)) || null;
   if (hasView) choose(iri);
   else goTo(iri);
+  if (given.has("focus") !== view.isFocused) focus(given.has("focus"), { stays: hasView });
 }
 
-/** Show the map in three dimensions, or flat again; the script for three dimensions is loaded at its first use. */
-async function turn() {
-  if (view.solid) flatten();
-  else {
-    try {
-      const { Map3d } = await import("/files/map-3d.js");
-      solid ??= new Map3d(view);
-      solid.open();
-      view.solid = solid;
-      view.fit();
-    } catch (error) {
-      status(`the map stays flat: ${error.message}`);
-    }
-  }
-  byId("solid").setAttribute("aria-pressed", String(Boolean(view.solid)));
+/** Show the map in three dimensions, or flat again. */
+function turn() {
+  view.turn();
+  byId("solid").setAttribute("aria-pressed", String(!view.isFlat));
   address.write();
 }
 
-function flatten() {
-  view.solid.close();
-  view.solid = null;
-  view.draw();
+/** Fade everything but the selected thing, or end that. */
+function focus(isFocused = !view.isFocused, options = {}) {
+  if (isFocused && !data.objects.has(view.selected)) return status("select an object first: click on the map or in the list");
+  view.focus(isFocused, options);
+  byId("focus").setAttribute("aria-pressed", String(view.isFocused));
+  return address.write();
 }
 
-function forgetSolid() {
-  turn();
-  solid = null;
-  status("the map is flat again: the browser released its graphics memory");
+/** Cut walls at a height [m] above the floor; null: where it suits. */
+function cut(height) {
+  view.height = height;
+  refresh();
 }
 
 function showTransaction({ sequence, cause }) {
@@ -113,6 +109,8 @@ function showTransaction({ sequence, cause }) {
 }
 
 byId("solid").addEventListener("click", turn);
+byId("focus").addEventListener("click", () => focus());
+byId("cut").addEventListener("input", () => cut(Number(byId("cut").value)));
 byId("fit").addEventListener("click", () => view.fit());
 byId("closer").addEventListener("click", () => view.zoom(1.4));
 byId("farther").addEventListener("click", () => view.zoom(1 / 1.4));
@@ -121,10 +119,10 @@ all("[data-layer]").forEach((box) => box.addEventListener("change", () => {
   byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
   refresh();
 }));
-view.onLost = forgetSolid;
 view.onMove = () => address.write();
+view.onSurface = refresh;
 offerExports(data, view, shown);
-view.onPick = (iri, point) => { if (!corrections.place(point)) choose(iri); };
+view.onPick = (iri, point) => { if (!tape.take(point) && !corrections.place(point)) choose(iri); };
 data.addEventListener("changed", refresh);
 data.addEventListener("on", () => { byId("live").className = "live on"; });
 data.addEventListener("off", () => { byId("live").className = "live off"; });

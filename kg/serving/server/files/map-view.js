@@ -1,15 +1,24 @@
-// The map on a canvas: the visible part, and the order of the layers.
-import { FloorLayer } from "/files/floor-layer.js";
-import { drawChanges, drawHighlights } from "/files/highlight-layer.js";
-import { drawText, inside, Taken } from "/files/map-drawing.js";
-import { listen } from "/files/map-gestures.js";
-import { ObjectLayer } from "/files/object-layer.js";
-import { drawPlaceNames, drawPlaces, namesOf, placeColour } from "/files/place-layer.js";
-import { drawPlan, drawRobot, drawTrail } from "/files/robot-layer.js";
-import { SurfaceLayer } from "/files/surface-layer.js";
+// The map, flat or in three dimensions: one scene, one camera, and marks with names above them.
+import { MapCamera } from "/files/map-camera.js";
+import { clustersOf } from "/files/clusters.js";
+import { colourOf, footprintOf, inside } from "/files/map-drawing.js";
+import { MarkLayer } from "/files/mark-layer.js";
+import { hexOf, MANY, MapScene } from "/files/map-scene.js";
+import { element } from "/files/page-elements.js";
+import { namesOf } from "/files/place-names.js";
+import * as THREE from "/files/vendor/three.min.js";
 
 const NEAR = 16; // [px] from a click to the thing that it selects
-const REST = 150; // [ms] after the last movement until all names are drawn
+const REST = 150; // [ms] after the last movement until all names are drawn, and after the last change until edges are smooth
+const SMOOTH = 2; // pixels along the side of one of the screen, at rest: many machines draw in software
+const [QUICK, SLOW, PAUSE] = [25, 45, 1000]; // [ms] from one drawing to the next; after a pause nothing is measured
+const LEAST = 0.02; // of the voxels, while the map moves
+const HIGH = 1; // [m] above the floor that must fit on the canvas
+const FADED = 0.12; // strength of what is not in focus
+const CUT = { surface: 2, walls: 0.5 }; // [m] above the floor, unless another height is chosen
+const CLOSE = { flat: 70, solid: 150 }; // [px/m] at least, for a thing that is gone to
+const NO_GRAPHICS = "This browser draws no WebGL 2: outlines and names only. All things are listed beside the map.";
+const LOST = "The browser released its graphics memory: outlines and names only, until it gives some back.";
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 
 export class MapView {
@@ -18,28 +27,37 @@ export class MapView {
     this.canvas = canvas;
     this.data = data;
     this.shown = shown;
-    this.layers = { surface: true, floor: true, viewed: false, labels: true, boxes: true, trail: true };
+    this.layers = { surface: true, floor: true, viewed: false, labels: true, boxes: true, trail: true, pictures: true, things: true };
     this.selected = null; // IRI
+    this.isFocused = false; // whether everything else is faded
     this.highlights = { iris: new Set(), points: [], rings: [] }; // of an answer; positions in metres
     this.changes = []; // of `/diff`, drawn as signs
     this.plan = null; // the answer of `/find`
-    this.solid = null; // the view in three dimensions while it replaces this one
-    this.scale = 40; // [px/m]
-    this.centre = [0, 0]; // [m]
+    this.measured = []; // points [m] of a measurement, at most two
+    this.height = null; // [m] above the floor at which walls are cut; null: by what there is
+    this.drawn = []; // the shown objects, the surest first
+    this.clusters = null; // objects drawn together, at low zoom
     this.isMoving = false;
+    this.share = 1; // of the voxels that are drawn while the map moves, as many as the machine can
+    this._last = 0; // [ms] of the last drawing
+    this._isStale = true; // whether more than the camera changed since the last drawing
+    this.isFitted = true; // whether all of the map is shown, as `fit` does
     this.ink = this.faint = this.panel = this.accent = ""; // colours
     /** @type {(iri: string | null, point: number[]) => void} */
-    this.onPick = () => {}; // called with (IRI or null, [x, y] in metres)
-    this.onLost = () => {}; // called when the view in three dimensions has lost its graphics
-    this._floor = new FloorLayer(this);
-    this._objects = new ObjectLayer(this);
-    this.surfaceLayer = new SurfaceLayer(this);
+    this.onPick = () => {}; // called with (IRI or null, [x, y, z] in metres)
     this.onMove = () => {}; // called when another part of the map is shown
-    this.isFitted = true; // whether all of the map is shown, as `fit` does
-    this._fitted = false;
-    listen(this);
+    this.onSurface = () => {}; // called when the surface was read
+    this._colours = new Map(); // of categories
+    this._wasFitted = false;
+    this.camera = new MapCamera(canvas, { moved: () => this._moved(), clicked: (u, v) => this.pick(u, v), fit: () => this.fit() });
+    this.scene = new MapScene(this);
+    this._marks = new MarkLayer(this);
+    this._note = element("p");
+    this._note.className = "key hidden";
+    canvas.after(this._marks.canvas, this._note);
+    this._begin();
     new ResizeObserver(() => this._resize()).observe(canvas);
-    DARK.addEventListener("change", () => { this._objects.forgetColours(); this.draw(); });
+    DARK.addEventListener("change", () => { this._colours.clear(); this.draw(); });
     this._resize();
   }
 
@@ -47,10 +65,29 @@ export class MapView {
     return DARK.matches;
   }
 
-  /** Request one drawing. */
+  get isFlat() {
+    return this.camera.isFlat;
+  }
+
+  /** [px/m] in the middle. */
+  get scale() {
+    return this.camera.state.scale;
+  }
+
+  /** [m] above the floor at which walls are cut. */
+  get cut() {
+    return this.height ?? (this.scene.surface.current() ? CUT.surface : CUT.walls);
+  }
+
+  /** The object in focus; null without. */
+  get inFocus() {
+    return (this.isFocused && this.data.objects.get(this.selected)) || null;
+  }
+
+  /** Request one drawing, with all changes. */
   draw() {
-    if (this.solid) return this.solid.draw();
-    this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._draw(); });
+    this._isStale = true;
+    this._render();
   }
 
   /** Show the whole map. */
@@ -58,11 +95,11 @@ export class MapView {
     const bounds = this.bounds();
     if (!bounds) return;
     const [[xmin, ymin], [xmax, ymax]] = bounds;
-    this.centre = [(xmin + xmax) / 2, (ymin + ymax) / 2];
-    this.scale = Math.min((this.width - 60) / (xmax - xmin + 0.4), (this.height - 60) / (ymax - ymin + 0.4), 250);
-    this._fitted = this.isFitted = true;
+    if (!this._wasFitted) this.camera.origin = [(xmin + xmax) / 2, (ymin + ymax) / 2];
+    this._wasFitted = true;
+    this.camera.fit(bounds, this.data.ground(), HIGH);
+    this.isFitted = true;
     this.onMove();
-    this.solid?.fit();
     this.draw();
   }
 
@@ -80,140 +117,189 @@ export class MapView {
   }
 
   /** Centre a point [m]; without `z`, on the floor. */
-  goTo(x, y, scale = Math.max(this.scale, 70), z) {
-    this.centre = [x, y];
-    this.scale = scale;
-    this._moved();
-    this.solid?.goTo(x, y, z);
+  goTo(x, y, scale = Math.max(this.scale, CLOSE[this.isFlat ? "flat" : "solid"]), z = this.data.ground()) {
+    this.camera.look({ x, y, z, scale });
+  }
+
+  /** Fade everything but the selected object and fly to it, or end that; `stays`: without the flight. */
+  focus(isFocused, { stays = false } = {}) {
+    this.isFocused = isFocused;
+    const one = this.inFocus;
+    if (one && !stays) {
+      const wide = Math.max(one.dx || 0, one.dy || 0, one.dz || 0, 0.4);
+      this.camera.fly({ x: one.x, y: one.y, z: one.z ?? 0, scale: Math.min(this.camera.width, this.camera.height) / (3 * wide) });
+    }
     this.draw();
   }
 
-  toScreen(x, y) {
-    return [this.width / 2 + (x - this.centre[0]) * this.scale, this.height / 2 - (y - this.centre[1]) * this.scale];
+  /** Change between the flat view and three dimensions. */
+  turn() {
+    const wasFitted = this.isFitted;
+    this.camera.turn();
+    if (wasFitted) this.fit();
+    this.draw();
   }
 
-  toMap(u, v) {
-    return [this.centre[0] + (u - this.width / 2) / this.scale, this.centre[1] - (v - this.height / 2) / this.scale];
+  zoom(factor) {
+    this.camera.zoom(factor);
   }
 
-  zoom(factor, u = this.width / 2, v = this.height / 2) {
-    if (this.solid) return this.solid.zoom(factor);
-    const [x, y] = this.toMap(u, v);
-    this.scale = Math.min(Math.max(this.scale * factor, 0.5), 800);
-    this.centre = [x - (u - this.width / 2) / this.scale, y + (v - this.height / 2) / this.scale];
-    this._moved();
-    this._drawMoving();
+  /** The measured distance [m]: between two points of the room, or of the flat map. */
+  distance() {
+    const [a, b] = this.measured;
+    return Math.hypot(b[0] - a[0], b[1] - a[1], this.isFlat ? 0 : b[2] - a[2]);
   }
 
-  /** Move the map by pixels. */
-  pan(du, dv) {
-    this.centre = [this.centre[0] - du / this.scale, this.centre[1] + dv / this.scale];
-    this._moved();
-    this._drawMoving();
+  /** [u, v, scale]: the pixel of a point [m], and pixels a metre there; null behind the camera. */
+  toScreen(x, y, z = this.data.ground()) {
+    return this.camera.project(x, y, z);
   }
 
-  /** Call `onPick` with the thing at a point of the canvas. */
+  /** Call `onPick` with the thing at a point of the canvas, or near it, or the place there. */
   pick(u, v) {
-    let best = null, least = NEAR;
-    for (const one of this.data.objects.values()) {
-      if (!this.shown(one)) continue;
-      const [x, y] = this.toScreen(one.x, one.y);
-      const distance = Math.hypot(x - u, y - v);
-      if (distance < least) { least = distance; best = one.iri; }
+    const cluster = this.clusters?.find(({ spot }) => spot && Math.hypot(spot[0] - u, spot[1] - v) < NEAR);
+    if (cluster?.count > 1) {
+      this.camera.look({ x: cluster.x, y: cluster.y, scale: 4 * this.scale });
+      return;
     }
-    const [x, y] = this.toMap(u, v);
-    if (!best) for (const place of this.data.places.values()) if (inside(x, y, place.rings)) best = place.iri;
-    this.onPick(best, [x, y]);
+    const met = this.scene.meet(this.camera.rayAt(u, v));
+    if (!met) return; // the sky
+    const near = this._nearest(u, v), one = this.isFlat ? near ?? met.thing : met.thing ?? near, [x, y] = met.point;
+    const below = [...this.data.places.values()].filter((place) => inside(x, y, place.rings)).pop();
+    this.onPick((one ?? this._unnamedAt([x, y], u, v) ?? below)?.iri ?? null, met.point);
   }
 
-  /** Colours and names that all views share. */
-  readColours() {
-    const style = getComputedStyle(document.documentElement);
-    for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
+  _nearest(u, v) {
+    let best = null, least = NEAR;
+    for (const one of this.drawn) {
+      const spot = this.toScreen(one.x, one.y, one.z ?? 0);
+      const distance = spot ? Math.hypot(spot[0] - u, spot[1] - v) : Infinity;
+      if (distance < least) { least = distance; best = one; }
+    }
+    return best;
   }
 
-  colourOfClass(category) {
-    return this._objects.colourOf(category);
+  /** The thing without a name, where they are shown, around a point of the flat map, or whose middle is near a pixel. */
+  _unnamedAt([x, y], u, v) {
+    if (!this.layers.things) return undefined;
+    return [...this.data.things.values()].find((one) => {
+      if (this.isFlat) return inside(x, y, [footprintOf(one)]);
+      const spot = this.toScreen(one.x, one.y, one.z);
+      return spot && Math.hypot(spot[0] - u, spot[1] - v) < NEAR;
+    });
+  }
+
+  hexOfClass(category) {
+    if (!this._colours.has(category)) this._colours.set(category, hexOf(colourOf(this.data.labelOf(category), this.dark)));
+    return this._colours.get(category);
   }
 
   colourOfPlace(place) {
-    return placeColour(this, place);
+    const best = place.beliefs[0];
+    return best ? this.hexOfClass(best[0]) : this.faint;
   }
 
   nameOfPlace(place) {
     return namesOf(this.data, place)[0];
   }
 
+  /** How strongly an object is drawn, by its existence; faint beside an object in focus. */
+  strengthOf(one) {
+    return this.inFocus && one.iri !== this.selected ? FADED : Math.max(one.existence, 0.2);
+  }
+
   /** What is shown, as a PNG. */
   toBlob() {
-    if (this.solid) return this.solid.toBlob();
-    this._draw();
-    return new Promise((done) => { this.canvas.toBlob(done, "image/png"); });
+    this._renderNow({ smooth: true });
+    const picture = document.createElement("canvas"), c = picture.getContext("2d"), { width, height } = this._marks.canvas;
+    [picture.width, picture.height] = [width, height];
+    if (this._renderer) c.drawImage(this.canvas, 0, 0, width, height);
+    c.drawImage(this._marks.canvas, 0, 0);
+    return new Promise((done) => { picture.toBlob(done, "image/png"); });
   }
 
-  pictureOf(tile) {
-    return this._floor.pictureOf(tile);
+  /** Whether the scene is drawn; otherwise the marks alone. */
+  get hasGraphics() {
+    return Boolean(this._renderer) && !this._isLost;
   }
 
+  /** Begin to draw with WebGL, where the browser has it. */
+  _begin() {
+    const context = this.canvas.getContext("webgl2", { antialias: false });
+    if (!context) return this._say(NO_GRAPHICS);
+    this._renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context });
+    this._renderer.outputColorSpace = THREE.LinearSRGBColorSpace;
+    this._renderer.localClippingEnabled = true;
+    this.canvas.addEventListener("webglcontextlost", () => { this._isLost = true; this._say(LOST); this.draw(); });
+    this.canvas.addEventListener("webglcontextrestored", () => { this._isLost = false; this._say(""); this.scene.forget(); this.draw(); });
+    return undefined;
+  }
+
+  _say(text) {
+    this._note.textContent = text;
+    this._note.classList.toggle("hidden", !text);
+  }
+
+  /** After a movement, draw; most names follow when the map has stopped moving. */
   _moved() {
     this.isFitted = false;
     this.onMove();
-  }
-
-  /** Draw; most names follow when the map has stopped moving. */
-  _drawMoving() {
-    clearTimeout(this._rest);
     this.isMoving = true;
-    this._rest = setTimeout(() => { this.isMoving = false; this.draw(); }, REST);
-    this.draw();
+    this._render();
   }
 
   _resize() {
-    const box = this.canvas.getBoundingClientRect(), ratio = devicePixelRatio || 1;
-    this.width = box.width;
-    this.height = box.height;
-    this.canvas.width = Math.round(box.width * ratio);
-    this.canvas.height = Math.round(box.height * ratio);
-    if (!this.width) return; // hidden
-    if (!this._fitted) this.fit();
-    this.draw();
+    const { clientWidth, clientHeight } = this.canvas, ratio = devicePixelRatio || 1;
+    if (!clientWidth || !clientHeight) return; // hidden
+    const wasFitted = this.isFitted;
+    this._marks.resize(clientWidth, clientHeight, ratio);
+    this._renderer?.setSize(clientWidth, clientHeight, false);
+    this.camera.resize(clientWidth, clientHeight);
+    this.isFitted = wasFitted;
+    if (wasFitted) this.fit();
+    this._renderNow(); // at once, since the canvas is empty now
+    this._render();
   }
 
-  _draw() {
-    const ratio = devicePixelRatio || 1, c = this.canvas.getContext("2d");
-    this.readColours();
-    c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    c.fillStyle = this.panel;
-    c.fillRect(0, 0, this.width, this.height);
-    const taken = new Taken(this.width, this.height);
-    taken.take(this.width - 50, 0, 50, 180, true); // the buttons
-    this._floor.draw(c);
-    this.surfaceLayer.draw(c);
-    drawPlaces(c, this);
-    drawPlan(c, this, taken);
-    this._objects.draw(c, taken);
-    drawHighlights(c, this);
-    drawChanges(c, this);
-    drawTrail(c, this);
-    drawRobot(c, this, taken);
-    drawPlaceNames(c, this, taken);
-    if (this.layers.labels) this._objects.drawNames(c, taken);
-    this._drawScale(c);
+  /** Draw with the next frame of the screen, and smoothly when nothing changes any more. */
+  _render() {
+    clearTimeout(this._rest);
+    this._rest = setTimeout(() => { this.isMoving = false; this._renderNow({ smooth: true }); }, REST);
+    this.canvas.dataset.drawn = "soon";
+    this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._renderNow(); });
   }
 
-  _drawScale(c) {
-    const metres = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((m) => m * this.scale > 60) || 500;
-    const x = 14, y = this.height - 16, end = x + metres * this.scale;
-    c.strokeStyle = this.ink;
-    c.lineWidth = 2;
-    c.beginPath();
-    c.moveTo(x, y - 4);
-    c.lineTo(x, y);
-    c.lineTo(end, y);
-    c.lineTo(end, y - 4);
-    c.stroke();
-    c.font = "12px system-ui, sans-serif";
-    drawText(c, this, `${metres} m`, x + 6, y - 6, this.ink);
+  _renderNow({ smooth = false } = {}) {
+    if (this._isStale) this._update();
+    this.clusters = clustersOf(this);
+    if (this.hasGraphics) {
+      const ratio = devicePixelRatio || 1, wanted = smooth ? Math.max(ratio, SMOOTH) : ratio;
+      if (wanted !== this._renderer.getPixelRatio()) this._renderer.setPixelRatio(wanted);
+      this._adjust();
+      this.scene.adapt();
+      this._renderer.render(this.scene.scene, this.camera.camera);
+    }
+    this._marks.draw();
+    if (smooth) this.canvas.dataset.drawn = "smoothly";
+  }
+
+  /** Draw fewer voxels while the map moves slowly, and more again when it is quick. */
+  _adjust() {
+    const now = performance.now(), pause = now - this._last;
+    this._last = now;
+    if (!this.isMoving || this.isFlat || pause > PAUSE) return;
+    if (pause > SLOW) this.share = Math.max(this.share / 1.5, LEAST);
+    else if (pause < QUICK) this.share = Math.min(this.share * 1.1, 1);
+  }
+
+  _update() {
+    this._isStale = false;
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
+    const { selected } = this, order = (one) => (one.iri === selected ? 2 : one.existence);
+    this.drawn = [...this.data.objects.values()].filter((one) => this.shown(one));
+    if (this.drawn.length <= MANY) this.drawn.sort((a, b) => order(b) - order(a) || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1));
+    this.scene.update();
   }
 }
 

@@ -41,7 +41,9 @@ export class ObjectList {
   show(shown, selected, dark) {
     this._now = this._data.lastView();
     const objects = [...this._data.objects.values()].filter(shown);
-    byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${this._data.places.size} places`;
+    const places = this._data.places.size;
+    byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${places} ${places === 1 ? "place" : "places"}`;
+    byId("poses").textContent = this._data.poses.map((line) => `Estimated from the images: ${line}.`).join(" ");
     byId("legend").replaceChildren(...this._legend(objects, dark));
     const surest = objects.sort((a, b) => b.existence - a.existence || (a.iri < b.iri ? -1 : 1)).slice(0, MAX_ENTRIES);
     byId("objects").replaceChildren(...surest.map((one) => this._entry(one, selected)));

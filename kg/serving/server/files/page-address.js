@@ -29,7 +29,8 @@ export class PageAddress {
     this._search = search;
     /** @type {any} */
     this._timer = 0;
-    this._given = null; // while an address is followed, it is not written
+    this._given = new URLSearchParams(); // until an address was followed, and while one is, none is written
+    this._last = location.hash; // that was written or followed; another one waits to be followed
   }
 
   /** Write the address soon. */
@@ -41,7 +42,9 @@ export class PageAddress {
 
   /** Write the address. */
   writeNow() {
-    if (!this._given) history.replaceState(null, "", this._now());
+    if (this._given || location.hash !== this._last) return;
+    history.replaceState(null, "", this._now());
+    this._last = location.hash;
   }
 
   _now() {
@@ -50,8 +53,10 @@ export class PageAddress {
     const given = {
       at: data.time ?? "",
       from: this._changes.from ?? "",
-      view: view.isFitted ? "" : [...view.centre, view.scale].map((value) => value.toFixed(2)).join(","),
-      solid: view.solid ? "1" : "",
+      view: view.isFitted ? "" : this._camera(),
+      solid: view.isFlat ? "" : "1",
+      focus: view.isFocused ? "1" : "",
+      cut: view.height ?? "",
       layers: hasOther ? boxes.filter((box) => box.checked).map((box) => box.dataset.layer).join(",") || "none" : "",
       find: this._search.wanted,
     };
@@ -60,9 +65,19 @@ export class PageAddress {
     return addressOf(view.selected ? data.pathOf(view.selected) : "", given);
   }
 
-  /** Set fields and layers by an address, then the moment, the comparison and the search; returns whether it has a view. */
-  async follow(given, { show, turn, filter }) {
-    this._given = given;
+  /** Where the camera looks; in three dimensions with its direction and height. */
+  _camera() {
+    const { x, y, scale, azimuth, polar, z } = this._view.camera.state;
+    return [x, y, scale, ...(this._view.isFlat ? [] : [azimuth, polar, z])].map((value) => value.toFixed(2)).join(",");
+  }
+
+  /** Set fields and layers by an address, then the moment, the comparison and the search; returns whether it has a view.
+   *
+   * Without parameters everything stays. */
+  async follow(given, { show, turn, cut, filter }) {
+    this._last = location.hash;
+    this._given = given.size ? given : null;
+    if (!given.size) return false;
     clearTimeout(this._timer);
     try {
       for (const box of all("[data-layer]")) {
@@ -73,11 +88,13 @@ export class PageAddress {
       filter(Object.fromEntries(FILTERS.map((id) => [id, given.get(id) ?? defaultOf(byId(id))])), place && this._data.base + place);
       if ((given.get("at") ?? null) !== this._data.time) await show(given.get("at"));
       if (given.get("from") !== this._changes.from) await this._changes.compare(given.get("from"));
-      if (given.has("solid") !== Boolean(this._view.solid)) await turn();
+      if (given.has("solid") === this._view.isFlat) turn();
+      const height = given.has("cut") ? Number(given.get("cut")) : null;
+      if (Number.isFinite(height ?? 0)) cut(height);
       if ((given.get("find") ?? "") !== this._search.wanted) this._search.find(given.get("find") ?? "", { quiet: true });
-      const [x, y, scale] = (given.get("view") ?? "").split(",").map(Number);
-      if (!(scale > 0 && Number.isFinite(x) && Number.isFinite(y))) return false;
-      this._view.goTo(x, y, scale);
+      const numbers = (given.get("view") ?? "").split(",").map(Number), [x, y, scale, azimuth, polar, z] = numbers;
+      if (!(scale > 0 && numbers.length >= 3 && numbers.every(Number.isFinite))) return false;
+      this._view.camera.look(numbers.length < 6 ? { x, y, scale } : { x, y, scale, azimuth, polar, z });
       return true;
     } finally {
       this._given = null;

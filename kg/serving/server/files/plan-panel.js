@@ -28,16 +28,16 @@ export class PlanPanel {
     try {
       const answer = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json", signal });
       const plan = await answer.json();
-      this._show(plan, wanted);
+      this._show(plan);
       if (plan.known.length && !quiet) this._choose(plan.known[0].iri);
     } catch (error) {
       if (!signal.aborted) byId("plan").replaceChildren(element("p", error.message));
     }
   }
 
-  _show(plan, wanted) {
+  _show(plan) {
     this._plan = plan;
-    byId("plan").replaceChildren(...(plan ? this._told(plan, wanted) : []));
+    byId("plan").replaceChildren(...(plan ? this._told(plan) : []));
     this._draw();
   }
 
@@ -50,20 +50,27 @@ export class PlanPanel {
     this._view.draw();
   }
 
-  _told(plan, wanted) {
-    const known = plan.known.slice(0, KNOWN).map((one) => element("li", "", button(one.label, () => this._choose(one.iri)),
-      ` ${one.where || ""}, existence ${one.existence.toFixed(2)}${one.last_seen ? `, seen ${this._data.ago(one.last_seen)} ago` : ""}`));
+  _told(plan) {
+    const known = plan.known.slice(0, KNOWN).map((one) => element("li", "", button(one.label, () => this._choose(one.iri))));
     return [
-      element("h2", known.length ? "Already in the map" : `No ${wanted} is in the map`), element("ul", "", ...known),
+      ...[...plan.understood, ...plan.answer].map((sentence) => element("p", sentence)), element("ul", "", ...known),
+      ...plan.steps.length ? this._looks(plan) : [],
+    ];
+  }
+
+  _looks(plan) {
+    const rest = plan.steps.length - plan.worthwhile;
+    return [
       element("h2", "Where to look"),
       element("p", `on this floor with ${plan.present.toFixed(2)}; the plan finds it with ${plan.probability.toFixed(2)}`),
       element("ol", "", ...this._steps(plan)),
+      ...rest ? [element("p", `${rest} more ${rest === 1 ? "look gains" : "looks gain"} little for ${rest === 1 ? "its" : "their"} time`)] : [],
     ];
   }
 
   _steps(plan) {
     const given = new Set(); // reasons that were listed already
-    return plan.steps.slice(0, MAX_STEPS).map((step, n) => {
+    return plan.steps.slice(0, Math.min(plan.worthwhile, MAX_STEPS)).map((step, n) => {
       const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri));
       if (reason) given.add(reason.iri);
       return element("li", "", button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y)),

@@ -10,6 +10,14 @@ const OFFERED = `SELECT ?kind ?name ?iri WHERE {
 const LISTS = { category: "categories", place: "places", iri: "things" };
 const NUMBERS = { double: "any", integer: "1" }; // step of a field
 
+const LITTLE = new Set("a an the my is are was do does did i you we there of to it me please".split(" "));
+
+/** Share of the typed words that the name, the summary or the examples of a question have; 1 for no words. */
+function shareOf(words, { name, summary, asked }) {
+  const text = `${name} ${summary} ${asked.join(" ")}`.toLowerCase();
+  return words.length ? words.filter((word) => text.includes(word)).length / words.length : 1;
+}
+
 export class QuestionList {
   /** `questions` is the list of `/queries`; `onQuery(text)` is called with the query to run. */
   constructor(base, questions, onQuery) {
@@ -32,10 +40,12 @@ export class QuestionList {
   }
 
   _list() {
-    const words = byId("question-filter").value.trim().toLowerCase();
-    const found = this._questions.filter(({ name, summary }) => `${name} ${summary}`.toLowerCase().includes(words));
-    byId("questions").replaceChildren(...found.map(({ name, summary }) =>
-      element("li", "", button(name, () => this.open(name)), element("small", summary))));
+    const typed = byId("question-filter").value.toLowerCase().match(/[\p{L}\p{N}-]+/gu) || [];
+    const words = typed.filter((word) => !LITTLE.has(word)).map((word) => word.replace(/s$/, ""));
+    const found = this._questions.map((one) => [one, shareOf(words, one)]).filter(([, share]) => share > 0.5)
+      .sort((a, b) => b[1] - a[1]).map(([one]) => one);
+    byId("questions").replaceChildren(...found.map(({ name, summary, asked }) =>
+      element("li", "", button(name, () => this.open(name)), element("small", asked.length ? `${summary}: ${asked[0]}` : summary))));
   }
 
   _form(question) {

@@ -14,14 +14,14 @@ export class ResultMap {
   /** Highlight columns and rows of SPARQL JSON; returns the number of things and geometries in words. */
   async show(answer) {
     await this._data.load();
-    const found = highlightsOf(answer, (iri) => this._data.objects.has(iri) || this._data.places.has(iri));
+    const found = highlightsOf(answer, (iri) => this._data.thingAt(iri) || this._data.places.has(iri));
     this._view.highlights = found;
     this._view.fit();
     return found.iris.size + found.points.length + found.rings.length;
   }
 
   _pick(iri) {
-    const one = this._data.objects.get(iri) || this._data.places.get(iri);
+    const one = this._data.thingAt(iri) || this._data.places.get(iri);
     this._view.selected = iri;
     this._view.draw();
     if (one) status(`${this._data.nameOf(one)} (${this._data.pathOf(iri)})`);

@@ -1,6 +1,6 @@
 // Requests to the server. The token is kept only in memory, as long as the page is open.
 
-const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "count", "heading", "xmin", "xmax",
+const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "yaw", "count", "heading", "xmin", "xmax",
   "ymin", "ymax", "share", "belief", "size", "storey"]);
 let token = "";
 
@@ -32,9 +32,9 @@ async function reasonOf(answer) {
   const text = await answer.text();
   try {
     const problem = JSON.parse(text);
-    return String(problem.detail || problem.title).slice(0, 300);
+    return String(problem.detail || problem.title).slice(0, 500);
   } catch {
-    return text.trim().slice(0, 300) || `the server answered ${answer.status}`;
+    return text.trim().slice(0, 500) || `the server answered ${answer.status}`;
   }
 }
 

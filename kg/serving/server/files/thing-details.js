@@ -73,6 +73,6 @@ export async function pictureOf(data, iri) {
   [picture.width, picture.height] = [image.width, image.height];
   picture.getContext("2d").drawImage(image, 0, 0);
   picture.setAttribute("role", "img");
-  picture.setAttribute("aria-label", `${data.nameOf(data.objects.get(iri))} as it was seen best`);
+  picture.setAttribute("aria-label", `${data.nameOf(data.thingAt(iri))} as it was seen best`);
   return picture;
 }

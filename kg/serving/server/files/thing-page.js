@@ -25,7 +25,7 @@ try {
   view.selected = iri;
   view.highlights.iris.add(iri);
   view.fit();
-  const one = data.objects.get(iri);
+  const one = data.thingAt(iri);
   if (one) view.goTo(one.x, one.y, Math.max(view.scale, SCALE));
   await Promise.all([showPicture(), fill("why", whyOf(data, iri)), fill("history", historyOf(data, iri))]);
 } catch (error) {

@@ -17,7 +17,7 @@ export class ThingPanel {
 
   /** Describe a thing; things in a place are listed from the existence `least` on. */
   show(iri, least) {
-    const one = this._data.objects.get(iri), place = this._data.places.get(iri);
+    const one = this._data.thingAt(iri), place = this._data.places.get(iri);
     this._iri = iri;
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
@@ -37,7 +37,7 @@ export class ThingPanel {
   }
 
   _thing() {
-    return this._data.objects.get(this._iri) || this._data.places.get(this._iri) || null;
+    return this._data.thingAt(this._iri) || this._data.places.get(this._iri) || null;
   }
 
   _object(one) {
@@ -50,7 +50,7 @@ export class ThingPanel {
         ["where", place ? `in ${this._data.placeName(place)}` : ""],
         ["existence", one.existence.toFixed(2)],
         ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`],
-        ["size", one.dx ? `${one.dx.toFixed(2)} x ${one.dy.toFixed(2)} x ${one.dz.toFixed(2)} m` : ""],
+        ["size", one.dx ? `${one.dx.toFixed(2)} x ${one.dy.toFixed(2)} x ${one.dz.toFixed(2)} m${one.yaw ? `, turned by ${Math.round(one.yaw * 180 / Math.PI)}°` : ""}` : ""],
         ["last seen", one.seen ? `${moment(one.seen)}, ${this._data.ago(one.seen)} before the last view of the map` : ""],
         ["seen", one.count ? `${one.count} times` : ""],
       ]),
@@ -103,7 +103,7 @@ export class ThingPanel {
       };
       answer.then((content) => put(...content), (error) => put(element("p", error.message)));
     };
-    if (this._data.objects.has(iri)) {
+    if (this._data.thingAt(iri)) {
       fill("relations", relationsOf(this._data, iri, this._choose));
       this._showPicture(iri);
     }

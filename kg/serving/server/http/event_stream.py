@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from starlette.types import Receive, Scope, Send
 
 from kg.serving.server.http.client_departure import disconnected
-from kg.serving.server.http.connection import PatientConnection
+from kg.serving.server.http.limits.connection import PatientConnection
 
 _HEADERS = [
     (b"content-type", b"text/event-stream; charset=utf-8"),

@@ -8,21 +8,22 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import partial
-from typing import Self
+from typing import Any, Self
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from kg.model.errors import ServerError
-from kg.serving.server.http.connection import PatientConnection
+from kg.serving.server.http.limits.connection import PatientConnection
+from kg.serving.server.http.limits.shares import Shares
+from kg.serving.server.http.limits.turns_to_read import TurnsToRead
 from kg.serving.server.http.request_checks import holder
 from kg.serving.server.http.settings import Settings
-from kg.serving.server.http.turns_to_read import TurnsToRead
 
 START_WITHIN = 60.0  # [s]
 END_WITHIN = 3  # [s] to complete responses when the server stops
-ACCEPTED_AT_ONCE = 64  # connections, before `PatientConnection` closes those that are too many
-QUEUE = 1024  # connections that wait to be accepted
+ACCEPTED_AT_ONCE = 8  # connections, before those that exist have their turn
+QUEUE = 4096  # connections that wait to be accepted
 
 
 class ServerLifecycle:
@@ -34,7 +35,7 @@ class ServerLifecycle:
 
     def __init__(self, settings: Settings | None = None) -> None:
         self.settings = settings or Settings()
-        self._socket = _listen(self.settings.host, self.settings.port)
+        self._socket = listen(self.settings.host, self.settings.port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
         self._thread: threading.Thread | None = None
 
@@ -102,6 +103,7 @@ def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
         "max_connections": min(limits.connections, _max_files() // 2),
         "max_unread": limits.unread,
         "turns": TurnsToRead(),
+        "shares": Shares(),
         "holder": staticmethod(partial(holder, settings)),
     }
     patient = type("Connection", (PatientConnection,), bounds)
@@ -127,10 +129,28 @@ def _max_files() -> int:
     return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
-def _listen(host: str, port: int) -> socket.socket:
+class _Listener(socket.socket):
+    """Accepts clients, but for those that have reset their connection already."""
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept the next connection; raises BlockingIOError if there is none."""
+        for _ in range(QUEUE):
+            accepted, address = super().accept()
+            try:
+                accepted.getpeername()
+            except OSError:
+                accepted.close()
+            else:
+                return accepted, address
+        raise BlockingIOError("each of the connections was reset")
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """Socket that listens at an address; raises ServerError where it cannot."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        return socket.create_server((host, port), family=family, backlog=QUEUE)
+        plain = socket.create_server((host, port), family=family, backlog=QUEUE)
+        return _Listener(fileno=plain.detach())
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ServerError(

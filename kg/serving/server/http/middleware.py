@@ -11,8 +11,8 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from kg.serving.server.http.limits.rate_limit import RateLimiter
 from kg.serving.server.http.problems import Problem, problem_response
-from kg.serving.server.http.rate_limit import RateLimiter
 from kg.serving.server.http.request_checks import (
     check_framing,
     check_host,

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TypeVar
 
-from kg.serving.server.http.connection import PatientConnection
+from kg.serving.server.http.limits.connection import PatientConnection
+from kg.serving.server.http.limits.reading_threads import ReadingThreads
+from kg.serving.server.http.limits.shares import greediest
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.reading_threads import ReadingThreads
 from kg.serving.server.http.settings import Limits
-from kg.serving.server.http.shares import greediest
 from kg.store.process_memory import trim_heap
 
 T = TypeVar("T")

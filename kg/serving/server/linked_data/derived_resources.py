@@ -21,6 +21,7 @@ from kg.rdf.datetimes import date_time
 from kg.rdf.literals import properties_of
 from kg.rdf.standard_terms import (
     CRS,
+    FOOTPRINT,
     GEOMETRY,
     PROGRAM,
     SENSOR,
@@ -32,7 +33,7 @@ from kg.rdf.standard_terms import (
 )
 
 COMMIT: Final = "commit/"  # IRI of a transaction: base, this, number
-_PARTS: Final = (GEOMETRY, "/time", "/association")  # of a stored resource
+_PARTS: Final = (GEOMETRY, FOOTPRINT, "/time", "/association")  # of a stored resource
 
 
 def derived_quads(semantic_map: SemanticMap, iri: str) -> tuple[Quad, ...]:

@@ -41,12 +41,12 @@ def stand(semantic_map: SemanticMap, category: str) -> str:
 
 
 def test_a_new_label_is_a_category_that_questions_know(home: SemanticMap) -> None:
-    made = home.ontology.learn(["espresso machine"], "object", model=MODEL)
-    stand(home, made["espresso machine"])
-    (found,) = home.objects("Espresso_Machines")
-    assert found.category == made["espresso machine"]
-    rows = home.query("objects-by-category", category="espresso machine").records()
-    assert [row["category"] for row in rows] == ["espresso machine"]
+    made = home.ontology.learn(["espresso gizmo"], "object", model=MODEL)
+    stand(home, made["espresso gizmo"])
+    (found,) = home.objects("Espresso_Gizmos")
+    assert found.category == made["espresso gizmo"]
+    rows = home.query("objects-by-category", category="espresso gizmo").records()
+    assert [row["category"] for row in rows] == ["espresso gizmo"]
     assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
     assert check_quads(home.ontology.quads()) == []
 
@@ -60,8 +60,8 @@ def test_labels_that_are_known_make_nothing(home: SemanticMap) -> None:
 
 
 def test_labels_alike_but_for_case_and_marks_are_one_category(home: SemanticMap) -> None:
-    made = home.ontology.learn(["espresso machine", "Espresso-Machine"], "object", model=MODEL)
-    again = home.ontology.learn(["ESPRESSO_MACHINE"], "object", model=MODEL)
+    made = home.ontology.learn(["espresso gizmo", "Espresso-Gizmo"], "object", model=MODEL)
+    again = home.ontology.learn(["ESPRESSO_GIZMO"], "object", model=MODEL)
     assert len({*made.values(), *again.values()}) == 1
     assert sum(c.provisional for c in home.catalogue.categories) == 1
 
@@ -90,7 +90,7 @@ def test_labels_without_a_printable_character_mean_nothing(home: SemanticMap) ->
 
 
 def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
-    iri = home.ontology.learn(["espresso machine"], "object", model=MODEL)["espresso machine"]
+    iri = home.ontology.learn(["espresso gizmo"], "object", model=MODEL)["espresso gizmo"]
     told = home.history.explain(f"<{iri}> a")
     texts = [step.text for reason in told for _, step in reason.walk()]
     assert any(MODEL in text for text in texts)
@@ -101,36 +101,37 @@ def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
 def test_it_is_there_when_the_map_is_opened_again(tmp_path: Path) -> None:
     with create_map(tmp_path / "home.map") as semantic_map:
         stand(
-            semantic_map, semantic_map.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+            semantic_map,
+            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
         )
     with open_map(tmp_path / "home.map") as semantic_map:
-        assert len(semantic_map.objects("teapot")) == 1
-        assert semantic_map.catalogue.find("teapot").provisional
+        assert len(semantic_map.objects("teawhisk")) == 1
+        assert semantic_map.catalogue.find("teawhisk").provisional
 
 
 def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
-    made = home.ontology.learn(["teapot", "samovar"], "object", model=MODEL)
-    stand(home, made["teapot"])
+    made = home.ontology.learn(["teawhisk", "samovar"], "object", model=MODEL)
+    stand(home, made["teawhisk"])
     home.ontology.replace(load_ontologies().quads)
-    assert home.catalogue.by_iri(made["teapot"]) is not None
+    assert home.catalogue.by_iri(made["teawhisk"]) is not None
     assert home.catalogue.by_iri(made["samovar"]) is None
-    assert len(home.objects("teapot")) == 1
+    assert len(home.objects("teawhisk")) == 1
     assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
 
 
 def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
-    made = home.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+    made = home.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"]
     thing = stand(home, made)
     vase = home.catalogue.find("vase").iri
     graph = v.ONTOLOGY_GRAPH
     below = Quad(NamedNode(made), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(vase), graph)
     home.ontology.replace([*home.ontology.quads(), below])
     assert [record.iri for record in home.objects("vase")] == [thing]
-    assert home.catalogue.get("teapot") is not None
+    assert home.catalogue.get("teawhisk") is not None
 
 
 def test_a_person_says_what_a_provisional_thing_really_is(home: SemanticMap) -> None:
-    made = home.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+    made = home.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"]
     thing = stand(home, made)
     vase = home.catalogue.find("vase").iri
     home.update(f"DELETE {{ ?o a <{made}> }} INSERT {{ ?o a <{vase}> }} WHERE {{ ?o a <{made}> }}")
@@ -140,14 +141,14 @@ def test_a_person_says_what_a_provisional_thing_really_is(home: SemanticMap) -> 
 
 
 def test_a_synonym_written_by_a_person_beats_a_provisional_category(home: SemanticMap) -> None:
-    home.ontology.learn(["teapot"], "object", model=MODEL)
+    home.ontology.learn(["teawhisk"], "object", model=MODEL)
     vase = home.catalogue.find("vase").iri
     home.update(
-        f'INSERT DATA {{ GRAPH graph:ontology {{ <{vase}> skos:altLabel "teapot" }} }}',
+        f'INSERT DATA {{ GRAPH graph:ontology {{ <{vase}> skos:altLabel "teawhisk" }} }}',
         allow=("ontology",),
     )
-    assert home.catalogue.find("teapot").iri == vase
-    assert home.catalogue.for_label("teapot", "object").iri == vase  # type: ignore[union-attr]
+    assert home.catalogue.find("teawhisk").iri == vase
+    assert home.catalogue.for_label("teawhisk", "object").iri == vase  # type: ignore[union-attr]
 
 
 @settings(max_examples=30, deadline=None)
@@ -180,17 +181,18 @@ def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
 def test_on_a_server_too(sparql_server: str) -> None:
     with create_map(sparql_server) as semantic_map:
         stand(
-            semantic_map, semantic_map.ontology.learn(["teapot"], "object", model=MODEL)["teapot"]
+            semantic_map,
+            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
         )
-        assert len(semantic_map.objects("teapot")) == 1
+        assert len(semantic_map.objects("teawhisk")) == 1
     with open_map(sparql_server) as semantic_map:
-        assert semantic_map.catalogue.find("teapot").provisional
+        assert semantic_map.catalogue.find("teawhisk").provisional
 
 
 def test_two_threads_that_learn_the_same_make_one(home: SemanticMap) -> None:
     threads = [
         threading.Thread(
-            target=home.ontology.learn, args=(["teapot"], "object"), kwargs={"model": str(n)}
+            target=home.ontology.learn, args=(["teawhisk"], "object"), kwargs={"model": str(n)}
         )
         for n in range(4)
     ]
@@ -198,7 +200,7 @@ def test_two_threads_that_learn_the_same_make_one(home: SemanticMap) -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    iri = home.catalogue.find("teapot").iri
+    iri = home.catalogue.find("teawhisk").iri
     assert len([*home.engine.quads_for_pattern(NamedNode(iri), None, None, None)]) > 0
     sources = home.engine.quads_for_pattern(NamedNode(iri), NamedNode(v.DCT_SOURCE), None, None)
     assert len([*sources]) == 1

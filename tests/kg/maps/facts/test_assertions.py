@@ -88,6 +88,51 @@ def test_an_asserted_position_is_in_its_place(home: SemanticMap) -> None:
     assert home.objects()[0].place is None
 
 
+def test_an_asserted_extent_outranks_later_boxes_of_perception(home: SemanticMap) -> None:
+    (perceived,) = home.perceived.objects()
+    seen = replace(perceived, extent=np.array([0.3, 0.2, 0.1]), yaw=0.2)
+    home.apply(MapUpdate(objects=(seen,)))
+    home.assertions.add("object/1", "extent", "1.2, 0.8, 0.75, -0.4", by="ann")
+    later = replace(seen, extent=np.array([0.4, 0.2, 0.1]), yaw=0.3)
+    home.apply(MapUpdate(objects=(later,)))
+    (believed,) = home.objects()
+    assert believed.extent is not None
+    assert (believed.extent.tolist(), believed.yaw) == ([1.2, 0.8, 0.75], -0.4)
+    (conflict,) = home.assertions.conflicts()
+    assert (conflict.value, conflict.perceived) == ("1.2 0.8 0.75 -0.4", "0.4 0.2 0.1 0.3")
+    (told,) = home.history.explain("object/1 here:yaw")
+    assert any(step.kind == "person" for _, step in told.walk())
+    home.assertions.retract("object/1", "extent", by="ann")
+    (restored,) = home.objects()
+    assert restored.extent is not None
+    assert (restored.extent.tolist(), restored.yaw) == ([0.4, 0.2, 0.1], 0.3)
+
+
+def test_an_update_of_an_asserted_extent_is_the_new_assertion(home: SemanticMap) -> None:
+    home.assertions.add("object/1", "extent", (1, 2, 3), by="ann")
+    home.update(
+        "DELETE { ?o here:extentX ?x } INSERT { ?o here:extentX 1.5e0 ; here:yaw 0.5e0 } "
+        "WHERE { ?o here:extentX ?x }",
+        by="bob",
+    )
+    (said,) = home.assertions.all("object/1")
+    assert (said.value, said.by) == ("1.5 2 3 0.5", "bob")
+
+
+def test_a_flat_box_of_perception_hinders_no_assertion(home: SemanticMap) -> None:
+    home.assertions.add("object/1", "category", "bowl", by="ann")
+    (perceived,) = home.perceived.objects()
+    home.apply(MapUpdate(objects=(replace(perceived, extent=np.array([0.3, 0.0, 0.1])),)))
+    home.assertions.add("object/1", "extent", "1 2 3", by="ann")
+    assert home.assertions.conflicts()
+
+
+@pytest.mark.parametrize("given", ["1 2", "1 2 -3", "1 2 3 4", "wide", (1, 2, float("nan"))])
+def test_an_extent_that_is_no_box_is_refused(home: SemanticMap, given: object) -> None:
+    with pytest.raises(InvalidFactError, match="three lengths"):
+        home.assertions.add("object/1", "extent", given, by="ann")
+
+
 def test_a_label_is_said_and_taken_back(home: SemanticMap) -> None:
     home.assertions.add("object/1", "label", "Ada's mug", by="ann")
     home.assertions.add("object/1", "category", "bowl", by="ann")
@@ -160,7 +205,7 @@ def test_things_with_any_iri_can_be_spoken_of(home: SemanticMap) -> None:
     ("thing", "prop", "value", "told"),
     [
         ("object/9", "category", "bowl", "no object or place http://m/object/9"),
-        ("object/1", "colour", "red", "category, position, existence, label"),
+        ("object/1", "colour", "red", "category, position, extent, existence, label"),
         ("place/1", "position", "1 2 3", "of places cannot be asserted"),
         ("object/1", "position", "1 2", "three finite numbers"),
         ("object/1", "position", "1 2 nan", "three finite numbers"),
@@ -189,7 +234,7 @@ def test_an_unknown_category_and_a_nameless_speaker_are_refused(home: SemanticMa
 def test_what_is_no_unicode_is_refused_and_changes_nothing(home: SemanticMap) -> None:
     before = home.sequence
     for value, by in (("\udcff", "ann"), ("mug", "\udcff")):
-        with pytest.raises(InvalidFactError, match="Unicode"):
+        with pytest.raises(InvalidFactError, match="visible characters"):
             home.assertions.add("object/1", "label", value, by=by)
     with pytest.raises(InvalidFactError, match="Unicode"):
         home.update("INSERT DATA { <object/1> rdfs:comment 'x' }", by="\udcff")

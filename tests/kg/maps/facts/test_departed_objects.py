@@ -45,6 +45,7 @@ def departed(semantic_map: SemanticMap, **changed: object) -> DepartedRecord:
         last_seen=20.0,
         found_gone=30.0,
         extent=np.array([0.1, 0.1, 0.15]),
+        yaw=0.3,
     )
     return replace(record, **changed)  # type: ignore[arg-type]
 
@@ -63,7 +64,7 @@ def test_what_left_is_remembered_and_no_object(semantic_map: SemanticMap) -> Non
     wanted = departed(semantic_map)
     assert np.allclose(held.p_map, wanted.p_map)
     assert held.extent is not None and np.allclose(held.extent, wanted.extent)
-    for name in ("iri", "category", "peak", "observations", "first_seen", "found_gone"):
+    for name in ("iri", "category", "peak", "observations", "first_seen", "found_gone", "yaw"):
         assert getattr(held, name) == getattr(wanted, name)
     (row,) = semantic_map.query("departed").records()
     assert (row["object"], row["label"], row["category"], row["x"]) == (CUP, "cup 1", "cup", 1.0)

@@ -53,6 +53,8 @@ def objects(draw: st.DrawFn) -> ObjectRecord:
         last_seen=last,
         place=draw(st.sampled_from([None, BASE + "place/1"])),
         evidence=draw(st.none() | evidence),
+        extent=draw(st.none() | st.just(np.array([1.2, 0.8, 0.75]))),
+        yaw=draw(st.floats(-math.pi, math.pi)),
     )
 
 

@@ -243,18 +243,27 @@ def browser() -> Iterator[Any]:
 def open_page(browser: Any, served: Served) -> Iterator[pages.OpenPage]:
     """Callable: path and fragment, a server (else `served`) -> its page, once it is ready.
 
+    A script of its own runs before those of the page.
+
     At the end no page may have had an error, or asked any other host.
     """
     wrong: list[str] = []
     contexts = []
 
     def open_one(
-        path: str = "", of: Served | None = None, *, ready: str = "html[data-ready]", **options: Any
+        path: str = "",
+        of: Served | None = None,
+        *,
+        ready: str = "html[data-ready]",
+        script: str = "",
+        **options: Any,
     ) -> Any:
         url = (of or served).url
         context = browser.new_context(viewport={"width": 1300, "height": 900}, **options)
         contexts.append(context)
         page = context.new_page()
+        if script:
+            page.add_init_script(script)
         page.set_default_timeout(pages.PATIENCE)
         page.on("console", lambda m: wrong.append(m.text) if pages.is_fault(m) else None)
         page.on("pageerror", lambda error: wrong.append(str(error)))

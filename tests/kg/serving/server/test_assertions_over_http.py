@@ -20,6 +20,7 @@ from kg.model.errors import (
 )
 from kg.model.transactions import ChangeSet
 from kg.model.vocabulary import HERE
+from kg.serving.client.remote_map import RemoteHistory
 from kg.serving.client.served_server import ServedClient as FarServer
 from kg.serving.opening import open_map
 from kg.serving.server import BearerTokens, Limits
@@ -56,6 +57,16 @@ def test_what_is_said_is_believed_until_it_is_taken_back(served: Served) -> None
     assert taken.status_code == 200, taken.text
     assert served.map.assertions.all() == ()
     assert taken.json()["removed"] > 0
+
+
+def test_a_thing_gets_a_name_that_is_new(served: Served) -> None:
+    made = say(served, property="name", value="my red mug")
+    assert made.status_code == 201, made.text
+    (cup,) = (o for o in served.map.objects() if o.iri == CUP)
+    assert served.map.catalogue.label(cup.category) == "my red mug"
+    assert made.headers["Location"].endswith("/category")
+    refused = say(served, property="name", value="<b>")
+    assert refused.status_code == 422 and "plain text" in refused.text
 
 
 def test_the_mapper_keeps_to_what_was_said_from_afar(served: Served) -> None:
@@ -101,7 +112,7 @@ def test_a_list_a_client_has_is_not_sent_again(served: Served) -> None:
     ("told", "status", "says"),
     [
         ({"value": "bowll"}, 422, "did you mean bowl"),
-        ({"property": "colour"}, 422, "category, position, existence, label"),
+        ({"property": "colour"}, 422, "category, position, extent, existence, label"),
         ({"property": "existence", "value": "perhaps"}, 422, "present or absent"),
         ({"property": "position", "value": [1, 2, float("inf")]}, 422, "finite"),
         ({"property": "position", "value": [10**400, 2, 3]}, 422, "finite"),
@@ -273,13 +284,14 @@ def alike() -> Iterator[str]:
 def test_answers_of_another_make_are_one_line(alike: str) -> None:
     far = FarServer.at(alike)
     assert far is not None and far.sequence == 7
+    history = RemoteHistory(far)
     for ask in (
-        lambda: far.assertions(None),
-        lambda: far.log("object/1"),
-        lambda: far.diff("1", "2"),
-        lambda: far.why("object/1"),
+        lambda: tuple(history.events("object/1")),
+        lambda: history.diff("1", "2"),
+        lambda: history.compare("1"),
+        lambda: history.explain("object/1"),
         lambda: far.sequence_at("1"),
-        lambda: far.retract("object/1", "label"),
+        lambda: far.delete("assertions", iri="object/1", property="label"),
     ):
         with pytest.raises(RemoteError, match="not of this version of `hereabouts serve`"):
             ask()

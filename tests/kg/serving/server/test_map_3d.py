@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +11,22 @@ import cv2
 import numpy as np
 import pytest
 
+from kg.maps.object_pictures import ObjectPictures
 from kg.maps.surface.voxels import FrameVoxels, keys_of
-from kg.model.records import FREE, TALL, FloorTile, MapUpdate, RobotRecord
+from kg.model.records import FREE, TALL, Evidence, FloorTile, MapUpdate, PlaceRecord, RobotRecord
+from kg.serving.opening import create_map
 from planner.search.plans.report import find_answer
 from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, says
+from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from conftest import Served
 
     from kg.maps.semantic_map import SemanticMap
 
-CANVAS = "#solid-canvas"
+CANVAS = "#canvas"
 
 
 @pytest.fixture
@@ -38,7 +44,6 @@ def solid(open_page: OpenPage) -> Any:
     """The page with its map in three dimensions."""
     page = open_page()
     page.click("#solid")
-    page.wait_for_selector(CANVAS)
     drawn_otherwise(page, None)
     return page
 
@@ -48,6 +53,7 @@ def drawn_otherwise(page: Any, before: bytes | None) -> bytes:
     last = before
     while True:
         page.wait_for_timeout(200)
+        page.wait_for_selector(f"{CANVAS}[data-drawn=smoothly]")
         now = bytes(page.locator(CANVAS).screenshot())
         if now == last and now != before:
             return now
@@ -111,44 +117,45 @@ def test_names_of_anybody_are_text(served: Served, solid: Any) -> None:
     drawn_otherwise(solid, before)
 
 
-def test_the_flat_map_comes_back(solid: Any) -> None:
-    assert solid.locator("#canvas").is_hidden()
-    assert solid.get_attribute("#solid", "aria-pressed") == "true"
-    solid.click("#solid")
-    assert solid.locator("#canvas").is_visible() and not solid.locator(CANVAS).count()
-    solid.click("#solid")
-    solid.wait_for_selector(CANVAS)
-
-
-def test_without_webgl_the_map_stays_flat_and_says_so(open_page: OpenPage) -> None:
+def test_the_flat_map_comes_back(open_page: OpenPage) -> None:
     page = open_page()
-    page.evaluate("""() => {
-        const get = HTMLCanvasElement.prototype.getContext;
-        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
-            return kind === "webgl2" ? null : get.call(this, kind, ...more); }; }""")
+    flat = drawn_otherwise(page, None)
     page.click("#solid")
-    says(page, "#status", "the map stays flat: this browser has no WebGL 2")
-    assert page.locator("#canvas").is_visible()
+    solid = drawn_otherwise(page, flat)
+    assert page.get_attribute("#solid", "aria-pressed") == "true"
+    page.click("#solid")
+    assert drawn_otherwise(page, solid) == flat
     assert page.get_attribute("#solid", "aria-pressed") == "false"
 
 
-def test_graphics_that_are_lost_leave_the_flat_map(solid: Any) -> None:
+def test_without_webgl_the_map_has_outlines_and_says_so(open_page: OpenPage, browser: Any) -> None:
+    page = open_page(
+        script="""
+        const get = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+            return kind === "webgl2" ? null : get.call(this, kind, ...more); };"""
+    )
+    says(page, "#map", "This browser draws no WebGL 2")
+    says(page, "#count", "2 of 2 objects, 1 place")
+    first = drawn_otherwise(page, None)
+    box = page.locator(CANVAS).bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    says(page, "#about h2", "kitchen")
+    drawn_otherwise(page, first)
+
+
+def test_graphics_that_are_lost_come_back(solid: Any) -> None:
+    whole = drawn_otherwise(solid, None)
     solid.evaluate(
-        "selector => document.querySelector(selector).getContext('webgl2')"
-        ".getExtension('WEBGL_lose_context').loseContext()",
+        """selector => { const context = document.querySelector(selector).getContext("webgl2");
+        window.memory = context.getExtension("WEBGL_lose_context");
+        window.memory.loseContext(); }""",
         CANVAS,
     )
-    says(solid, "#status", "the map is flat again")
-    assert solid.locator("#canvas").is_visible()
-
-
-def test_nothing_of_it_is_loaded_before_it_is_opened(open_page: OpenPage) -> None:
-    page = open_page()
-    loaded = "() => performance.getEntriesByType('resource').map((one) => one.name).join()"
-    assert "three" not in page.evaluate(loaded)
-    page.click("#solid")
-    page.wait_for_selector(CANVAS)
-    assert "/files/vendor/three.min.js" in page.evaluate(loaded)
+    says(solid, "#map", "released its graphics memory")
+    without = drawn_otherwise(solid, whole)
+    solid.evaluate("() => window.memory.restoreContext()")
+    assert drawn_otherwise(solid, without) == whole
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -156,31 +163,99 @@ def test_accessibility_has_no_serious_fault(open_page: OpenPage, scheme: str) ->
     pytest.importorskip("axe_playwright_python")
     page = open_page(color_scheme=scheme, bypass_csp=True)
     page.click("#solid")
-    page.wait_for_selector(CANVAS)
     assert faults(page) == []
 
 
-def test_the_surface_is_drawn_from_above_and_in_three_dimensions(
-    served: Served, open_page: OpenPage
-) -> None:
+def add_plate(served: Served, height: float) -> None:
+    """A violet surface from (0.5, 0.5) to (1.75, 1.75) m at a height [m]."""
     store = served.map.surface_store
     assert store is not None
     store.begin(0.025)
     x, y = (axis.ravel() for axis in np.mgrid[20:70, 20:70])
-    seen = np.sort(keys_of(np.stack([x, y, np.full_like(x, -20)])))
+    seen = np.sort(keys_of(np.stack([x, y, np.full_like(x, round(height / 0.025))])))
     violet = np.full((len(seen), 3), (200, 20, 220), np.uint8)
     for number in range(3):
         frame = FrameVoxels(seen, violet, np.empty(0, np.int64), 1000.0 + number)
         store.write(frame, "flat", 1)
         store.accept(frame, "flat", 1)
+
+
+def test_what_is_higher_than_the_cut_is_not_drawn(served: Served, open_page: OpenPage) -> None:
+    add_plate(served, -0.3)  # a metre above the floor
+    page = open_page()
+    assert wait_for_violet(page, CANVAS)
+    page.locator("#cut").fill("0.5")
+    drawn_otherwise(page, None)
+    assert not has_violet(page, CANVAS)
+    page.wait_for_url("**cut=0.5*")
+    other = open_page(page.url.removeprefix(served.url))
+    says(other, "#cut-shown", "0.5")
+
+
+def test_heights_are_measured_in_three_dimensions(served: Served, open_page: OpenPage) -> None:
+    add_plate(served, -0.3)  # a metre above the floor
+    page = open_page("#?solid=1&view=1.10,1.10,150.00,0.00,0.30,-0.30")
+    assert wait_for_violet(page, CANVAS)
+    page.click("#measure")
+    page.focus(CANVAS)
+    page.keyboard.press(" ")  # the middle of the view: on the plate
+    says(page, "#status", "second point")
+    box = page.locator(CANVAS).bounding_box()
+    page.mouse.click(box["x"] + 40, box["y"] + box["height"] - 40)  # the floor
+    says(page, "#status", "1.01 m of it in height")
+    page.keyboard.press("Escape")
+    assert page.get_attribute("#measure", "aria-pressed") == "false"
+
+
+def test_many_objects_are_circles_that_lead_nearer(served: Served, open_page: OpenPage) -> None:
+    place = PlaceRecord(f"{served.map.base}place/1", "the hall", -100, 100, -100, 100, views=3)
+    many = [thing(served.map, 10 + n, "cup", n % 20 / 5, n // 20 / 5) for n in range(500)]
+    served.map.apply(MapUpdate(objects=tuple(many), places=(place,)))
+    page = open_page()
+    says(page, "#count", "502 of 502 objects")
+    first = drawn_otherwise(page, None)
+    box = page.locator(CANVAS).bounding_box()
+    scale = (box["height"] - 60) / 200.4
+    u, v = box["x"] + box["width"] / 2 + 2 * scale, box["y"] + box["height"] / 2 - 2.5 * scale
+    page.mouse.click(u, v)
+    page.wait_for_url("**view=*")
+    drawn_otherwise(page, first)
+    says(page, "#about", "Nothing is selected")
+    near = float(page.url.split("view=")[1].split("%2C")[2].split("&")[0])
+    assert near == pytest.approx(4 * scale, rel=0.1)
+
+
+def test_the_surface_is_drawn_from_above_and_in_three_dimensions(
+    served: Served, open_page: OpenPage
+) -> None:
+    add_plate(served, -0.5)
     page = open_page()
     assert wait_for_violet(page, "#canvas")
     page.click("#solid")
-    page.wait_for_selector(CANVAS)
     assert wait_for_violet(page, CANVAS)
     page.uncheck("[data-layer=surface]")
     drawn_otherwise(page, None)
     assert not has_violet(page, CANVAS)
+
+
+@pytest.mark.parametrize("address", ["#object/1", "#?view=1.00,0.50,250.00"])
+def test_the_selected_object_and_near_ones_have_their_picture(
+    address: str, tmp_path: Path, on_disk: Callable[..., Any], open_page: OpenPage
+) -> None:
+    folder = tmp_path / "flat.map"
+    with create_map(folder, base=BASE) as semantic_map:
+        seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
+        cup = replace(thing(semantic_map, 1, "cup", 1.0, 0.5), evidence=seen)
+        semantic_map.apply(MapUpdate(objects=(cup,)))
+        violet = np.full((40, 60, 3), (220, 20, 200), np.uint8)
+        ObjectPictures(folder).write(cup, cv2.imencode(".jpg", violet)[1].tobytes())
+    with on_disk(folder) as other:
+        page = open_page(address, of=other)
+        assert wait_for_violet(page, CANVAS)
+        page.uncheck("[data-layer=pictures]")
+        drawn_otherwise(page, None)
+        assert has_violet(page, CANVAS) == (address == "#object/1")
+        page.close()
 
 
 def has_violet(page: Any, canvas: str) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from kg.model.records import FREE, FloorTile, MapUpdate
+from kg.model.records import FREE, FloorTile, MapUpdate, RecordingRecord
 from kg.serving.server import Limits
 
 if TYPE_CHECKING:
@@ -31,6 +31,18 @@ def test_a_state_has_all_that_a_page_draws(served: Served) -> None:
     (floor,) = state["floor"]
     assert (floor["size"], floor["storey"]) == (0.1, 0.0)
     assert "objects" not in served.get("state?objects=0").json()
+
+
+def test_a_state_tells_that_poses_were_estimated(served: Served) -> None:
+    assert served.get("state").json()["poses"] == []
+    line = "poses of 9 of 9 frames over 2 m"
+    recordings = (
+        RecordingRecord("given", 1, "a", np.eye(4)),
+        RecordingRecord("phone", 9, "i", np.eye(4), pose_estimate=line),
+    )
+    for recording in recordings:
+        served.map.apply(MapUpdate(recording=recording))
+    assert served.get("state").json()["poses"] == [line]
 
 
 def test_a_past_state_is_that_of_its_moment(served: Served) -> None:

@@ -13,6 +13,7 @@ import pytest
 import requests
 
 from kg.serving.server import Limits
+from tests.kg.serving.server.raw_answers import whole_answer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,18 +72,6 @@ def connect(served: Served, sent: bytes = b"") -> socket.socket:
     return client
 
 
-def said(client: socket.socket) -> bytes:
-    """All that the server says until it hangs up."""
-    told = b""
-    try:
-        while part := client.recv(1 << 16):
-            told += part
-    except ConnectionResetError:
-        pass
-    client.close()
-    return told
-
-
 def answers_in_the_end(served: Served) -> bool:
     """Whether it answers; not at once, where it has others to let go of or we are too slow."""
     end = time.monotonic() + 120
@@ -101,7 +90,8 @@ HEAD = b"GET /health HTTP/1.1\r\nHost: localhost\r\n"
 @pytest.mark.parametrize("sent", [b"", b"GET /hea", HEAD, HEAD + b"X-A: " + b"a" * 1000])
 def test_half_a_head_is_hung_up_on(serve: Callable[..., Served], sent: bytes) -> None:
     served = serve(limits=Limits(idle_seconds=0.5))
-    assert said(connect(served, sent)) == b""
+    with connect(served, sent) as client:
+        assert whole_answer(client) == b""
     assert answers_in_the_end(served)
 
 
@@ -127,8 +117,8 @@ def test_who_asks_too_often_is_told_when_to_come_back(serve: Callable[..., Serve
 def test_half_a_body_is_refused_in_time(serve: Callable[..., Served]) -> None:
     served = serve(limits=Limits(body_seconds=0.5))
     head = b"POST /sparql HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
-    client = connect(served, head + b"Content-Type: application/sparql-query\r\n\r\nASK")
-    assert said(client).startswith(b"HTTP/1.1 408 ")
+    with connect(served, head + b"Content-Type: application/sparql-query\r\n\r\nASK") as client:
+        assert whole_answer(client).startswith(b"HTTP/1.1 408 ")
     assert served.get(ASK).status_code == 200
 
 
@@ -153,13 +143,13 @@ def test_dawdlers_do_not_keep_others_out(serve: Callable[..., Served]) -> None:
 )
 def test_what_is_no_http_is_refused(lasting: Served, sent: bytes) -> None:
     served = lasting
-    client = connect(served)
-    try:
-        client.sendall(sent)
-        client.shutdown(socket.SHUT_WR)
-    except OSError:
-        pass  # it was hung up on while still sending
-    told = said(client)
+    with connect(served) as client:
+        try:
+            client.sendall(sent)
+            client.shutdown(socket.SHUT_WR)
+        except OSError:
+            pass  # it was hung up on while still sending
+        told = whole_answer(client)
     assert told == b"" or told.split()[1][:1] in (b"4", b"5")
     assert served.get(ASK).status_code == 200
 

@@ -51,6 +51,18 @@ def test_a_served_map_gives_its_surface(walled, monkeypatch):
     assert "Content-Encoding" not in plain.headers and len(decoded(plain.content)) == 1600
 
 
+def test_states_and_comparisons_tell_of_the_surface(walled):
+    walled.put(3, "bowl", 2.0, 2.0)
+    assert walled.get("state").json()["surface"] == 3
+    shown(walled.map.surface_store, 1)
+    assert walled.get("state").json()["surface"] == 4
+    answer = walled.get("diff?from=0&to=2", headers={"Accept": "application/json"}).json()
+    assert answer["surface"] == [0.0, 1.0]  # 1600 voxels of 2.5 cm
+    text = walled.get("diff?from=1&to=2", headers={"Accept": "text/plain"}).text
+    assert text.splitlines()[-1].endswith("1.0 m² of surface seen")
+    assert walled.map.history.compare("#0", "#2").surface == (0.0, 1.0)
+
+
 @pytest.mark.parametrize(("asked", "status"), [("count=x", 400), ("at=x", 400), ("at=999", 404)])
 def test_what_is_no_moment_or_number_is_refused(walled, asked, status):
     assert walled.get(f"surface?{asked}").status_code == status

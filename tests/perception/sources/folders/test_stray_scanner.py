@@ -129,6 +129,13 @@ def test_damage_is_refused(
         list(open_recording(folder, RecordingOptions(T_map_world=np.eye(4))).frames())
 
 
+def test_without_poses_they_are_to_be_estimated(phone: Phone) -> None:
+    folder = phone()
+    (folder / "odometry.csv").unlink()
+    with pytest.raises(RecordingError, match=r"has no poses: odometry\.csv is missing"):
+        open_recording(folder, RecordingOptions(estimate_poses=False))
+
+
 def test_a_pose_beyond_the_video_is_refused(phone: Phone) -> None:
     folder = phone()
     with (folder / "odometry.csv").open("a") as file:

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("websockets")
 from kg.model.errors import RecordingError
-from perception.sources.bag_writer import COLOUR, DEPTH, NOTE_TOPIC
+from perception.sources.bag_writer import COLOUR, DEPTH
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live import connection, ros1, stream, tcpros
 from perception.sources.live.foxglove import FoxgloveConnection
@@ -78,7 +78,6 @@ def test_ros1_topics_become_frames(room: FolderRecording, messages: Messages) ->
         published(peer, raws)
         assert np.array_equal(frame_of(made), room.frame(5).rgb)
     assert {fields["md5sum"] for fields in peer.heard} == {"*"}
-    assert NOTE_TOPIC not in {fields["topic"] for fields in peer.heard}
 
 
 def test_a_ros1_node_that_hangs_up_is_connected_to_again(messages: Messages) -> None:

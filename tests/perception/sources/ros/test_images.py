@@ -185,7 +185,7 @@ def test_rvl_gives_back_every_pixel(depth: np.ndarray) -> None:
         ({"step": 0}, "rows of 0"),
         ({"step": 14}, "rows of 14"),
         ({"data": b""}, "0 bytes"),
-        ({"encoding": "nv21"}, "'nv21' is not read as colour; known are rgb8"),
+        ({"encoding": "nv24"}, "'nv24' is not read as colour; known are rgb8"),
         ({"encoding": "yuv422"}, "yuv422 of 5x6 pixels is none"),
         ({"encoding": "32FC1"}, "'32FC1' is not read as colour"),
     ],

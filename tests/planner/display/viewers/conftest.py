@@ -43,7 +43,9 @@ def thing(
 def kitchen() -> SemanticMap:
     """An L-shaped kitchen with a cup on a table, a doubtful chair, its floor, and the robot."""
     semantic_map = in_memory_map(title="our kitchen")
-    table = thing(semantic_map, "dining table", (1, 1, 0.4), extent=np.array([1.2, 0.8, 0.8]))
+    table = thing(
+        semantic_map, "dining table", (1, 1, 0.4), extent=np.array([1.2, 0.8, 0.8]), yaw=0.3
+    )
     cup = thing(
         semantic_map, "cup", (1.1, 1, 0.85), 0.75, relations=(Relation("on", table.iri, 0.9),)
     )

@@ -77,6 +77,7 @@ def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap)
     assert [m.text for m in markers if m.ns == "labels"] == ["dining table", "cup"]
     (box,) = [m for m in markers if m.ns == "extents" and m.scale.z > 0.5]
     assert [round(size, 3) for size in (box.scale.x, box.scale.z)] == [1.2, 0.8]
+    assert 2 * math.asin(box.pose.orientation.z) == pytest.approx(0.3)
     assert [m.color.a for m in markers if m.ns == "objects"] == pytest.approx([1, 0.75])
     assert [m.text for m in markers if m.ns == "reasons"] == ["near the cup"]
     assert by_topic["/hereabouts/robot"].pose.position.x == 2.0

@@ -47,7 +47,7 @@ def test_objects_have_the_colours_of_plot_and_doubtful_ones_are_left_out(
     scene = SceneReader(kitchen).read()
     assert [thing.text for thing in scene.objects] == ["dining table", "cup"]
     table, cup = scene.objects
-    assert table.extent == (1.2, 0.8, 0.8) and cup.extent is None
+    assert (table.extent, table.yaw) == ((1.2, 0.8, 0.8), 0.3) and cup.extent is None
     assert (cup.existence, cup.place) == (0.75, None)
     groups = object_groups(kitchen, [r for r in kitchen.objects() if r.existence >= 0.5])
     assert {thing.group for thing in scene.objects} == {g.name for g in groups.values()}

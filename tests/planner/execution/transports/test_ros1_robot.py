@@ -16,6 +16,7 @@ pytest.importorskip("onnx")
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError, RobotError
 from kg.serving.opening import in_memory_map
+from lab.robot.ros1_node import Ros1HouseNode
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live import connection, ros1, stream, tcpros
 from planner.execution.options import Event, SearchOptions
@@ -35,7 +36,6 @@ from planner.execution.transports.move_base import MoveBase
 from planner.execution.transports.ros1_robot import Ros1Robot
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.motion import Pose
-from planner.simulation.robot.ros1_node import Ros1HouseNode
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running

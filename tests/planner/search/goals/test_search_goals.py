@@ -193,11 +193,13 @@ def test_targets_are_named_by_label_synonym_iri_in_any_spelling(semantic_map: Se
 
 
 def test_what_is_no_category_is_refused_with_what_there_is(semantic_map: SemanticMap) -> None:
-    with pytest.raises(UnknownCategoryError, match=r"no category 'fruit'.*food") as refused:
-        derive_goals(semantic_map, "fruit")
+    with pytest.raises(UnknownCategoryError, match=r"no category 'froobl'.*food") as refused:
+        derive_goals(semantic_map, "froobl")
     assert "\n" not in str(refused.value)
     with pytest.raises(UnknownCategoryError, match="did you mean banana"):
-        derive_goals(semantic_map, "bananna")
+        derive_goals(semantic_map, "bamama")
+    with pytest.raises(UnknownCategoryError, match="means banana, apple or orange; ask for one"):
+        derive_goals(semantic_map, "fruit")
     with pytest.raises(UnknownCategoryError, match="'kitchen' is a kind of place"):
         derive_goals(semantic_map, "kitchen")
 

@@ -1,4 +1,4 @@
-"""Status: present, gone, hidden, never looked; and what proves it."""
+"""Status: present, gone, looked and none seen, hidden, never looked; and what proves it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord, PlaceViews
+from kg.model.records import (
+    DepartedRecord,
+    MapUpdate,
+    ObjectRecord,
+    PlaceRecord,
+    PlaceViews,
+    RecordingRecord,
+)
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map
 from planner.cli import main
@@ -55,7 +62,7 @@ def values(semantic_map: SemanticMap, what: str) -> dict[str, str]:
 
 def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
     assert values(semantic_map, "cup") == {
-        "kitchen": "gone",
+        "kitchen": "looked, none seen",
         "hall": "present",
         "den": "never looked",
         "attic": "never looked",
@@ -67,7 +74,9 @@ def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
 
 
 def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) -> None:
-    assert status(semantic_map, "banana", "kitchen").value == "gone"
+    looked = status(semantic_map, "banana", "kitchen")
+    assert looked.value == "looked, none seen"  # it never was there, so it is not gone
+    assert "one would have been noticed with probability 0.30" in looked.proof
     assert status(semantic_map, "banana", "place/2").value == "never looked"
     assert status(semantic_map, "banana", "HALL").value == "hidden"
     found = status(semantic_map, "banana")
@@ -75,8 +84,9 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
     assert "0% of attic" in found.proof
     with pytest.raises(QueryParameterError, match="there are: kitchen, hall, den, attic"):
         status(semantic_map, "banana", "cellar")
+    assert status(semantic_map, "bananna").target == "banana"
     with pytest.raises(UnknownCategoryError, match="did you mean banana"):
-        status(semantic_map, "bananna")
+        status(semantic_map, "bamama")
 
 
 def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: SemanticMap) -> None:
@@ -133,6 +143,49 @@ def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: Se
     )
 
 
+@pytest.mark.parametrize(
+    ("peak", "seen", "value"), [(0.9, 5, "gone"), (0.7, 5, None), (0.9, 2, None)]
+)
+def test_a_place_has_lost_only_what_was_really_there(
+    semantic_map: SemanticMap, peak: float, seen: int, value: str | None
+) -> None:
+    bottle = semantic_map.catalogue.find("bottle", "object").iri
+    left = DepartedRecord(
+        iri=semantic_map.new_object_iri(),
+        category=bottle,
+        p_map=np.array([1.0, 1.0, 0.8]),
+        peak=peak,
+        observations=seen,
+        first_seen=SEEN - 9,
+        last_seen=SEEN,
+        found_gone=SEEN + 60,
+    )
+    semantic_map.apply(MapUpdate(departed=(left,), removed=(left.iri,)))
+    expected = value or "looked, none seen"
+    assert values(semantic_map, "bottle")["kitchen"] == expected
+    assert status(semantic_map, left.iri).value == expected
+    found = status(semantic_map, "bottle")
+    assert (found.value == "gone") == (value == "gone")
+    assert ("its spot was seen empty at 2023-11-14 22:14:20" in found.proof) == (value == "gone")
+
+
+def test_no_detector_of_the_map_has_a_name_for_keys(semantic_map: SemanticMap) -> None:
+    semantic_map.update(
+        "INSERT DATA { GRAPH graph:ontology { here:Key a owl:Class ; rdfs:subClassOf here:Object ; "
+        'rdfs:label "key" } }',
+        allow=("ontology",),
+    )
+    assert status(semantic_map, "key", "kitchen").value == "looked, none seen"  # nothing is known
+    cup = semantic_map.catalogue.find("cup", "object").iri
+    seen = RecordingRecord("tour", 1, "frame-1", np.eye(4), detects=(cup,))
+    semantic_map.apply(MapUpdate(recording=seen))
+    found = status(semantic_map, "key")
+    assert found.value == "never looked"
+    assert found.proof.startswith("no detector that mapped here has a name for key")
+    assert status(semantic_map, "banana", "kitchen").value == "never looked"
+    assert values(semantic_map, "cup")["kitchen"] == "looked, none seen"
+
+
 def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
     semantic_map.update(
         "INSERT DATA { GRAPH graph:ontology { here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; "
@@ -155,7 +208,8 @@ def test_the_command_prints_answer_and_proof(
     assert out.startswith("cup: present. ")
     assert main(["status", str(path), "banana", "--in", "kitchen", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["value"] == "gone"
+    assert told["value"] == "looked, none seen"
+    assert told["places"][0]["noticed"] == pytest.approx(0.3)
     assert told["places"][0]["last_viewed"].startswith("2023-11-14T22:14:20")
     assert main(["status", str(path), "unicorn"]) == 1
     assert capsys.readouterr().err.count("\n") == 1

@@ -36,7 +36,7 @@ def views() -> CandidateViews:
 
 
 def one_thing(weight: np.ndarray) -> TargetBelief:
-    return TargetBelief(views().cells, weight[None, :], np.zeros(1, np.intp), ())
+    return TargetBelief.apart(views().cells, weight[None, :], np.zeros(1, np.intp))
 
 
 def state(
@@ -47,7 +47,7 @@ def state(
     names = ("",) * (int(space.room.max()) + 1)
     if weight is None:
         weight = 0.9 * room_weights(space, cells, {0: 0.8, 1: 0.15, 2: 0.05})
-    known = TargetBelief(cells, weight[None, :], np.zeros(1, np.intp), ())
+    known = TargetBelief.apart(cells, weight[None, :], np.zeros(1, np.intp))
     it = Target("it", "it", None, {}, {})
     return PlanningState((it,), PlanningMap(space, names, names), among, (), known, belief)
 

@@ -15,13 +15,14 @@ from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     candidate_views,
-    picture_chance,
+    sweep_chance,
 )
 from planner.search.viewpoints.coverage import room_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
-from planner.search.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.sensor import Motion, Sensor, angle_between, sweep_over
 
 quick = settings(max_examples=30, deadline=None)
+angles = st.floats(-10.0, 10.0)
 
 
 @cache
@@ -55,7 +56,8 @@ def test_what_looks_show_is_in_range_in_view_and_behind_no_wall() -> None:
 
 def test_a_picture_on_the_way_is_a_look_from_there() -> None:
     viewpoint, kind = int(views().viewpoints[0]), int(np.flatnonzero(views().viewpoint == 0)[0])
-    told = picture_chance(views(), viewpoint, float(views().heading[kind]))
+    heading, extent = float(views().heading[kind]), float(views().extent[kind])
+    told = sweep_chance(views(), viewpoint, heading, extent)
     assert np.array_equal(told, views().chance[kind])
 
 
@@ -107,3 +109,19 @@ def test_what_no_camera_can_be_is_refused(wrong: dict[str, float]) -> None:
         Sensor(**wrong)
     with pytest.raises(ValueError, match="speed"):
         Motion(speed=0.0)
+
+
+@quick
+@given(angles, angles, st.floats(0.3, 6.2), st.floats(0.3, 1.2))
+def test_a_sweep_shows_all_that_was_asked_for_and_what_it_turns_past(
+    at: float, heading: float, extent: float, field_of_view: float
+) -> None:
+    extent = max(extent, field_of_view)
+    sweep = sweep_over(at, heading, extent, field_of_view)
+    ends = heading + np.array([-0.5, 0.0, 0.5]) * extent
+    assert (angle_between(ends, sweep.middle) <= sweep.extent / 2 + 1e-6).all()
+    half = (extent - field_of_view) / 2
+    nearer = min(angle_between(at, heading - half), angle_between(at, heading + half))
+    turned = angle_between(at, sweep.start) + abs(sweep.turn)
+    assert turned == pytest.approx(float(nearer) + 2 * half, abs=1e-6)
+    assert sweep.extent >= min(abs(sweep.turn) + field_of_view, 2 * np.pi) - 1e-6

@@ -1,0 +1,1 @@
+"""Benchmark of poses estimated from images."""

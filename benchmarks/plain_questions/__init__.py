@@ -1,0 +1,1 @@
+"""Plain questions with their meaning, in three parts, and their score."""

@@ -1,0 +1,89 @@
+"""Score of plain questions: `python -m benchmarks.plain_questions FILE.csv ...`.
+
+Each row has a question, the kind of its answer, and the category and place that it names. It is
+right if all three are so understood, wrong if they are understood otherwise, and open if the
+question is refused. The first fifty were written before the rules. The second fifty were written
+after them and scored once; then they changed the rules. The third fifty were written last, and
+nothing was changed by them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import UnknownCategoryError
+from kg.serving.opening import in_memory_map
+from planner.cli.console import print_table, write
+from planner.questions.patterns import parsed
+from planner.search.goals.targets import resolve
+
+PARTS: Final = tuple(
+    Path(__file__).with_name(f"{name}.csv") for name in ("first", "second", "third")
+)
+
+
+def understood(semantic_map: SemanticMap, text: str) -> tuple[str, str, str]:
+    """Kind, category and place of a question; ``none`` for one that is refused."""
+    question = parsed(text)
+    if question is None:
+        return "none", "", ""
+    about, where = question.what or question.other, question.where
+    if question.what and question.other:
+        where = question.other if question.other == "door" else _name(semantic_map, question.other)
+    if question.kind in ("in place", "changed"):
+        about = ""
+    name = _name(semantic_map, about) if about else ""
+    return ("none", "", "") if name is None else (question.kind, name, where or "")
+
+
+def _name(semantic_map: SemanticMap, words: str) -> str | None:
+    """Label of the category that words name; None if they name none."""
+    if words[-1:].isdigit():
+        return words
+    try:
+        target = resolve(semantic_map, (words,))[0]
+        return target.label if target.iri else ", ".join(sorted(target.kinds.values()))
+    except UnknownCategoryError:
+        return None
+
+
+def scored(path: Path) -> Iterator[tuple[Mapping[str, str], str, tuple[str, str, str]]]:
+    """Each row of a file with its verdict (right, open or wrong), and as it was understood."""
+    with in_memory_map() as semantic_map, path.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            found = understood(semantic_map, row["question"])
+            what = _name(semantic_map, row["what"]) if row["what"] else ""
+            wanted = row["kind"], what, row["where"]
+            refused = "open" if found[0] == "none" else "wrong"
+            yield row, "right" if found == wanted else refused, found
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Score the files, and list what is not right."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.plain_questions", description=__doc__
+    )
+    parser.add_argument("files", nargs="*", type=Path, default=PARTS)
+    rows, others = list[tuple[object, ...]](), list[str]()
+    for path in parser.parse_args(argv).files:
+        counts = Counter[str]()
+        for row, verdict, found in scored(path):
+            counts[verdict] += 1
+            if verdict != "right":
+                others.append(f"{verdict}: {row['question']} -> {', '.join(found)}")
+        total = counts.total()
+        rows.append((path.stem, total, *(counts[v] for v in ("right", "open", "wrong"))))
+    print_table(("part", "questions", "right", "open", "wrong"), rows)
+    write("\n".join(others))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

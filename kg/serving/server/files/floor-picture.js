@@ -1,0 +1,93 @@
+// Pictures from above: of the surface, and of the floor, by its cells or by the time of their last view.
+
+const SHEET = 16; // tiles along the side of a picture
+const MAX_SIDE = 4096; // [px] of the picture of a surface
+const OBSTACLE = 3;
+// free, low obstacles, walls
+const TONES = { light: [null, [241, 243, 245], [214, 219, 225], [92, 102, 112]], dark: [null, [42, 49, 56], [66, 76, 86], [150, 163, 176]] };
+/** Colours of the time of the last view: blue, grey and orange differ for all kinds of colour vision. */
+export const VIEWED = {
+  light: { fresh: [86, 160, 225], old: [225, 232, 238], never: [240, 178, 70] },
+  dark: { fresh: [30, 110, 190], old: [42, 49, 56], never: [170, 105, 10] },
+};
+
+/** The floor as few pictures of many tiles each: {canvas, x, y, z, wide} [m], with the lower left corner.
+ *
+ * `viewed` paints the time of the last view, `dark` takes the colours of a dark page. */
+export function floorSheets(tiles, { viewed, dark }) {
+  const sheets = new Map(), latest = viewed ? latestOf(tiles) : 0, scheme = dark ? "dark" : "light";
+  for (const tile of tiles) {
+    const span = tile.side * tile.size, [column, row] = [Math.round((tile.x - tiles[0].x) / span), Math.round((tile.y - tiles[0].y) / span)];
+    const [i, j] = [Math.floor(column / SHEET), Math.floor(row / SHEET)], key = [i, j, tile.side, tile.size, tile.z].join();
+    if (!sheets.has(key)) sheets.set(key, sheetAt(tiles[0].x + i * SHEET * span, tiles[0].y + j * SHEET * span, SHEET * span, tile));
+    const image = imageOf(tile, viewed, latest, scheme), { canvas } = sheets.get(key);
+    canvas.getContext("2d").putImageData(image, (column - i * SHEET) * tile.side, canvas.height - (row - j * SHEET + 1) * tile.side);
+  }
+  return [...sheets.values()];
+}
+
+/** The surface from above as one picture: {canvas, x, y, wide, high} [m]; a pixel is the highest voxel below `top` [m]. */
+export function surfaceSheet({ size, points }, colours, top) {
+  let [xmin, xmax, ymin, ymax] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (let n = 0; n < points.length; n += 3) {
+    xmin = Math.min(xmin, points[n]);
+    xmax = Math.max(xmax, points[n]);
+    ymin = Math.min(ymin, points[n + 1]);
+    ymax = Math.max(ymax, points[n + 1]);
+  }
+  const pixel = size * Math.ceil(Math.max(xmax - xmin, ymax - ymin) / size / MAX_SIDE || 1);
+  const [columns, rows] = [xmax - xmin, ymax - ymin].map((side) => Math.round(side / pixel) + 1);
+  const image = new ImageData(columns, rows), highest = new Float32Array(columns * rows).fill(-Infinity);
+  const pixels = new Uint32Array(image.data.buffer), tones = new Uint32Array(colours.buffer);
+  for (let n = 0; n < points.length; n += 3) {
+    const at = Math.round((ymax - points[n + 1]) / pixel) * columns + Math.round((points[n] - xmin) / pixel), z = points[n + 2];
+    if (z > top || z <= highest[at]) continue;
+    highest[at] = z;
+    pixels[at] = tones[n / 3];
+  }
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [columns, rows];
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  return { canvas, x: xmin - pixel / 2, y: ymin - pixel / 2, wide: columns * pixel, high: rows * pixel };
+}
+
+function sheetAt(x, y, wide, { side, z }) {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = SHEET * side;
+  return { canvas, x, y, z, wide };
+}
+
+/** The time of the last view, in minutes since 1970. */
+function latestOf(tiles) {
+  let latest = 0;
+  for (const tile of tiles) {
+    tile.latest ??= tile.viewed ? tile.viewed.reduce((a, b) => Math.max(a, b), 0) : 0;
+    latest = Math.max(latest, tile.latest);
+  }
+  return latest;
+}
+
+function imageOf(tile, viewed, latest, scheme) {
+  const n = tile.side, image = new ImageData(n, n);
+  const m = viewed && tile.viewed ? Math.sqrt(tile.viewed.length / 2) : 0; // number of view times along a side
+  for (let x = 0; x < n; x++) for (let y = 0; y < n; y++) {
+    const state = tile.cells[x * n + y];
+    if (!state) continue;
+    let tone = TONES[scheme][state];
+    if (m && state !== OBSTACLE) {
+      const when = tile.viewed[m * m + Math.floor(x * m / n) * m + Math.floor(y * m / n)];
+      tone = when ? viewedTone(latest - when, scheme) : VIEWED[scheme].never;
+    }
+    const at = ((n - 1 - y) * n + x) * 4;
+    image.data.set(tone, at);
+    image.data[at + 3] = 255;
+  }
+  return image;
+}
+
+/** Colour of a cell whose last view was so many minutes before the latest view. */
+function viewedTone(minutes, scheme) {
+  const age = Math.min(Math.log1p(Math.max(minutes, 0)) / Math.log(60 * 24 * 7), 1);
+  const { fresh, old } = VIEWED[scheme];
+  return fresh.map((value, n) => Math.round(value + (old[n] - value) * age));
+}

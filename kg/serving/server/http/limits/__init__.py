@@ -1,0 +1,1 @@
+"""Limits of connections: time, number, memory and rate, shared among clients."""

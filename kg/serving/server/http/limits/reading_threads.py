@@ -1,0 +1,31 @@
+"""Threads for requests that read the map in the server's own process; clients take turns."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Final, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+
+from kg.serving.workers.admission import FairQueue
+
+T = TypeVar("T")
+THREADS: Final = 2  # at once; they share the interpreter's lock with the event loop
+WAITING: Final = 32  # requests of one client
+
+
+class ReadingThreads:
+    """Threads; the last free one is for a client without a running request."""
+
+    def __init__(self) -> None:
+        self._queue = FairQueue(THREADS, WAITING)
+
+    async def run(self, client: str, act: Callable[[], T]) -> T:
+        """The result of `act`; raises PoolBusyError if too many requests of this client wait."""
+        turn = self._queue.enter(client, "present")
+        try:
+            await asyncio.wrap_future(turn.granted)
+            return await run_in_threadpool(act)
+        finally:
+            self._queue.leave(turn)

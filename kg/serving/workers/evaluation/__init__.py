@@ -1,0 +1,1 @@
+"""Work inside a worker: queries, updates, documents, the history, ontologies."""

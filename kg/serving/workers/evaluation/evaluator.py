@@ -1,0 +1,391 @@
+"""Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
+
+Before it reads a request, the kernel confines it (`kg.serving.workers.isolation`). Its parent may
+kill it, and an alarm of the kernel ends it at its time limit even without a parent. Its address
+space, files and processor time are limited.
+A message has a type byte, a length (4 bytes, little endian) and that many bytes:
+
+    >  S  the settings (JSON), first       <  R  done with S or O; of S the confinement
+    >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence", ...}
+    >  Q  a query (JSON), perhaps of then  <  D  a part of the answer
+    >  U  an update (JSON) to evaluate     <  .  the end of the answer
+    >  L  an RDF document to parse         <  E  {"error": name of the exception, "message"}
+    >  T  a report on the history
+    >  G  all graphs to serialise
+    >  P  a past state to make
+    >  V  the state of the map that a page draws, perhaps of then
+    >  N  a new ontology (an RDF document) for the map
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import json
+import os
+import resource
+import signal
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
+
+from pyoxigraph import (
+    Literal,
+    NamedNode,
+    QueryBoolean,
+    QueryResultsFormat,
+    QuerySolutions,
+    QueryTriples,
+    RdfFormat,
+    Store,
+)
+
+from kg.model.errors import (
+    HereaboutsError,
+    NotAcceptableError,
+    QueryTooLargeError,
+)
+from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.order_by import with_total_order
+from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
+from kg.rdf.sparql.syntax_errors import located
+from kg.rdf.sparql.vetting import (
+    MAX_DEPTH,
+    check_nesting,
+    check_network_words,
+    has_allowed_service,
+    reads_chosen_graphs,
+    vet,
+)
+from kg.rdf.xml_characters import XmlPieces, is_xml
+from kg.serving.workers.isolation.confinement import confine
+from kg.store.disk_space import is_disk_full
+
+if TYPE_CHECKING:
+    from kg.history.replay.past_state import PastStates
+
+HEAD = struct.Struct("<cI")
+GRACE = 0.5  # [s] after the time limit until the worker ends itself
+CHUNK = 1 << 16
+
+Request = dict[str, Any]
+
+
+class Evaluator:
+    """Evaluates requests on one snapshot at a time."""
+
+    def __init__(self, settings: Request, out: BinaryIO, *, denied: bool) -> None:
+        self._settings = settings
+        self._denied = denied  # whether the kernel denies the network
+        self._out = out
+        self._folder = ""
+        self._store = Store()
+        self._sequence = 0
+        self._past: PastStates | None = None  # made by the first query about the past
+
+    def open(self, folder: str) -> None:
+        """Open another snapshot."""
+        if folder == self._folder:
+            return
+        store = Store.read_only(folder)
+        gc.collect()
+        graph, predicate = (NamedNode(self._settings[key]) for key in ("dataset", "sequence"))
+        quads = store.quads_for_pattern(graph, predicate, None, graph)
+        numbers = [int(q.object.value) for q in quads if isinstance(q.object, Literal)]
+        self._store, self._folder, self._sequence = store, folder, max(numbers, default=0)
+
+    def answer(self, kind: bytes, request: Request) -> None:
+        """Write the whole answer to a request, or one error."""
+        try:
+            if kind == b"L":
+                from kg.serving.workers.evaluation.ingestion import (
+                    parse_document,  # few workers need it
+                )
+
+                self._send_all("application/n-quads", parse_document(request), request)
+                return
+            self.open(request["folder"])
+            if kind in _OF_SNAPSHOT:
+                _OF_SNAPSHOT[kind](self, request)
+            else:
+                self._vet(request)
+                if "at" in request:
+                    self._write(request, self._past_state(request), int(request["at"]))
+                else:
+                    self._write(request, self._store, self._sequence)
+        except HereaboutsError as error:
+            self._fail(type(error).__name__, str(error))
+        except MemoryError:
+            self._fail("QueryTooLargeError", "the query needs more memory than it may have")
+        except SyntaxError as error:
+            # remote maps read the position in the engine's own message
+            name, message = request.get("name"), str(error)
+            reason = f"{name}: {located(message)}" if name else self._reason(request, error)
+            self._fail("QueryError", reason)
+        except (ValueError, OSError, RuntimeError) as error:
+            fault = "DiskFullError" if is_disk_full(error) else "QueryError"
+            self._fail(fault, self._reason(request, error))
+
+    def _reason(self, request: Request, error: Exception) -> str:
+        """Message of an error; it does not quote replies of SERVICE endpoints."""
+        if has_allowed_service(request.get("sparql", ""), self._settings["services"]):
+            return "the query cannot be answered: an endpoint of SERVICE gave no usable answer"
+        return f"the query cannot be answered: {error}"
+
+    def _vet(self, request: Request) -> None:
+        if not self._denied:
+            check_network_words(request["sparql"], self._settings["services"])
+        vet(request["sparql"], services=self._settings["services"])
+
+    def _prepare_past(self, request: Request) -> None:
+        self._past_state(request)
+        self._send_all("", b"", request)
+
+    def _past_state(self, request: Request) -> Store:
+        """The state right after the transaction ``at``, replayed or cached."""
+        from kg.history.replay.past_state import (
+            PastStates,  # few workers evaluate queries about the past
+        )
+        from kg.serving.workers.evaluation.history_tasks import past_store
+
+        self._past = self._past or PastStates()
+        return past_store(self._past, self._store, request)
+
+    def _update(self, request: Request) -> None:
+        from kg.serving.workers.evaluation.ingestion import (  # as above
+            SnapshotView,
+            evaluate_update,
+        )
+
+        check_nesting(request["sparql"], MAX_DEPTH)
+        if not self._denied:
+            check_network_words(request["sparql"], ())
+        _limit_files(resource.RLIM_INFINITY)  # a later operation sees a changed copy
+        try:
+            view = SnapshotView(self._store, self._folder, self._sequence, request)
+            head, body = evaluate_update(view, request)
+        finally:
+            _limit_files(0)
+        self._send_all("application/n-quads", body, request, **head)
+
+    def _dump(self, request: Request) -> None:
+        media_type = request["media_type"]
+        head = {"media_type": media_type, "sequence": self._sequence}
+        self._send(b"H", json.dumps(head).encode())
+        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
+        form = cast(RdfFormat, RdfFormat.from_media_type(media_type))
+        self._store.dump(cast(IO[bytes], sink), form, prefixes=request["prefixes"])
+        sink.end()
+        self._send(b".", b"")
+
+    def _report_history(self, request: Request) -> None:
+        from kg.serving.workers.evaluation.history_tasks import history_report  # as above
+
+        report = history_report(self._store, request)
+        self._send_all(request["media_type"], report.encode(), request)
+
+    def _draw(self, request: Request) -> None:
+        from kg.serving.workers.evaluation.history_tasks import map_state  # as above
+
+        body = map_state(self._store, self._sequence, request)
+        self._send_all("application/json", body.encode(), request)
+
+    def _plan_ontology(self, request: Request) -> None:
+        from kg.serving.workers.evaluation.ontology_tasks import plan_ontology  # as above
+
+        head, body = plan_ontology(self._store, request)
+        self._send_all("application/n-quads", body, request, **head)
+
+    def _send_all(self, media_type: str, body: bytes, request: Request, **more: object) -> None:
+        sink = _Sink(self._send, request["max_bytes"])
+        head = {"media_type": media_type, "sequence": self._sequence, **more}
+        self._send(b"H", json.dumps(head).encode())
+        sink.write(body)
+        sink.end()
+        self._send(b".", b"")
+
+    def _write(self, request: Request, state: Store, sequence: int) -> None:
+        results = self._results(request, state)
+        media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]
+        if media_type is None:
+            what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
+            raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
+        head = {"media_type": media_type, "sequence": sequence}
+        self._send(b"H", json.dumps(head).encode())
+        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
+        if isinstance(results, QueryTriples):
+            results.serialize(cast(IO[bytes], sink), RdfFormat.from_media_type(media_type))
+        else:
+            results.serialize(cast(IO[bytes], sink), QueryResultsFormat.from_media_type(media_type))
+        sink.end()
+        self._send(b".", b"")
+
+    def _results(
+        self, request: Request, state: Store
+    ) -> QuerySolutions | QueryBoolean | QueryTriples:
+        total = request.get("total_order", False)
+        written = with_total_order(request["sparql"]) if total else request["sparql"]
+        dataset = _dataset(request)
+
+        def run(text: str) -> QuerySolutions | QueryBoolean | QueryTriples:
+            return state.query(
+                text,
+                base_iri=request["base_iri"],
+                prefixes=self._settings["prefixes"],
+                custom_functions=FUNCTIONS,
+                **dataset,
+            )
+
+        if dataset.get("use_default_graph_as_union"):
+            rewritten = with_subclasses(written, superclasses_of(state))
+            if rewritten != written:
+                with contextlib.suppress(SyntaxError):
+                    return run(rewritten)
+        return run(written)
+
+    def _fail(self, name: str, message: str) -> None:
+        line = " ".join(message.split())[:2000]
+        self._send(b"E", json.dumps({"error": name, "message": line}).encode())
+
+    def ready(self, **state: object) -> None:
+        """Acknowledge a message without an answer."""
+        self._send(b"R", json.dumps(state).encode())
+
+    def _send(self, kind: bytes, payload: bytes | bytearray) -> None:
+        self._out.write(HEAD.pack(kind, len(payload)) + payload)
+        self._out.flush()
+
+
+#: requests about a snapshot, except queries
+_OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
+    b"T": Evaluator._report_history,
+    b"P": Evaluator._prepare_past,
+    b"U": Evaluator._update,
+    b"G": Evaluator._dump,
+    b"V": Evaluator._draw,
+    b"N": Evaluator._plan_ontology,
+}
+
+
+class _Sink:
+    """Output of the engine: sent in chunks; raises QueryTooLargeError beyond the limit."""
+
+    def __init__(
+        self, send: Callable[[bytes, bytes], None], limit: int, *, xml: bool = False
+    ) -> None:
+        self._send = send
+        self._pieces = XmlPieces() if xml else None
+        self._limit = limit
+        self._left = limit
+        self._chunk = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self._left -= len(data)
+        if self._left < 0:
+            raise QueryTooLargeError(
+                f"the answer has more than {self._limit:,} bytes; select less, or use LIMIT"
+            )
+        self._chunk += data if self._pieces is None else self._pieces.take(bytes(data))
+        if len(self._chunk) >= CHUNK:
+            self.flush()
+        return len(data)
+
+    def end(self) -> None:
+        """Send the rest."""
+        if self._pieces is not None:
+            self._chunk += self._pieces.rest()
+        self.flush()
+
+    def flush(self) -> None:
+        if self._chunk:
+            self._send(b"D", bytes(self._chunk))
+            self._chunk.clear()
+
+
+def _dataset(request: Request) -> dict[str, Any]:
+    """Dataset of a query: graphs of the request, else of FROM, else the union of all."""
+    default, named = request["default_graphs"], request["named_graphs"]
+    if default or named:
+        return {
+            "default_graph": [NamedNode(iri) for iri in default],
+            "named_graphs": [NamedNode(iri) for iri in named],
+        }
+    return {"use_default_graph_as_union": not reads_chosen_graphs(request["sparql"])}
+
+
+def _limit_process(memory: int) -> None:
+    """Limit this process to `memory` more bytes of address space; no core dump, no files."""
+    with contextlib.suppress(FileNotFoundError):  # only Linux has it and enforces it
+        now = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+        limit = now * os.sysconf("SC_PAGE_SIZE") + memory
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _limit_files(0)
+
+
+def _limit_files(size: int) -> None:
+    """Limit the size of the files that this process writes."""
+    _limit(resource.RLIMIT_FSIZE, size)
+
+
+def _limit_time(seconds: float) -> None:
+    """Set an alarm of the kernel that ends this process; 0 removes it."""
+    signal.setitimer(signal.ITIMER_REAL, seconds + GRACE if seconds else 0)
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    limit = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
+    _limit(resource.RLIMIT_CPU, limit)
+
+
+def _limit(kind: int, value: int) -> None:
+    """Set the soft limit; the hard one may be that of a service manager, which stays."""
+    most = resource.getrlimit(kind)[1]
+    within = most if value == resource.RLIM_INFINITY or 0 <= most < value else value
+    resource.setrlimit(kind, (within, most))
+
+
+def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
+    head = stream.read(HEAD.size)
+    if len(head) < HEAD.size:
+        return None
+    kind, length = HEAD.unpack(head)
+    return kind, json.loads(stream.read(length))
+
+
+def _load_extensions(*, ontologies: bool) -> None:
+    """Import the modules of all requests: a confined process loads no machine code."""
+    import kg.serving.workers.evaluation.history_tasks
+    import kg.serving.workers.evaluation.ingestion  # noqa: F401
+
+    if ontologies:
+        from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
+
+        load_libraries()
+
+
+def main() -> None:
+    """Serve requests until stdin ends; ``--network`` allows the network."""
+    requests, answers = sys.stdin.buffer, sys.stdout.buffer
+    first = _read(requests)
+    if first is None:
+        return
+    settings = first[1]
+    _load_extensions(ontologies=settings.get("ontologies", False))
+    _limit_process(settings["memory"])
+    readable, writable = (map(Path, settings[key]) for key in ("readable", "writable"))
+    found = confine(readable, writable, network="--network" in sys.argv)
+    evaluator = Evaluator(settings, answers, denied=found.denies_network)
+    evaluator.ready(network=found.network, files=found.files)
+    while (message := _read(requests)) is not None:
+        kind, request = message
+        _limit_time(request["timeout"])
+        if kind == b"O":
+            with contextlib.suppress(
+                OSError
+            ):  # the next request has the same folder, and reports the error
+                evaluator.open(request["folder"])
+            evaluator.ready()
+        else:
+            evaluator.answer(kind, request)
+        _limit_time(0)

@@ -1,0 +1,1 @@
+"""Lab: evaluation against ground truth and simulated houses, a distribution beside the library."""

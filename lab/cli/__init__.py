@@ -1,0 +1,1 @@
+"""Commands of the lab, added to the command line: `evaluate` and `simulate`."""

@@ -1,0 +1,1 @@
+"""Random furnished houses, and the changes in them between two sessions."""

@@ -1,0 +1,1 @@
+"""Plots of evaluations: map and truth from above, reliability diagrams."""

@@ -1,1 +1,0 @@
-"""Evaluation: a map's objects against hand-made truth."""

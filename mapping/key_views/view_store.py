@@ -1,0 +1,148 @@
+"""View store: the key views of a map in `views.sqlite` beside it, in step with its transactions.
+
+A view is written before the transaction of its frame and marked with its number. After a kill the
+views up to the map's last transaction hold, and the others are dropped. Nothing depends on the
+file. Where it is missing, foreign or damaged, recordings are not recognised in the map.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from kg.model.regular_files import open_sqlite, remove_sqlite
+from perception.camera.poses import Pose, checked_pose
+from perception.odometry.recognition import View
+from perception.odometry.view_encoding import decoded, encoded
+
+FILE: Final = "views.sqlite"
+MAX_VIEWS: Final = 600  # of one map
+MAX_BYTES: Final = 1 << 26  # of a file that is read
+_VERSION: Final = 1
+_SCHEMA: Final = (
+    "CREATE TABLE views (recording TEXT, frame TEXT, mark INTEGER, pose BLOB, data BLOB,"
+    " PRIMARY KEY (recording, frame))"
+)
+_ERRORS: Final = (sqlite3.Error, OSError, ValueError, TypeError, RecordingError)
+Key = tuple[str, str]  # name of the recording, id of the frame
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredView:
+    """A key view and the frame that it is of."""
+
+    recording: str
+    frame: str
+    view: View  # its pose is in the map frame
+
+    @property
+    def key(self) -> Key:
+        """Recording and frame."""
+        return self.recording, self.frame
+
+
+class ViewStore:
+    """Store of key views in the folder of a map, for its one writer."""
+
+    def __init__(self, folder: Path, sequence: int) -> None:
+        """`sequence` is the number of the map's last transaction; later views are dropped."""
+        self._path = folder / FILE
+        self._file: sqlite3.Connection | None = None
+        try:
+            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+            with self._file as file:
+                file.execute("DELETE FROM views WHERE mark > ?", (sequence,))
+        except _ERRORS:
+            self._discard()
+
+    def poses(self) -> dict[Key, Pose]:
+        """Poses (4, 4) of all views, in the map frame."""
+        if self._file is None:
+            return {}
+        rows = "SELECT recording, frame, pose FROM views ORDER BY mark, recording, frame"
+        try:
+            found = {(r, f): _pose(pose) for r, f, pose in self._file.execute(rows)}
+            self._file.set_progress_handler(None, 0)
+        except _ERRORS:
+            self._discard()
+            return {}
+        return found
+
+    def write(self, stored: StoredView, mark: int, dropped: Key | None) -> None:
+        """Write a view, to hold from transaction `mark` on, instead of the `dropped` one."""
+        row = (*stored.key, mark, _bytes(stored.view.pose), encoded(stored.view))
+        if self._file is None:
+            return
+        try:
+            with self._file as file:
+                if dropped is not None:
+                    file.execute("DELETE FROM views WHERE recording = ? AND frame = ?", dropped)
+                file.execute("INSERT OR REPLACE INTO views VALUES (?, ?, ?, ?, ?)", row)
+        except sqlite3.Error:
+            self.close()
+
+    def move(self, recording: str, motions: Mapping[str, NDArray[np.float64]]) -> None:
+        """Move the views of a recording by motions (4, 4) of the map, by the frames' ids."""
+        moved = [
+            (_bytes(motions[frame] @ T), name, frame)
+            for (name, frame), T in self.poses().items()
+            if name == recording and frame in motions
+        ]
+        with suppress(sqlite3.Error):
+            if self._file is not None:
+                with self._file as file:
+                    file.executemany(
+                        "UPDATE views SET pose = ? WHERE recording = ? AND frame = ?", moved
+                    )
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def _discard(self) -> None:
+        """Start anew; where that fails, nothing is kept."""
+        self.close()
+        with suppress(*_ERRORS):
+            remove_sqlite(self._path)
+            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+
+
+def stored_views(folder: Path | None, sequence: int) -> list[StoredView]:
+    """The views in the folder of a map, up to a transaction; none where they are unreadable."""
+    if folder is None or not (folder / FILE).is_file():
+        return []
+    try:
+        file = open_sqlite(folder / FILE, _SCHEMA, _VERSION, MAX_BYTES)
+    except _ERRORS:
+        return []
+    rows = (
+        "SELECT recording, frame, pose, data FROM views WHERE mark <= ?"
+        " ORDER BY mark, recording, frame LIMIT ?"
+    )
+    try:
+        return [
+            StoredView(str(recording), str(frame), decoded(data, _pose(pose)))
+            for recording, frame, pose, data in file.execute(rows, (sequence, MAX_VIEWS))
+        ]
+    except _ERRORS:
+        return []
+    finally:
+        file.close()
+
+
+def _bytes(pose: Pose) -> bytes:
+    return np.asarray(pose, "<f8").tobytes()
+
+
+def _pose(data: bytes) -> Pose:
+    return checked_pose(np.frombuffer(data, "<f8").reshape(4, 4).astype(np.float64), "a view")

@@ -1,0 +1,1 @@
+"""Looks of a map's things: described, compared with words, and recognised by the names given."""

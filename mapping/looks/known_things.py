@@ -1,0 +1,271 @@
+"""Things that people named or taught, known again in later recordings by their looks or a mark.
+
+A map's folder keeps them in `known_things.npz`, so that they outlive the objects they were learned
+from. A believed object without an asserted category gets the name of the known thing that it is
+most like, as an assertion of `AUTHOR`; an object that somebody says is another thing keeps that.
+One object has a name, as long as it is believed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.knowledge.ontology.provisional_classes import NAMED
+from kg.maps.object_pictures import ObjectPictures
+from kg.maps.semantic_map import SemanticMap
+from kg.maps.thing_names import marked_categories
+from kg.model.errors import HereaboutsError, ModelError
+from kg.model.records import ObjectRecord
+from mapping.looks.likeness import feature_statistics, likeness, most_alike
+from mapping.looks.object_looks import Looks, ObjectLooks, network
+from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
+
+FILE: Final = "known_things.npz"  # in the folder of a map
+AUTHOR: Final = "looks"  # of the assertions; people are asked to confirm or retract them
+MAX_THINGS: Final = 1000
+#: likeness from which a thing may be the known one (docs/reference/benchmarks.md)
+MIN_LIKENESS: Final = 0.4
+#: likeness, and how much greater it is than to any thing seen before, from which a thing is it
+MIN_DISTINCT: Final = 0.6
+MAX_SIZE_RATIO: Final = 2.0  # of the longest sides of two views of one thing
+_BELIEVED: Final = 0.5  # existence
+_MAX_FILE: Final = 1 << 26  # bytes
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownThing:
+    """A thing with a name, and n views of it."""
+
+    name: str
+    features: Floats  # (n, F)
+    source: str = ""  # IRI of the object that was named; "" for a thing taught by pictures
+    size: float = math.nan  # [m] longest side; nan where unknown
+    marker: str = ""  # as in 4x4_50/17; "" without one
+
+
+@dataclass(frozen=True, slots=True)
+class KnownThings:
+    """The known things of a map; `proposed` has "IRI name" of the assertions made so far."""
+
+    things: tuple[KnownThing, ...] = ()
+    proposed: tuple[str, ...] = field(default=())
+
+    def with_thing(self, thing: KnownThing) -> KnownThings:
+        """These, with `thing` in place of one of the same name and source.
+
+        Raises ModelError where they are too many.
+        """
+        same = (thing.name, thing.source)
+        kept = [one for one in self.things if (one.name, one.source) != same]
+        if len(kept) >= MAX_THINGS:
+            raise ModelError(f"a map knows up to {MAX_THINGS} things by their looks")
+        return KnownThings((*kept, thing), self.proposed)
+
+    @classmethod
+    def load(cls, folder: Path) -> KnownThings:
+        """Those in the folder of a map; raises ModelError for a damaged file."""
+        path = folder / FILE
+        if not path.is_file():
+            return cls()
+        try:
+            data = read_arrays(path, _MAX_FILE)
+            if str(data["network"]) != network().name:
+                return cls()
+            features, owner = data["features"].astype(np.float32), data["owner"].astype(int)
+            shape = (len(owner), len(feature_statistics()[0]))
+            if features.shape != shape or not np.isfinite(features).all():
+                raise ValueError(f"features of shape {features.shape}")
+            texts = (data[n].tolist() for n in ("name", "source", "size", "marker"))
+            things = tuple(
+                KnownThing(str(name), features[owner == i], str(source), float(size), str(marker))
+                for i, (name, source, size, marker) in enumerate(zip(*texts, strict=True))
+            )
+            return cls(things, tuple(map(str, data["proposed"].tolist())))
+        except DAMAGE as error:
+            raise ModelError(
+                f"{path} is damaged ({error}); without it things can be named and taught again"
+            ) from error
+
+    def save(self, folder: Path) -> None:
+        """Write them into the folder of a map; raises ModelError."""
+        things, counts = self.things, [len(one.features) for one in self.things]
+        empty = np.zeros((0, len(feature_statistics()[0])), np.float32)
+        arrays = {
+            "network": np.array(network().name),
+            "features": np.concatenate([empty, *(o.features for o in things)]).astype(np.float16),
+            "owner": np.repeat(np.arange(len(things)), counts),
+            "name": np.array([one.name for one in things], dtype=np.str_),
+            "source": np.array([one.source for one in things], dtype=np.str_),
+            "size": np.array([one.size for one in things], np.float32),
+            "marker": np.array([one.marker for one in things], dtype=np.str_),
+            "proposed": np.array(self.proposed, dtype=np.str_),
+        }
+        write_arrays(folder / FILE, arrays)
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """An object that was named as a known thing."""
+
+    iri: str
+    name: str
+    likeness: float  # 1 for a mark
+
+
+def remember_named(semantic_map: SemanticMap) -> None:
+    """Keep the looks of the objects that people gave names of their own.
+
+    A thing whose object is still there under another name is forgotten; one whose object is gone
+    stays. Raises ModelError where the folder cannot be written.
+    """
+    folder = semantic_map.store.path
+    if folder is None:
+        return
+    names = {
+        a.subject: a.value
+        for a in semantic_map.assertions.all()
+        if a.property == "category" and a.by != AUTHOR and a.value.startswith(NAMED)
+    }
+    if not names and not (folder / FILE).is_file():
+        return
+    before = KnownThings.load(folder)
+    records = {record.iri: record for record in semantic_map.perceived.objects()}
+    kept = [one for one in before.things if one.source not in records]
+    known = KnownThings(tuple(kept), before.proposed)
+    looks = ObjectLooks(folder).of(names.keys() & records.keys())
+    for iri, look in sorted(looks.items()):
+        name = semantic_map.catalogue.label(names[iri])
+        known = known.with_thing(KnownThing(name, look.features, iri, _size(records[iri])))
+    known.save(folder)
+
+
+def recognise(semantic_map: SemanticMap) -> tuple[Recognition, ...]:
+    """Name the objects that are known things, by a mark or by their looks; returns them.
+
+    Each is an assertion of `AUTHOR` that is made once: where somebody retracts it, it stays so.
+    Raises ModelError for damaged files of the folder.
+    """
+    folder = semantic_map.store.path
+    if folder is None:
+        return ()
+    known, marked = KnownThings.load(folder), _marked(semantic_map)
+    if not known.things and not marked:
+        return ()
+    records = (*semantic_map.objects(min_existence=_BELIEVED), *semantic_map.unnamed_things())
+    taken = {a.subject for a in semantic_map.assertions.all() if a.property == "category"}
+    present = {_label(semantic_map, one.category) for one in records if one.iri in taken}
+    wanted = [one for one in (*known.things, *marked) if one.name not in present]
+    free = [one for one in records if one.iri not in taken]
+    if not wanted or not free:
+        return ()
+    found, used = list[Recognition](), set[str]()
+    pairs = _pairs(folder, known, wanted, records, {one.iri for one in free})
+    for _, one in sorted(pairs, key=lambda pair: (-pair[0], pair[1].iri, pair[1].name)):
+        if not used & {one.iri, one.name}:
+            used |= {one.iri, one.name}
+            found.append(one)
+    new = [one for one in found if f"{one.iri} {one.name}" not in known.proposed]
+    made = []
+    for one in new:
+        try:
+            semantic_map.assertions.add(one.iri, "name", one.name, by=AUTHOR)
+        except HereaboutsError:
+            continue  # the object went meanwhile, or the name is a kind of place now
+        made.append(one)
+    if made:
+        proposed = (*known.proposed, *(f"{one.iri} {one.name}" for one in made))
+        KnownThings(known.things, proposed[-10 * MAX_THINGS :]).save(folder)
+    return tuple(made)
+
+
+def _marked(semantic_map: SemanticMap) -> list[KnownThing]:
+    """The categories that the ontology has a mark for, as things."""
+    marks = marked_categories(semantic_map.engine)
+    if not marks:
+        return []
+    from perception.inference.markers import marker_name  # loads OpenCV
+
+    found = []
+    for iri, mark in sorted(marks.items()):
+        with suppress(ModelError):  # a mark that does not exist
+            found.append(_without_looks(_label(semantic_map, iri), marker_name(mark)))
+    return [one for one in found if one.name]
+
+
+def _without_looks(name: str, marker: str) -> KnownThing:
+    return KnownThing(name, np.zeros((0, len(feature_statistics()[0])), np.float32), marker=marker)
+
+
+def _pairs(
+    folder: Path,
+    known: KnownThings,
+    wanted: Sequence[KnownThing],
+    records: Sequence[ObjectRecord],
+    free: Collection[str],
+) -> Iterator[tuple[float, Recognition]]:
+    """Pairs of a free object and a known thing that may be one, with how clear that is."""
+    from perception.inference.markers import markers_in  # loads OpenCV
+
+    marks = {one.marker: one.name for one in wanted if one.marker}
+    pictures = ObjectPictures(folder)
+    looks = ObjectLooks(folder).of(
+        record.iri for record in sorted(records, key=lambda one: one.iri not in free)
+    )
+    for record in (one for one in records if one.iri in free):
+        seen = set[str]()
+        for path in pictures.views_of(record.iri) if marks else ():
+            seen |= markers_in(path.read_bytes(), {mark.partition("/")[0] for mark in marks})
+        for mark in seen & marks.keys():
+            yield math.inf, Recognition(record.iri, marks[mark], 1.0)
+        if record.iri not in looks:
+            continue
+        features = looks[record.iri].features
+        for one in wanted:
+            if one.source == record.iri or not len(one.features) or not _fits(one, record):
+                continue
+            alike = likeness(one.features, features)
+            if alike < MIN_LIKENESS:
+                continue
+            before = [
+                looks[r.iri].features
+                for r in records
+                if r.iri in looks and r.iri != one.source and r.first_seen < record.first_seen
+            ]
+            named = [o.features for o in known.things if o.name != one.name and len(o.features)]
+            rival = most_alike(features, [*before, *named])
+            clear = alike if rival is None else 2 * alike - rival
+            if clear >= MIN_DISTINCT:
+                yield clear, Recognition(record.iri, one.name, min(alike, 0.99))
+
+
+def _fits(one: KnownThing, record: ObjectRecord) -> bool:
+    """Whether the sizes of a known thing and an object are alike, where both are known."""
+    ratio = _size(record) / one.size
+    return math.isnan(ratio) or 1 / MAX_SIZE_RATIO <= ratio <= MAX_SIZE_RATIO
+
+
+def _size(record: ObjectRecord) -> float:
+    return math.nan if record.extent is None else float(np.max(record.extent))
+
+
+def _label(semantic_map: SemanticMap, iri: str) -> str:
+    known = semantic_map.catalogue.by_iri(iri)
+    return "" if known is None else known.label
+
+
+def taught(name: str, pictures: Iterable[bytes], marker: str = "") -> KnownThing:
+    """A thing taught by JPEG or PNG pictures; raises RecordingError and ModelError for bad ones."""
+    data = list(pictures)
+    if not data:
+        return _without_looks(name, marker)
+    return KnownThing(name, Looks.of_pictures(data).features, marker=marker)

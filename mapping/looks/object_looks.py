@@ -1,0 +1,134 @@
+"""Looks of a map's objects, computed from their pictures when they are first asked for.
+
+The map's folder keeps them in `looks.npz`, by the checksum of each picture, so that they stay with
+the pictures whatever becomes of the objects. Without the file they are computed again.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.maps.object_pictures import MAX_BYTES, MAX_PICTURES, ObjectPictures
+from kg.model.errors import ModelError, RecordingError
+from kg.model.regular_files import read_bytes
+from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
+
+if TYPE_CHECKING:
+    from perception.inference.look_network import LookNetwork
+
+FILE: Final = "looks.npz"  # in the folder of a map
+MAX_NEW: Final = 200  # pictures that one call describes; the next call continues
+_MAX_FILE: Final = 1 << 27  # bytes
+
+Floats = NDArray[np.float32]
+Row = tuple[Floats, Floats]  # features (F,) and log-probabilities (C,) of one picture
+
+
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """Looks of one thing in n views."""
+
+    features: Floats  # (n, F)
+    log_p: Floats  # (n, C) log-probability of each of ImageNet's classes
+
+    @classmethod
+    def of_pictures(cls, pictures: Iterable[bytes]) -> Looks:
+        """Looks in JPEG or PNG pictures.
+
+        Raises RecordingError for a damaged one, ModelError for one that shows nothing.
+        """
+        found = [network().describe(data) for data in pictures]
+        features, log_p = zip(*found, strict=True)
+        return cls(np.stack(features), np.stack(log_p))
+
+
+@cache
+def network() -> LookNetwork:
+    """The bundled network, opened once; its runtime is loaded then, too."""
+    from perception.inference.look_network import load_look_network
+
+    return load_look_network()
+
+
+class ObjectLooks:
+    """Looks of the objects of the map in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path, self._pictures = folder / FILE, ObjectPictures(folder)
+
+    def of(self, iris: Iterable[str]) -> dict[str, Looks]:
+        """Looks of the objects that have pictures, by IRI.
+
+        Describes up to `MAX_NEW` new pictures, the best of each object first.
+        """
+        views = {iri: self._read(iri) for iri in dict.fromkeys(iris)}
+        if not any(views.values()):
+            return {}
+        known = self._load()
+        ranked = [one for pictures in views.values() for one in enumerate(pictures.items())]
+        ranked.sort(key=lambda one: one[0])
+        new = {checksum: data for _, (checksum, data) in ranked if checksum not in known}
+        for checksum, data in list(new.items())[:MAX_NEW]:
+            known[checksum] = _described(data)
+        if new:
+            self._save(known)
+        found = {}
+        for iri, pictures in views.items():
+            shown = [known[c] for c in pictures if c in known and np.isfinite(known[c][0]).all()]
+            if shown:
+                found[iri] = Looks(*(np.stack(rows) for rows in zip(*shown, strict=True)))
+        return found
+
+    def _read(self, iri: str) -> dict[int, bytes]:
+        """Checksum -> content of each picture of an object, the latest first."""
+        found = {}
+        for path in self._pictures.views_of(iri):
+            with suppress(OSError):  # removed meanwhile
+                data = read_bytes(path, MAX_BYTES)
+                found[zlib.crc32(data)] = data
+        return found
+
+    def _load(self) -> dict[int, Row]:
+        try:
+            data = read_arrays(self._path, _MAX_FILE)
+            features, log_p = (data[n].astype(np.float32) for n in Looks.__slots__)
+            shapes = features.shape[1:], log_p.shape[1:]
+            if str(data["network"]) != network().name or shapes != tuple(
+                (size,) for size in network().sizes
+            ):
+                return {}
+            checksums = data["checksum"].astype(np.int64).tolist()
+            return dict(zip(checksums, zip(features, log_p, strict=True), strict=True))
+        except DAMAGE:
+            return {}  # missing or damaged
+
+    def _save(self, known: dict[int, Row]) -> None:
+        last = dict(list(known.items())[-MAX_PICTURES:])
+        features, log_p = (np.stack(rows) for rows in zip(*last.values(), strict=True))
+        arrays = {
+            "network": np.array(network().name),
+            "checksum": np.array(list(last), np.int64),
+            "features": features.astype(np.float16),
+            "log_p": log_p.astype(np.float16),
+        }
+        with suppress(ModelError):  # a folder that cannot be written: described again next time
+            write_arrays(self._path, arrays)
+
+
+def _described(picture: bytes) -> Row:
+    """Look of a picture; not a number for one that shows nothing."""
+    try:
+        return network().describe(picture)
+    except (RecordingError, ModelError):
+        features, classes = network().sizes
+        nothing = np.float32(np.nan)
+        return np.full(features, nothing), np.full(classes, nothing)

@@ -1,0 +1,1 @@
+"""Camera poses estimated from RGB-D images: features, tracking, pose graph."""

@@ -1,0 +1,158 @@
+"""Features of an RGB-D image: ORB corners with depth, and their matches.
+
+ORB: Rublee et al., ICCV 2011.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.camera.depth_agreement import DepthSamples, depth_samples
+from perception.frames import Frame
+
+Floats = NDArray[np.float64]
+
+MAX_FEATURES: Final = 1000
+MAX_RANGE: Final = 8.0  # [m] of depth that is used
+MIN_RANGE: Final = 0.1  # [m]
+CELLS: Final = (12, 9)  # parts of the image, across and down, that corners are spread over
+MAX_HAMMING: Final = 64  # bits of 256 that differ between the descriptors of one corner
+RATIO: Final = 0.85  # of the distances of the best and the second-best match
+_EDGE: Final = 0.05  # relative change of depth around a corner that lies on an edge
+_MIN_AROUND: Final = 6  # of 9 pixels around a corner that have depth
+_CORNERS: Final = 12  # grey levels by which a corner differs from its surroundings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Image:
+    """A grey image with depth."""
+
+    grey: NDArray[np.uint8]  # (H, W)
+    depth: NDArray[np.float32]  # (H, W) [m], nan = no return
+    K: Floats  # (3, 3)
+    samples: DepthSamples
+    still: NDArray[np.bool_] | None = None  # (H, W) what moves with the camera; it has no depth
+
+    @classmethod
+    def of(cls, frame: Frame, still: NDArray[np.bool_] | None = None) -> Image:
+        """The image of a frame without its `still` parts; its pose is not read."""
+        # brightness and contrast alike, whatever the exposure
+        grey = np.asarray(cv2.equalizeHist(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY)), np.uint8)
+        depth = frame.depth
+        if still is not None:
+            depth = np.where(still, np.float32(np.nan), depth)
+        return cls(grey, depth, frame.K, depth_samples(depth, frame.K), still)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """An image's corners that have depth, and what is compared with other images.
+
+    The first ones are the strongest of all parts of the image, then come the second strongest.
+    """
+
+    grey: NDArray[np.uint8]  # (H, W)
+    samples: DepthSamples
+    pixels: Floats  # (n, 2) [px]
+    points: Floats  # (n, 3) [m] camera frame
+    descriptors: NDArray[np.uint8]  # (n, 32)
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    @classmethod
+    def none(cls) -> Features:
+        """No features, and no image."""
+        grid = np.zeros((0, 0), np.float32)
+        samples = DepthSamples(grid, np.eye(3), np.zeros((0, 3), np.float32))
+        return cls(
+            np.zeros((0, 0), np.uint8),
+            samples,
+            np.zeros((0, 2)),
+            np.zeros((0, 3)),
+            np.zeros((0, 32), np.uint8),
+        )
+
+
+class FeatureDetector:
+    """ORB corners spread over the image, at the pyramid's best level."""
+
+    def __init__(self) -> None:
+        self._orb = cv2.ORB.create(MAX_FEATURES, 1.2, 8, fastThreshold=_CORNERS)
+
+    def features(self, image: Image) -> Features:
+        """Features of an image."""
+        corners, descriptors = self._orb.detectAndCompute(image.grey, None)
+        if not corners:
+            return Features(
+                image.grey,
+                image.samples,
+                np.zeros((0, 2)),
+                np.zeros((0, 3)),
+                np.zeros((0, 32), np.uint8),
+            )
+        pixels = np.array([corner.pt for corner in corners])
+        strength = np.array([corner.response for corner in corners])
+        z = depth_at(image.depth, pixels)
+        good = np.flatnonzero(np.isfinite(z))
+        good = good[_spread(pixels[good], strength[good], image.grey.shape)]
+        pixels, K = pixels[good], image.K
+        rays = np.column_stack([(pixels - K[:2, 2]) / K[[0, 1], [0, 1]], np.ones(len(good))])
+        return Features(
+            image.grey,
+            image.samples,
+            pixels,
+            rays * z[good, None],
+            np.asarray(descriptors, np.uint8)[good],
+        )
+
+
+def _spread(pixels: Floats, strength: Floats, shape: tuple[int, ...]) -> NDArray[np.intp]:
+    """Order of corners: the strongest of each cell of the image, the second strongest, ..."""
+    column, row = (pixels * CELLS / (shape[1], shape[0])).astype(int).T
+    cell = row * CELLS[0] + column
+    by_cell = np.lexsort((-strength, cell))
+    starts = np.searchsorted(cell[by_cell], cell[by_cell])
+    rank = np.arange(len(cell)) - starts
+    return by_cell[np.lexsort((-strength[by_cell], rank))]
+
+
+def depth_at(depth: NDArray[np.float32], pixels: Floats) -> Floats:
+    """Median depth [m] of 3 x 3 pixels around each corner; nan without depth or on an edge."""
+    height, width = depth.shape
+    column = np.clip(np.rint(pixels[:, 0]).astype(int), 1, width - 2)
+    row = np.clip(np.rint(pixels[:, 1]).astype(int), 1, height - 2)
+    around = np.stack([depth[row + i, column + j] for i in (-1, 0, 1) for j in (-1, 0, 1)], axis=1)
+    sorted_ = np.sort(around, axis=1)  # nan last
+    count = np.isfinite(around).sum(axis=1)
+    rows = np.arange(len(around))
+    middle = sorted_[rows, np.maximum(count - 1, 0) // 2].astype(np.float64)
+    spread = sorted_[rows, np.maximum(count - 1, 0)] - sorted_[:, 0]
+    with np.errstate(invalid="ignore"):
+        good = (count >= _MIN_AROUND) & (spread < _EDGE * middle + 0.02)
+        good &= (middle > MIN_RANGE) & (middle < MAX_RANGE)
+    return np.where(good, middle, np.nan)
+
+
+def matched(first: Features, second: Features) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of the features of both that look alike, each of both once."""
+    none = np.zeros(0, np.intp)
+    if len(first) < 2 or len(second) < 2:
+        return none, none
+    found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(second.descriptors, first.descriptors, k=2)
+    table = np.array(
+        [
+            (a.trainIdx, a.queryIdx, a.distance, b.distance)
+            for a, b in found
+            if a.distance <= MAX_HAMMING
+        ]
+    ).reshape(-1, 4)
+    table = table[table[:, 2] < RATIO * table[:, 3]]
+    table = table[np.argsort(table[:, 2], kind="stable")]
+    table = table[np.unique(table[:, 0], return_index=True)[1]]
+    return table[:, 0].astype(np.intp), table[:, 1].astype(np.intp)

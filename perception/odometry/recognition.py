@@ -1,0 +1,180 @@
+"""Recognition: where images of one world lie in another, by key views that were kept of it.
+
+Each image is compared with the kept views that look most like it. A pair counts where the features
+of both fit one motion and their depth shows one scene by it. Each such match says where the whole
+other world lies. Matches of several images with several views have to say the same, no second
+place may be matched nearly as often, and all views that look at the same part of the room have to
+show the same depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.camera.poses import Pose, motion
+from perception.camera.rigid_motions import adjoints, inverse
+from perception.frames import Frame
+from perception.odometry.features import FeatureDetector, Features, Image
+from perception.odometry.place_memory import PlaceMemory
+from perception.odometry.pose_graph import Edge, adjusted
+from perception.odometry.relative_motion import Motion, coarse_motion, depth_agreement, with_depth
+from perception.odometry.tracking_report import contradictions, contradicts
+
+KEPT: Final = 300  # features of a view
+FEWEST: Final = 40  # features of a view that is kept
+SIMILAR: Final = 5  # kept views that an image is compared with
+AGREES: Final = 0.75  # of the depth of two images that show one scene
+OVERLAP: Final = 0.2  # of their depth that both show
+MATCHES: Final = 3  # that say the same
+VIEWS: Final = 2  # of either world that take part in them
+RIVAL: Final = 0.3  # of the matches, in which another place is seen, and nothing is sure
+SAME: Final = (0.3, np.deg2rad(8))  # [m], [rad] between two matches that say the same
+MAX_TILT: Final = np.deg2rad(8)  # between the verticals of two levelled worlds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """The view of a camera from one pose, for images to be compared with."""
+
+    features: Features  # without the grey image
+    pose: Pose  # camera to its world
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A view of one world and an image of the other that show one scene."""
+
+    view: int
+    image: int
+    measured: Motion  # view to image
+    T: Pose  # (4, 4) the image's world in the view's, as this match says
+
+
+@dataclass(frozen=True, slots=True)
+class Recognition:
+    """Pose of a world in another one."""
+
+    T: Pose  # (4, 4) takes it to the other
+    matches: tuple[Match, ...]
+    error: float  # [m] by which the matches differ (root mean square)
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why nothing was recognised surely."""
+
+    reason: str
+
+
+def view_of(
+    frame: Frame, detector: FeatureDetector, without: NDArray[np.float32] | None = None
+) -> tuple[View, Image]:
+    """The view of a frame with its pose, and its image, without what is in boxes (n, 4) [px]."""
+    hidden = None
+    if without is not None and len(without):
+        hidden = np.zeros(frame.depth.shape, np.bool_)
+        for left, top, right, bottom in np.clip(np.rint(without), 0, max(hidden.shape)).astype(int):
+            hidden[top:bottom, left:right] = True
+    image = Image.of(frame, hidden)
+    f = detector.features(image)
+    some = slice(0, KEPT)
+    empty = np.zeros((0, 0), np.uint8)
+    kept = Features(empty, f.samples, f.pixels[some], f.points[some], f.descriptors[some])
+    return View(kept, frame.T_map_cam), image
+
+
+@dataclass(slots=True)
+class Recogniser:
+    """Finds images of another world among kept views."""
+
+    views: Sequence[View]
+    matches: list[Match] = field(default_factory=list)
+    images: list[View] = field(default_factory=list)
+    _memory: PlaceMemory = field(default_factory=PlaceMemory)
+
+    def __post_init__(self) -> None:
+        for number, view in enumerate(self.views):
+            self._memory.add(number, view.features)
+
+    def look(self, view: View, image: Image) -> int:
+        """Compare an image, a view of the other world, with the kept ones; returns its matches."""
+        self.images.append(view)
+        before = len(self.matches)
+        allowed = np.ones(len(self.views), np.bool_)
+        for number in self._memory.similar(view.features, allowed, SIMILAR):
+            kept = self.views[number]
+            measured = _confirmed(kept.features, view.features, image)
+            if measured is not None:
+                T = kept.pose @ inverse(measured.T) @ inverse(view.pose)
+                self.matches.append(Match(number, len(self.images) - 1, measured, T))
+        return len(self.matches) - before
+
+    def result(self) -> Recognition | Doubt:
+        """Pose of the images' world, or the reason why it is not sure."""
+        best = self._agreeing(self.matches)
+        count = f"{len(best)} of {len(self.images)} views match"
+        seen = min(len({match.image for match in best}), len({match.view for match in best}))
+        if len(best) < MATCHES or seen < VIEWS:
+            return Doubt(f"it was not recognised there ({count}, {MATCHES} are needed)")
+        rest = [match for match in self.matches if not self._same(best, match)]
+        rival = self._agreeing(rest)
+        if len(rival) > RIVAL * len(best):
+            return Doubt(
+                f"it looks like two places there ({len(best)} views match one, {len(rival)} "
+                "another)"
+            )
+        T = self._joint(best)
+        up = float(np.arccos(np.clip(T[2, 2], -1, 1)))
+        if up > MAX_TILT:
+            return Doubt(f"it matches there only if it is tilted by {np.degrees(up):.0f} degrees")
+        placed = [replace(view, pose=T @ view.pose) for view in self.images]
+        compared, against = contradictions(
+            [(kept.features, kept.pose, view.features, view.pose)
+             for kept in self.views for view in placed]
+        )  # fmt: skip
+        if contradicts(compared, against):
+            return Doubt(
+                f"it looks like a place there, but its depth contradicts {against} of {compared} "
+                "pairs of views"
+            )
+        off = [motion(T @ self.images[m.image].pose, m.T @ self.images[m.image].pose) for m in best]
+        return Recognition(T, tuple(best), float(np.sqrt(np.mean([far**2 for far, _ in off]))))
+
+    def _agreeing(self, matches: Sequence[Match]) -> list[Match]:
+        """The most matches that say the same."""
+        groups = [[other for other in matches if self._same([one], other)] for one in matches]
+        return max(groups, key=len, default=[])
+
+    def _same(self, group: Sequence[Match], match: Match) -> bool:
+        """Whether a match says the same as one of a group, at the image's camera."""
+        at = self.images[match.image].pose
+        apart = (motion(other.T @ at, match.T @ at) for other in group)
+        return any(far < SAME[0] and turned < SAME[1] for far, turned in apart)
+
+    def _joint(self, matches: Sequence[Match]) -> Pose:
+        """The motion that fits the matches best, by their information."""
+        edges = []
+        for match in matches:
+            # a small motion after the measured one is one before the whole, seen from the view
+            A = np.linalg.inv(
+                adjoints((self.views[match.view].pose @ inverse(match.measured.T))[None])[0]
+            )
+            edges.append(Edge(1, 0, match.T, A.T @ match.measured.information @ A))
+        first = max(matches, key=lambda match: match.measured.inliers).T
+        T: Pose = adjusted([np.eye(4), first], edges)[1]
+        return T
+
+
+def _confirmed(kept: Features, features: Features, image: Image) -> Motion | None:
+    """The motion from a kept view to an image that depth confirms."""
+    coarse = coarse_motion(kept, features, image.K)
+    if coarse is None:
+        return None
+    measured = with_depth(coarse, kept, image)
+    shown = depth_agreement(kept, image, measured.T)
+    return measured if shown.share >= AGREES and shown.overlap >= OVERLAP else None

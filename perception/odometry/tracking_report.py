@@ -1,0 +1,142 @@
+"""Tracking report: how many images have a pose, and the errors to be expected."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.camera.poses import Pose, motion
+from perception.camera.rigid_motions import inverse
+from perception.odometry.relative_motion import depth_agreement
+
+if TYPE_CHECKING:
+    from perception.odometry.features import Features
+    from perception.odometry.key_frames import KeyFrame
+    from perception.odometry.pose_graph import Edge
+
+DRIFT_SHARE: Final = 0.015  # [m] of standard deviation a metre on the shortest way of links
+TURN: Final = 0.5  # [m] that a radian of turning counts like
+START: Final = 0.02  # [m] of standard deviation of a motion without way
+COMPARED: Final = 200  # pairs of key frames whose depth is compared
+MIN_FAR: Final = 0.2  # [m] between the two cameras of a pair
+MAX_FAR: Final = 1.5
+OVERLAP: Final = 0.3  # of their depth
+CONTRADICTS: Final = 0.75  # share of depth that agrees, below which a pair is not one scene
+MIN_COMPARED: Final = 8  # pairs from which a conclusion is drawn
+MAX_CONTRADICTING: Final = 0.2  # share of the pairs, above which the poses are wrong
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingReport:
+    """Tracking report of a recording."""
+
+    frames: int  # images looked at
+    tracked: int  # images with a pose
+    pieces: int  # parts of the recording that were not recognised in each other
+    loops: int  # links between key frames that are far apart in time
+    way: float  # [m] of the camera
+    deviation: tuple[float | None, ...]  # [m] of each image's position, one sigma; None: lost
+    compared: int  # pairs of views of one scene whose depth was compared
+    contradicting: int  # of them, those whose depth shows two scenes
+
+    @property
+    def error(self) -> float:
+        """Error [m] to be expected of most positions (two sigma of nine in ten)."""
+        known = [one for one in self.deviation if one is not None]
+        return 2 * float(np.percentile(known, 90)) if known else 0.0
+
+    @property
+    def contradicts_itself(self) -> bool:
+        """Whether the depth of many views contradicts the poses."""
+        return contradicts(self.compared, self.contradicting)
+
+    def summary(self) -> str:
+        """One line."""
+        lost = self.frames - self.tracked
+        parts = [f"poses of {self.tracked} of {self.frames} frames over {self.way:.1f} m"]
+        parts.append(f"{self.loops} loops closed" if self.loops else "no loop closed")
+        parts.append(f"errors of up to {self.error:.2f} m expected")
+        if lost:
+            parts.append(f"{lost} frames without a pose are left out{self._pieces()}")
+        return ", ".join(parts)
+
+    def _pieces(self) -> str:
+        return f" (the camera was lost; {self.pieces} pieces)" if self.pieces > 1 else ""
+
+
+def tracking_report(
+    keys: Sequence[KeyFrame],
+    edges: Sequence[Edge],
+    loops: int,
+    tracks: Sequence[int | None],
+    main: int,
+) -> TrackingReport:
+    """Report of the tracks: the key frame of each image, None: lost."""
+    used = [None if key is None or keys[key].piece != main else key for key in tracks]
+    ways = _shortest_ways(len(keys), edges, next((key for key in used if key is not None), 0))
+    used_keys = [key for key in keys if key.piece == main]
+    compared, contradicting = contradictions(
+        [
+            (one.features, one.pose, other.features, other.pose)
+            for number, other in enumerate(used_keys)
+            for one in used_keys[:number]
+        ]
+    )
+    return TrackingReport(
+        frames=len(tracks),
+        tracked=sum(key is not None for key in used),
+        pieces=len({keys[key].piece for key in tracks if key is not None}),
+        loops=loops,
+        way=max((key.way for key in keys if key.piece == main), default=0.0),
+        deviation=tuple(None if k is None else START + DRIFT_SHARE * float(ways[k]) for k in used),
+        compared=compared,
+        contradicting=contradicting,
+    )
+
+
+def _shortest_ways(count: int, edges: Sequence[Edge], start: int) -> NDArray[np.float64]:
+    """Shortest way (count,) [m] from a key frame to each by linked ones (Dijkstra)."""
+    beside: list[list[tuple[int, float]]] = [[] for _ in range(count)]
+    for edge in edges:
+        far, turned = motion(np.eye(4), edge.T)
+        beside[edge.first].append((edge.second, far + TURN * turned))
+        beside[edge.second].append((edge.first, far + TURN * turned))
+    ways = np.full(count, np.inf)
+    reached = [(0.0, start)] if count else []
+    while reached:
+        way, key = heapq.heappop(reached)
+        if way < ways[key]:
+            ways[key] = way
+            for other, step in beside[key]:
+                heapq.heappush(reached, (way + step, other))
+    return ways
+
+
+def contradicts(compared: int, contradicting: int) -> bool:
+    """Whether so many contradicting pairs of views mean that their poses are wrong."""
+    return compared >= MIN_COMPARED and contradicting > MAX_CONTRADICTING * compared
+
+
+def contradictions(pairs: Sequence[tuple[Features, Pose, Features, Pose]]) -> tuple[int, int]:
+    """Pairs of views, some way apart, that should show one scene; and those that do not.
+
+    Each pair is the features and the pose of one view, and those of the other.
+    """
+    near = [pair for pair in pairs if _may_show_one(pair[1], pair[3])]
+    compared = contradicting = 0
+    for a, T_a, b, T_b in near[:: -(-len(near) // COMPARED) or 1]:
+        shown = depth_agreement(a, b, inverse(T_b) @ T_a)
+        if shown.overlap >= OVERLAP:
+            compared += 1
+            contradicting += shown.share < CONTRADICTS
+    return compared, contradicting
+
+
+def _may_show_one(T_a: Pose, T_b: Pose) -> bool:
+    far, turned = motion(T_a, T_b)
+    return MIN_FAR < far < MAX_FAR and turned < np.pi / 4

@@ -1,0 +1,151 @@
+"""Estimated poses: the entries of a recording that has no poses, with those its images give.
+
+Frames whose pose is not found are left out. The world is level with the first camera's own axes:
+the camera begins at its origin and looks along x (REP 103); the gravity alignment of recordings
+levels it.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
+from perception.frames import Frame
+from perception.odometry.tracking import Odometry, tracked
+from perception.odometry.tracking_report import TrackingReport
+from perception.sources.intrinsics_check import check_intrinsics, check_views
+from perception.sources.listing import FrameEntry, RecordingListing
+from perception.sources.recording_options import RecordingOptions
+
+HIGHEST: Final = 2.4  # [m] of a camera in a hand or on a robot, over the floor
+USUAL_HEIGHT: Final = 1.4  # [m]
+MIN_FRAMES: Final = 2  # frames with a pose that make a recording
+OnEstimated = Callable[[int, int], None]  # frames done, frames in all
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatedPoses:
+    """A listing by estimated poses."""
+
+    listing: RecordingListing
+    report: TrackingReport
+    up: NDArray[np.float64] | None  # (3,) in the estimated world, where something tells it
+
+
+def wants_estimate(listing: RecordingListing, options: RecordingOptions) -> bool:
+    """Whether poses are to be estimated; raises RecordingError where that is not allowed."""
+    if options.estimate_poses is not None and options.poses is None:
+        if listing.no_poses and not options.estimate_poses:
+            raise RecordingError(
+                f"{listing.no_poses}; `hereabouts map` estimates them once it is complete"
+            )
+        return options.estimate_poses
+    return bool(listing.no_poses) and options.poses is None
+
+
+def with_estimated_poses(
+    listing: RecordingListing,
+    frame_at: Callable[[int], Frame],
+    options: RecordingOptions,
+    name: str,
+    on_estimated: OnEstimated | None = None,
+) -> EstimatedPoses:
+    """The frames of a listing whose poses are found, with them; `frame_at` decodes a frame.
+
+    Raises RecordingError where the camera is lost in nearly all of them.
+    """
+    because = listing.no_poses or f"{name}: as asked"
+    _log.warning("%s; its poses are estimated from its images, and drift", because)
+    entries = listing.entries
+
+    def frames() -> Iterator[Frame]:
+        for number in range(len(entries)):
+            yield frame_at(number)
+            if on_estimated is not None:
+                on_estimated(number + 1, len(entries))
+
+    odometry = tracked(frames)
+    poses, report = odometry.poses(), odometry.report()
+    if options.check:
+        _check_intrinsics(name, odometry, poses, frame_at)
+    found = [
+        (entry, BODY_FROM_CAMERA @ T)
+        for entry, T in zip(entries, poses, strict=True)
+        if T is not None
+    ]
+    if len(found) < MIN_FRAMES:
+        raise RecordingError(f"{name}: {report.summary()}; {advice()}")
+    _log.warning("%s: %s", name, report.summary())
+    if options.check and report.contradicts_itself:
+        raise RecordingError(
+            f"{name}: the estimated poses are wrong: depth contradicts {report.contradicting} of "
+            f"{report.compared} pairs of views; {advice()}, --no-check maps it as it is"
+        )
+    posed = tuple(replace(entry, T_world_cam=gridded_pose(T)) for entry, T in found)
+    up = _up(listing, *found[0])
+    selected = options.selection.thinned.of(posed, name)
+    return EstimatedPoses(
+        replace(listing, entries=selected, no_poses="", up=None, T_map_world=None), report, up
+    )
+
+
+def _check_intrinsics(
+    name: str,
+    odometry: Odometry,
+    poses: Sequence[Pose | None],
+    frame_at: Callable[[int], Frame],
+) -> None:
+    """Check intrinsics by the frames that were found, or by key frames where most were lost."""
+    known = [(number, T) for number, T in enumerate(poses) if T is not None]
+    if 2 * len(known) < len(poses):
+        check_views(name, [key.features for key in odometry.keys], frame_at(0).K)
+        return
+    numbers = [number for number, _ in known]
+    check_intrinsics(name, [T for _, T in known], lambda place: frame_at(numbers[place]))
+
+
+def check_height(name: str, heights: Sequence[float], depth_scale: float) -> None:
+    """Warn where the camera is higher over the floor than hands and robots hold it.
+
+    `heights` [m]; poses that are estimated have the unit of depth, so nothing contradicts it.
+    """
+    height = float(np.median(heights))
+    if height > HIGHEST:
+        _log.warning(
+            "%s: the camera is %.1f m over the floor, by a depth of %g units a metre; "
+            "--depth-scale %g would put it at %.1f m",
+            name,
+            height,
+            depth_scale,
+            float(f"{depth_scale * height / USUAL_HEIGHT:.1g}"),
+            height * depth_scale / float(f"{depth_scale * height / USUAL_HEIGHT:.1g}"),
+        )
+
+
+def advice() -> str:
+    """Advice for a recording whose poses cannot be estimated."""
+    return (
+        "slower motion, more light, and depth of things between 0.3 and 8 m in each image would "
+        "work, or --poses FILE"
+    )
+
+
+def _up(listing: RecordingListing, first: FrameEntry, T_now: Pose) -> NDArray[np.float64] | None:
+    """Up in the estimated world, from an IMU or the recording's own poses.
+
+    `first` is the first frame whose pose `T_now` (4, 4) was found.
+    """
+    if listing.up_of_first_camera is not None and first is listing.entries[0]:
+        return T_now[:3, :3] @ listing.up_of_first_camera
+    if listing.up is None or listing.no_poses:
+        return None
+    return T_now[:3, :3] @ first.T_world_cam[:3, :3].T @ listing.up

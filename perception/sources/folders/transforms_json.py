@@ -1,0 +1,186 @@
+"""Recordings of nerfstudio and of Polycam's raw export, where they hold depth.
+
+nerfstudio: transforms.json has the camera (fl_x, fl_y, cx, cy, w, h, k1, ...) and a list of frames
+with file_path, depth_file_path and transform_matrix, camera to world (the camera looks along -z
+with y up). Polycam: keyframes/ has images, depth and cameras of one name; a camera has fx, fy, cx,
+cy, width, height and t_00 to t_23, in a world with y up. Depth is in millimetres.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from kg.model.errors import RecordingError
+from kg.model.regular_files import read_text
+from perception.camera.intrinsics import FISHEYE_COEFFICIENTS, Intrinsics
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose
+from perception.camera.turns import turned_camera, turned_poses, upright_turns
+from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile
+from perception.sources.folders.stray_scanner import UP, TurnedImage
+from perception.sources.listing import (
+    Format,
+    FrameEntry,
+    RecordingListing,
+    Streams,
+    stamp_of_number,
+    subfolder,
+)
+
+DEPTH_SCALE: Final = 1000.0
+FILE: Final = "transforms.json"
+CAMERA: Final = ("fl_x", "fl_y", "cx", "cy")
+_IMAGES: Final = ("corrected_images", "images")
+_CAMERAS: Final = ("corrected_cameras", "cameras")
+
+
+def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
+    """All frames of transforms.json that have depth; without poses where none has one.
+
+    Raises RecordingError where the file is malformed, or no frame has depth.
+    """
+    path = folder / FILE
+    card = _card(path)
+    frames = card.get("frames")
+    if not isinstance(frames, list) or not all(isinstance(one, dict) for one in frames):
+        raise RecordingError(f"{path} has no list of frames")
+    deep = [one for one in frames if isinstance(one.get("depth_file_path"), str)]
+    if not deep:
+        raise RecordingError(
+            f"{path} has no depth: a depth_file_path in each frame (16-bit PNG, in millimetres) "
+            "would work"
+        )
+    posed = [one for one in deep if "transform_matrix" in one]
+    used = posed or deep
+    entries = tuple(
+        FrameEntry(
+            Path(str(one.get("file_path"))).stem,
+            ImageFile(_image(folder, one, "file_path")),
+            ImageFile(_image(folder, one, "depth_file_path")),
+            _matrix(one["transform_matrix"], f"{path}, frame {n}") if posed else np.eye(4),
+            stamp_of_number(n),
+        )
+        for n, one in enumerate(used)
+    )
+    return RecordingListing(
+        entries,
+        _camera(card, used, path),
+        DEPTH_SCALE,
+        no_poses="" if posed else f"{folder} has no poses: no transform_matrix in {FILE}",
+    )
+
+
+def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
+    """All key frames that have depth and a camera; without poses where no camera has one.
+
+    Raises RecordingError where a file is malformed, or there are none.
+    """
+    inner = folder / "keyframes"
+    images, cameras = subfolder(inner, *_IMAGES), subfolder(inner, *_CAMERAS)
+    found = []
+    for path in sorted(images.iterdir()):
+        camera, depth = cameras / f"{path.stem}.json", inner / "depth" / f"{path.stem}.png"
+        if path.suffix.lower() in COLOUR_SUFFIXES and camera.is_file() and depth.is_file():
+            found.append((path, depth, _card(camera), str(camera)))
+    if not found:
+        raise RecordingError(f"{inner}: no image has a depth image and a camera of its name")
+    posed = any("t_00" in card for _, _, card, _ in found)
+    poses = [_rows(card, where) if posed else np.eye(4) for _, _, card, where in found]
+    turns = int(upright_turns(poses, UP).argmax()) if posed else 0
+    entries = tuple(
+        FrameEntry(
+            colour.stem,
+            TurnedImage(ImageFile(colour), turns),
+            TurnedImage(ImageFile(depth), turns),
+            turned_poses(T, turns),
+            stamp_of_number(n),
+        )
+        for n, ((colour, depth, _, _), T) in enumerate(zip(found, poses, strict=True))
+    )
+    numbers = [[_number(c, k, w) for k in ("fx", "fy", "cx", "cy", "width", "height")]
+               for _, _, c, w in found]  # fmt: skip
+    fx, fy, cx, cy, width, height = (float(x) for x in np.median(numbers, axis=0))
+    upright = Intrinsics(fx, fy, cx, cy, int(width), int(height), source=str(cameras))
+    return RecordingListing(
+        entries,
+        turned_camera(upright, turns),
+        DEPTH_SCALE,
+        up=UP if posed else None,
+        no_poses="" if posed else f"{folder} has no poses: no t_00 to t_23 in {cameras.name}/",
+    )
+
+
+def _card(path: Path) -> dict[str, Any]:
+    try:
+        card = json.loads(read_text(path))
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{path} is no JSON: {error}") from error
+    if not isinstance(card, dict):
+        raise RecordingError(f"{path} holds no JSON object")
+    return card
+
+
+def _number(card: Mapping[str, Any], key: str, where: str) -> float:
+    try:
+        return float(card[key])
+    except KeyError:
+        raise RecordingError(f"{where}: {key} is missing") from None
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{where}: {key} is no number, but {card[key]!r}") from None
+
+
+def _matrix(rows: Any, where: str) -> Pose:
+    """Camera to world (4, 4) of an OpenGL camera's matrix of three or four rows."""
+    try:
+        T = np.array(rows, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise RecordingError(f"{where}: transform_matrix is no matrix of numbers") from None
+    if T.shape == (3, 4):
+        T = np.vstack([T, [0, 0, 0, 1]])
+    return CONVENTIONS["opengl"](checked_pose(T, where))
+
+
+def _rows(card: Mapping[str, Any], where: str) -> Pose:
+    return _matrix([[_number(card, f"t_{i}{j}", where) for j in range(4)] for i in range(3)], where)
+
+
+def _image(folder: Path, frame: Mapping[str, Any], key: str) -> Path:
+    name = frame.get(key)
+    if not isinstance(name, str):
+        raise RecordingError(f"{folder / FILE}: a frame has no {key}")
+    path = folder / name
+    return path if path.suffix else path.with_suffix(".png")
+
+
+def _camera(card: Mapping[str, Any], frames: Sequence[Mapping[str, Any]], path: Path) -> Intrinsics:
+    """The camera of all frames, or the median of those of single frames."""
+    of_frames = [{**card, **frame} for frame in frames]
+    numbers = [[_number(one, key, str(path)) for key in CAMERA] for one in of_frames]
+    fx, fy, cx, cy = (float(x) for x in np.median(numbers, axis=0))
+    first = of_frames[0]
+    size = [int(_number(first, key, str(path))) if key in first else None for key in ("w", "h")]
+    fisheye = "FISHEYE" in str(first.get("camera_model", ""))
+    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    dist = tuple(_number(first, key, str(path)) if key in first else 0.0 for key in names)
+    assert not fisheye or len(dist) == FISHEYE_COEFFICIENTS
+    return Intrinsics(fx, fy, cx, cy, size[0], size[1], dist, source=str(path), fisheye=fisheye)
+
+
+TRANSFORMS = Format(
+    "nerfstudio",
+    "transforms.json with depth_file_path in its frames",
+    lambda folder: (folder / FILE).is_file(),
+    _read_transforms,
+)
+POLYCAM = Format(
+    "polycam",
+    "keyframes/ of a raw export, with images, depth and cameras",
+    lambda folder: (folder / "keyframes" / "depth").is_dir(),
+    _read_polycam,
+)

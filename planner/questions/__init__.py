@@ -1,0 +1,1 @@
+"""Plain questions: rules that turn English questions into shipped queries and their answers."""

@@ -1,0 +1,201 @@
+"""Words for targets: meaning of a wanted name, and the answer where no detector can see it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+from kg.knowledge.ontology.catalogue import Catalogue, name_key
+from kg.knowledge.words.meaning import Meaning, listed, shown_name, understand
+from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_places
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import UndetectableError, UnknownCategoryError
+from mapping.looks.word_looks import things_that_look_like
+
+#: The catalogue calls a bathroom what Places205 calls it.
+_PLAIN_PLACES = {"shower": "bathroom", "lobby": "entrance hall"}
+#: Nouns without an article.
+_UNCOUNTED = frozenset(
+    (
+        *("milk", "rice", "sugar", "salt", "flour", "butter", "cheese", "bread", "water", "wine"),
+        *("beer", "soap", "shampoo", "toothpaste", "paper", "tape", "glue", "pasta", "coffee"),
+        *("tea", "juice", "oil", "money", "medicine", "mail", "cereal", "meat", "detergent"),
+        *("laundry", "clothing", "furniture", "jewelry", "underwear", "crockery", "food", "soup"),
+    )
+)
+_ALIKE = 3  # things that are said to look like a word
+_BELIEVED = 0.5  # least belief in the category of a place of the map that is named
+
+
+@dataclass(frozen=True, slots=True)
+class Undetectable:
+    """A wanted thing that no category includes."""
+
+    meaning: Meaning
+    usual: UsualPlaces | None  # None: nothing is known
+    here: tuple[tuple[str, str], ...] = ()  # kinds of usual places, and their label in the map
+    alike: tuple[str, ...] | None = None  # things of the map that look like it; None: not known
+
+    @property
+    def sentences(self) -> list[str]:
+        """The answer: that no detector sees it, where it usually is, and where that is here."""
+        known = self.meaning
+        name = known.word if known.how == "spelling" else known.text
+        english = f" ({known.means})" if known.means != known.word else ""
+        plural = name.endswith("s") and not name.endswith(("ss", "us", "is"))
+        they = "They are" if plural else "It is"
+        lines = [known.note] if known.note else []
+        article = "" if plural or name.split()[-1].casefold() in _UNCOUNTED else _article(name)
+        lines.append(f"No detector here can see {article}{name}{english}")
+        if known.related:
+            parts = listed(known.related)
+            lines.append(f"{they} a part of a {parts}; search for that")
+        if self.usual is not None:
+            lines.append(f"{they} usually {_where(self.usual)}")
+        elif not known.related:
+            lines.append(f"Nothing is known about where {'they' if plural else 'it'} usually "
+                         f"{'are' if plural else 'is'}")  # fmt: skip
+        lines += [
+            f"The {_plain(kind)} of this map is {label}"
+            if name_key(label) != name_key(_plain(kind))
+            else f"This map has a {label}"
+            for kind, label in self.here
+        ]
+        if self.alike:
+            first = " and ".join(filter(None, (", ".join(self.alike[:-1]), *self.alike[-1:])))
+            look = "looks" if len(self.alike) == 1 else "look"
+            lines.append(f"Of the things in this map, {first} {look} most like it")
+        elif self.alike is not None:
+            lines.append("Nothing with a picture in this map looks like it")
+        return lines
+
+    @property
+    def answer(self) -> str:
+        """The sentences as one text, without the last full stop."""
+        return ". ".join(self.sentences)
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        usual = self.usual
+        return {
+            "target": self.meaning.text,
+            "word": self.meaning.word,
+            "synset": self.meaning.synset or None,
+            "answer": self.answer + ".",
+            "source": usual and usual.source,
+            "places": [asdict(place) for place in usual.places] if usual else [],
+            "supports": list(usual.supports) if usual else [],
+            "in_this_map": [{"place": label, "kind": kind} for kind, label in self.here],
+            "looks_like": None if self.alike is None else list(self.alike),
+        }
+
+
+def meaning_of(catalogue: Catalogue, text: str) -> Meaning:
+    """The meaning of a target's name; always with categories.
+
+    Raises:
+        UndetectableError: no category includes such things; the message says where they usually
+            are.
+        UnknownCategoryError: it is no known word, or a kind of place.
+    """
+    meaning = any_meaning(catalogue, text)
+    if not meaning.categories:
+        raise UndetectableError(Undetectable(meaning, usual_places(meaning.synset)).answer)
+    return meaning
+
+
+def any_meaning(catalogue: Catalogue, text: str) -> Meaning:
+    """As `meaning_of`, also for things that no category includes.
+
+    Raises UnknownCategoryError.
+    """
+    category = catalogue.get(text)
+    if category is not None and category.kind == "place" and not catalogue.get(text, "object"):
+        raise UnknownCategoryError(
+            f"'{shown_name(text)}' is a kind of place, not something to search for; "
+            f"search for an object such as banana, or one of {_supercategories(catalogue)}"
+        )
+    return understand(catalogue, text)
+
+
+def undetectable(semantic_map: SemanticMap, text: str) -> Undetectable | None:
+    """The answer for a thing that no detector can see, with places of the map; else None.
+
+    No category includes such things, or only one by which people name things, and nobody has
+    named one in this map. None for a text that is no known word, too.
+    """
+    try:
+        meaning = any_meaning(semantic_map.catalogue, text)
+    except UnknownCategoryError:
+        return None
+    if any(not one.undetected for one in meaning.categories):
+        return None
+    if any(semantic_map.objects(one.iri) for one in meaning.categories):
+        return None
+    usual = usual_places(meaning.synset)
+    here = _places_here(semantic_map, usual.places if usual else ())
+    return Undetectable(meaning, usual, here, _alike(semantic_map, meaning.synset))
+
+
+def _alike(semantic_map: SemanticMap, synset: str) -> tuple[str, ...] | None:
+    """Things that look most like a word, as in ``object/17 (bottle, in the kitchen)``."""
+    found = things_that_look_like(semantic_map, synset)
+    if found is None:
+        return None
+    things = (*semantic_map.objects(), *semantic_map.unnamed_things())
+    records = {record.iri: record for record in things}
+    places = {place.iri: place.label for place in semantic_map.places()}
+    described = []
+    for record in (records[one.iri] for one in found[:_ALIKE]):
+        known = semantic_map.catalogue.by_iri(record.category)
+        parts = [] if known is None else [known.label]
+        if record.place in places:
+            parts.append(f"in the {places[record.place]}")
+        described.append(f"{record.iri.removeprefix(semantic_map.base)} ({', '.join(parts)})")
+    return tuple(described)
+
+
+def _places_here(
+    semantic_map: SemanticMap, usual: tuple[UsualPlace, ...]
+) -> tuple[tuple[str, str], ...]:
+    """For each usual kind of place, the label of the first such place of the map."""
+    found = []
+    places = semantic_map.places() if usual else ()
+    for one in usual:
+        category = semantic_map.catalogue.get(one.label, "place")
+        names = {name_key(one.label), name_key(_plain(one.label))}
+        for place in places:
+            believed = category and place.beliefs.get(category.iri, 0.0) >= _BELIEVED
+            if believed or name_key(place.label) in names:
+                found.append((one.label, place.label))
+                break
+    return tuple(found)
+
+
+def _where(usual: UsualPlaces) -> str:
+    """``on a table or on a hook in the corridor or kitchen (common knowledge, no counts)``."""
+    supports = listed(usual.supports)
+    if usual.source == "stated":
+        rooms = listed([_plain(place.label) for place in usual.places])
+        rooms += " (common knowledge, no counts)"
+    else:
+        unit = "rooms" if usual.source == "homes" else "activities"
+        rooms = listed([_counted(place, unit) for place in usual.places])
+    return f"{supports}{' ' * bool(supports)}in the {rooms}"
+
+
+def _counted(place: UsualPlace, unit: str) -> str:
+    """``kitchen (0.60; 7 of 7 rooms)``."""
+    label = _plain(place.label)
+    return f"{label} ({place.probability:.2f}; {place.count} of {place.total} {unit})"
+
+
+def _article(name: str) -> str:
+    return "an " if name[:1].casefold() in "aeiou" else "a "
+
+
+def _plain(place: str) -> str:
+    return _PLAIN_PLACES.get(place, place)
+
+
+def _supercategories(catalogue: Catalogue) -> str:
+    return ", ".join(sorted(c.label for c in catalogue.categories if c.kind == "supercategory"))

@@ -1,0 +1,145 @@
+"""Answers in sentences: where a target probably is, how often and when it was seen there.
+
+The number in each sentence is the probability that the object still stands there: its existence,
+and that it has not been moved since it was last seen (`mapping.persistence`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from kg.maps.semantic_map import SemanticMap
+from planner.search.goals.candidate_queries import span
+from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
+from planner.search.goals.search_goals import times, with_article
+from planner.search.goals.status import status
+from planner.search.goals.targets import Target
+
+if TYPE_CHECKING:
+    from planner.search.plans.search_state import PlanningState
+
+_SURELY: Final = 0.95  # probability from which on an object is said to be there, ...
+_PROBABLY: Final = 0.5  # ... to be there probably, ...
+_PERHAPS: Final = 0.2  # ... and to be there perhaps; below, it was probably moved
+_DOUBTED: Final = 3  # objects that are listed where none is sure
+_GUESS: Final = 0.01  # least probability of a place that is named as a guess
+
+
+def find_sentences(
+    semantic_map: SemanticMap, target: Target, now: float, state: PlanningState | None = None
+) -> list[str]:
+    """Sentences about the known objects of a target, the most probable first, or about none.
+
+    Args:
+        semantic_map: The map.
+        target: The target.
+        now: Moment that ages count to [s since 1970].
+        state: Planning state of the target; with it, rooms have probabilities.
+    """
+    known = known_objects(semantic_map, target, located=2 * LISTED)
+    if known:
+        return answer_lines(known, now, target, rooms=_room_probabilities(state))
+    use, guess = target.label.partition(" to ")[2], _guess(target, state)
+    if target.iri is None:
+        none = f"Nothing to {use}" if use else f"No {target.label}"
+        return [f"{none} is in the map{guess}"]
+    found = status(semantic_map, target.iri)
+    return [f"No {target.label} is in the map ({found.value}): {found.proof}{guess}"]
+
+
+def answer_lines(
+    known: Sequence[KnownObject],
+    now: float,
+    target: Target | None = None,
+    *,
+    rooms: Mapping[str, float] | None = None,
+) -> list[str]:
+    """Known objects in sentences: whereabouts, sightings, probability to be there still.
+
+    Args:
+        known: Objects; the most probable `LISTED` are listed, or some doubted ones.
+        now: Moment that ages count to [s since 1970].
+        target: The word that they were found for; the last line has the query that lists all.
+        rooms: Probability that an object is in its room, by IRI.
+    """
+    ranked = sorted(known, key=lambda one: (not one.sure, -one.still_there(now)))
+    listed = [one for one in ranked if one.sure][:LISTED] or ranked[:_DOUBTED]
+    lines = [_sentence(one, now, rooms or {}) for one in listed]
+    if rest := len(known) - len(listed):
+        doubted = not ranked[-1].sure
+        less = " that may be some" if not ranked[len(listed)].sure else ""
+        query = "objects"
+        if target is not None and target.iri is not None:
+            query = f"objects-by-category -p category='{target.label}'"
+        every = " --all" if doubted else ""
+        lines.append(f"and {rest} more{less}: `hereabouts ask MAP {query}{every}`")
+    return lines
+
+
+def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
+    p, kept = one.still_there(now), one.kept(now)
+    name = f"{one.label}, which may be no {one.category}," if one.doubted else one.label
+    if one.own is not None:
+        name += f", which may be {with_article(one.category)},"
+    seen = _sightings(one, now)
+    still = " still" if kept < _SURELY else ""
+    if p < _PERHAPS and one.sure and still:
+        room = rooms.get(one.iri, 0.0)
+        room_too = f"; in the same room {room:.2f}" if room >= p + _GUESS else ""
+        return f"Probably no longer {one.where}: {name} {seen} ({p:.2f}{room_too}){_besides(one)}"
+    lead = "" if p >= _SURELY else "Probably" if p >= _PROBABLY and one.sure else "Perhaps"
+    where = f"{lead}{still} {one.where}".strip()
+    return f"{where[:1].upper()}{where[1:]}: {name} {seen} ({p:.2f}){_besides(one)}"
+
+
+def _sightings(one: KnownObject, now: float) -> str:
+    if one.last_seen is None:
+        return f"was seen there {times(one.observations)}" if one.observations else "is known"
+    age = max(now - one.last_seen.timestamp(), 0.0)
+    last = f"{span(age)} ago" if age >= 1 else "just now"
+    if one.observations == 1:
+        return f"was seen there once, {last}"
+    return f"was seen there {times(one.observations)}, last {last}"
+
+
+def _besides(one: KnownObject) -> str:
+    """Other categories, and the search that found the object."""
+    words = ""
+    if one.own is None and one.may_be:
+        may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+        words = f"; it may also be {' or '.join(may_be)}"
+    if one.found_by is not None:
+        words += f"; found by search/{one.found_by.rpartition('/')[2]}"
+    return words
+
+
+def _room_probabilities(state: PlanningState | None) -> dict[str, float]:
+    """Probability that each known object is in the room where it was seen, by IRI."""
+    if state is None:
+        return {}
+    belief = state.target_belief
+    room = state.space.room.reshape(-1)[belief.cells]
+    number = {iri: n for n, iri in enumerate(state.rooms)}
+    return {
+        part.candidate.iri: float(part.weight[room == number[part.candidate.place]].sum())
+        for part in belief.parts
+        if part.candidate.kind == "known" and part.candidate.place in number
+    }
+
+
+def _guess(target: Target, state: PlanningState | None) -> str:
+    """The place that is most probable to hold a target that is not in the map; "" for none."""
+    if state is None:
+        return ""
+    weight = state.target_belief.weight[
+        [state.targets[number] is target for number in state.target_belief.target]
+    ].sum(axis=0)
+    room = state.space.room.reshape(-1)[state.target_belief.cells]
+    p = np.array([float(weight[room == number].sum()) for number in range(len(state.rooms))])
+    best = int(np.argmax(p)) if len(p) else 0
+    if not len(p) or p[best] < _GUESS:
+        return ""
+    return f"; the first place to look is {state.room_names[best]} ({min(p[best], 1.0):.2f})"

@@ -1,0 +1,88 @@
+"""Route: the shortest way over the known floor, with the doors and places on it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.records import DoorRecord
+from planner.freespace.geodesic import distance_fields, shortest_path
+from planner.freespace.planning_map import Place, all_places
+from planner.search.plans.search_state import observed_map
+from planner.settings import BELIEF
+
+BESIDE: Final = 1.0  # [m] from the middle of a door within which a way leads through it
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A spot where a way leads from one place into another."""
+
+    places: tuple[Place, Place]
+    x: float  # [m]
+    y: float
+    door: DoorRecord | None  # that the map has there
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """The shortest way between two positions, from floor to floor."""
+
+    metres: float  # infinite where no way is known
+    end: NDArray[np.float64]  # (2,) [m] the floor nearest to the goal
+    off: float  # [m] from there to the goal, and from the start to the floor
+    unseen: float  # [m] of the way over floor that no depth image showed
+    crossings: tuple[Crossing, ...]  # in order
+
+
+def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route | None:
+    """The shortest way from `start` to `goal` (2,) [m]; None for a map without floor.
+
+    Floor that nobody saw counts as free where the map's places have it.
+    """
+    ends = [np.asarray(p, np.float64)[:2] for p in (start, goal)]
+    places = all_places(semantic_map)
+    known = observed_map(semantic_map, places, (), BELIEF)
+    if known is None:
+        return None
+    space = known.space
+    first, last = (space.nearest(p) for p in ends)
+    end = space.centres([last])[0]
+    off = sum(
+        float(np.linalg.norm(space.centres([cell])[0] - p))
+        for cell, p in zip((first, last), ends, strict=True)
+    )
+    field = distance_fields(space, [last])[0]
+    metres = float(field.reshape(-1)[first])
+    if not np.isfinite(metres):
+        return Route(metres, end, off, 0.0, ())
+    cells = shortest_path(space, field, first)
+    points = space.centres(cells)
+    unseen = 0.0 if known.seen is None else 1.0 - float(known.seen.reshape(-1)[cells].mean())
+    areas = [place for place in places if place.area > 0]
+    inside = [next((p for p in areas if p.contains(x, y)), None) for x, y in points.tolist()]
+    crossings = _crossings(semantic_map.doors(), points, inside)
+    return Route(metres, end, off, unseen * metres, crossings)
+
+
+def _crossings(
+    doors: Sequence[DoorRecord], points: NDArray[np.float64], inside: Sequence[Place | None]
+) -> tuple[Crossing, ...]:
+    """Points at which the way over `points` (n, 2) [m] leaves a place for the next one."""
+    found, steps = list[Crossing](), [(n, p) for n, p in enumerate(inside) if p is not None]
+    for (n, one), (m, other) in pairwise(steps):
+        if one is not other:
+            x, y = (float(c) for c in points[(n + m) // 2])
+            between = [d for d in doors if set(d.places) == {one.iri, other.iri}]
+            door = min(between, key=lambda d: math.dist((d.x, d.y), (x, y)), default=None)
+            if door is not None and math.dist((door.x, door.y), (x, y)) > BESIDE:
+                door = None
+            found.append(Crossing((one, other), x, y, door))
+    return tuple(found)

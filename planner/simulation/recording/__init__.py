@@ -1,1 +1,0 @@
-"""Simulated recordings: sessions of a random house that changes between them, and their truth."""

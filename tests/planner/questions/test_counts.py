@@ -1,0 +1,40 @@
+"""Counts in words: things without a name stand beside the objects, by place."""
+
+from __future__ import annotations
+
+import pytest
+
+from kg.serving.opening import in_memory_map
+from planner.questions.answers import answer_question
+from planner.questions.counts import counted_unnamed
+from tests.planner.flat import fill, with_unnamed
+
+
+def test_they_are_counted_by_place() -> None:
+    with in_memory_map() as flat:
+        assert counted_unnamed(fill(flat)) == ""
+    with in_memory_map() as flat:
+        with_unnamed(flat)
+        told = "3 things without a name (2 in place 1, 1 in place 3)"
+        assert counted_unnamed(flat) == told
+        assert counted_unnamed(flat, flat.place_iri(1)) == "2 things without a name"
+        assert counted_unnamed(flat, flat.place_iri(2)) == ""
+
+
+@pytest.mark.parametrize(
+    ("question", "line"),
+    [
+        ("what is in the kitchen?", "In place 1: a banana, a cup, and 2 things without a name"),
+        ("what is in the bedroom?", "In place 2: a bed"),
+        ("what is in place 3?", "No object is known in place 3, but 1 thing without a name"),
+        (
+            "list all objects",
+            "3 objects: a banana, a cup, a bed, and 3 things without a name "
+            "(2 in place 1, 1 in place 3)",
+        ),
+        ("how many cups are there?", "cup: 1"),
+    ],
+)
+def test_answers_count_them_beside_the_objects(question: str, line: str) -> None:
+    with in_memory_map() as flat:
+        assert answer_question(with_unnamed(flat), question).lines == (line,)

@@ -1,0 +1,181 @@
+"""Plain questions: their meaning, answers on a small flat, and texts that are no question."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from benchmarks.plain_questions.__main__ import PARTS, scored
+from kg.serving.opening import create_map, open_map
+from planner.cli import main
+from planner.questions.answers import answer_box, answer_question
+from planner.questions.moments import since
+from tests.planner.flat import fill
+
+Says = Callable[..., str]
+
+
+@pytest.fixture
+def flat(tmp_path: Path) -> Path:
+    with create_map(tmp_path / "flat.map", title="flat") as semantic_map:
+        fill(semantic_map)
+    return tmp_path / "flat.map"
+
+
+@pytest.fixture
+def says(capsys: pytest.CaptureFixture[str], flat: Path) -> Says:
+    """Callable: run a command on the flat; returns stdout, or stderr if it fails."""
+
+    def run(command: str, *words: str) -> str:
+        capsys.readouterr()
+        code = main([command, str(flat), *words])
+        out, err = capsys.readouterr()
+        return out if code == 0 else f"exit {code}: {err}"
+
+    return run
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda path: path.stem)
+def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
+    verdicts = Counter(verdict for _, verdict, _ in scored(part))
+    assert verdicts["right"] >= 45 and verdicts["wrong"] == 0
+    assert verdicts.total() == 50
+
+
+@pytest.mark.parametrize(
+    ("question", "answer"),
+    [
+        ("Where is the cup?", "Probably no longer in place 1 (kitchen): cup 2 was seen there"),
+        ("cup 2", "Probably no longer in place 1 (kitchen): cup 2 was seen there 4 times"),
+        ("the red cup", "The map does not keep what is red, so this is about all of them"),
+        ("what is in the kitchen", "In place 1: a banana, a cup"),
+        ("what's in the bedroom?", "In place 2: a bed"),
+        ("is there a banana", "Yes (present): banana 1 in place 1, existence 0.90"),
+        ("is there a mug?", "'mug' means cup\nYes (present): cup 2"),
+        ("is there a free cup", "The map does not keep what is free, so this is about all of"),
+        ("how many places are there", " places: "),
+        ("is the cup in the bedroom?", "Unknown, since nobody looked (never looked): "),
+        ("is cup 2 in the bedroom?", "No: cup 2 is in place 1"),
+        ("how many cups are there in the kitchen", "cup: 1 in place 1"),
+        ("how many giraffes", "giraffe: 0"),
+        ("is there a cup near the banana?", "No cup is known within 2 m of banana"),
+        ("something to sit on", "bed 3 was seen there"),
+        ("what is next to the cup", "Within 2 m of cup 2: nothing"),
+        ("what is on the bed", "nothing is known to be on or in bed 3"),
+        ("when did you last see the cup?", "years ago: cup 2 in place 1, at 1970-01-01T00:00:00"),
+        ("which rooms are there", "3 places: place 1 (kitchen), place 2 (bedroom), place 3"),
+        ("list all objects", "3 objects: a banana, a cup, a bed"),
+        ("where are you?", "The robot is in place 2 at (6.0, 1.0)"),
+        ("what is missing?", "Nothing is known to be gone"),
+        ("what changed since yesterday", "Appeared: banana 1, cup 2, bed 3"),
+        ("where are my keys?", "No detector here can see keys"),
+    ],
+)
+def test_a_question_has_its_answer(says: Says, question: str, answer: str) -> None:
+    assert answer in says("ask", question)
+
+
+def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
+    told = json.loads(says("ask", "what is in the kitchen?", "--json"))
+    assert (told["query"], told["parameters"]) == ("objects-in-place", {"place": "place 1"})
+    assert [row["label"] for row in told["rows"]] == ["banana 1", "cup 2"]
+    assert "the same facts: hereabouts ask MAP objects-in-place" in says(
+        "ask", "what is in the kitchen?", "--format", "csv"
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "says_so"),
+    [
+        ("", "not understood: an empty text"),
+        ("the of and", "not understood"),
+        ("where " * 2000, "questions of at most 300 characters that are: "),
+        ("<script>alert('cup')</script> <b>?</b>", "not understood: "),
+        ("who ate my cake?", "where is the cup?"),
+        ("is there a cup that is not red", "not understood"),
+        ("are there more chairs than cups", "not understood"),
+        ("are there fewer cups than chairs", "not understood"),
+        ("are there as many cups as bananas", "not understood"),
+        ("are there exactly two cups", "not understood"),
+        ("are there twenty cups", "not understood"),
+        ("do we have a dozen cups in the kitchen", "not understood"),
+        ("do we have more than three cups", "not understood"),
+        ("is there a second cup", "not understood"),
+        ("is there a book about cups", "no category 'book about cups'"),
+        ("what is in the cellar", "no place is called 'cellar'; there are: place 1"),
+        ("where is the qwertzy", "no category"),
+        ("what changed since the flood", "yesterday, today, an hour ago"),
+        ("SELECT ?x WHERE { ?x a here:Cup", "does not parse at line 1"),
+        ("select ?x where", "does not parse"),
+        ("placesof", "no query 'placesof'"),
+    ],
+)
+def test_what_is_not_understood_is_one_line(says: Says, text: str, says_so: str) -> None:
+    told = says("ask", text)
+    assert told.startswith("exit 1: error: ")
+    assert says_so in told
+    assert told.count("\n") == 1 and len(told) < 1000
+
+
+def test_sparql_and_names_of_queries_are_what_they_were(says: Says) -> None:
+    assert "cup 2" in says("ask", "objects")
+    assert "0.90" in says("ask", "SELECT ?e WHERE { ?o a here:Cup ; here:existence ?e }")
+
+
+def test_printed_labels_are_names(says: Says) -> None:
+    assert "object/2 (cup 2)" in says("why", "cup 2")
+    assert says("status", "cup 2").startswith("cup 2: present")
+    assert says("assert", "cup 2", "category", "bowl", "--by", "ann") == ""
+    assert '"category": "bowl"' in says("ask", "objects", "--json")
+    assert says("retract", "bowl 2", "category", "--by", "ann") == ""
+    assert says("name", "cup 2", "my blue mug", "--by", "ann") == ""
+    assert says("ask", "where is my blue mug?").startswith("Probably")
+    for command in (["why", "cup 99"], ["assert", "cup 99", "category", "bowl", "--by", "ann"]):
+        assert says(*command).startswith("exit 1: error: nothing has the label 'cup 99'")
+
+
+def test_what_changed_counts_from_where_the_kept_history_begins(says: Says, flat: Path) -> None:
+    with open_map(flat) as semantic_map:
+        semantic_map.history.compact(keep=0.0)
+    assert says("assert", "cup 2", "category", "bowl", "--by", "ann") == ""
+    assert "Relabelled: bowl 2" in says("ask", "what changed since yesterday")
+
+
+def test_one_thing_is_no_kind_to_find_and_the_message_has_what_tells_where_it_is(
+    says: Says,
+) -> None:
+    for name in ("cup 2", "object/2"):
+        told = says("find", name)
+        assert told.startswith(f"exit 1: error: {name!r} is one thing, not a kind of things")
+        assert "whereabouts -p object=" in told
+        assert "cup 2" in says("ask", "whereabouts", "-p", f"object={name}")
+    assert "no category 'object/99'" in says("find", "object/99")
+    assert "'bathroom' is a kind of place" in says("find", "bathroom")
+
+
+def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
+    from kg.serving.opening import open_map
+
+    with open_map(flat, read_only=True) as semantic_map:
+        rooms = answer_box(semantic_map, ["how many cups are there?"])
+        assert (rooms["answer"], rooms["steps"]) == (["cup: 1"], [])
+        found = answer_box(semantic_map, ["where is the blue cup?"])
+        assert found["steps"] and found["known"]
+        assert str(found["answer"]).startswith("['The map does not keep what is blue")
+        assert answer_box(semantic_map, ["cup", "bed"])["targets"] == ["cup", "bed"]
+        then = answer_question(semantic_map, "where is the cup?", now=60.0)
+        assert then.lines[0].startswith("Probably in place 1 (kitchen): cup 2 was seen there 4")
+
+
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [("in the last hour", 3600), ("since 2 days ago", 172800), ("over the past week", 604800)],
+)
+def test_moments_count_back_from_now(words: str, seconds: float) -> None:
+    from kg.history.timestamps import moment
+
+    assert moment(since(words, 1e9)) == pytest.approx(1e9 - seconds)
