@@ -70,8 +70,9 @@ def _kill_after_frames(
     path, frames, longest = folder, 0, 0.0
     while tally.kills < kills:
         if tally.kills % A_MAP == 0:
-            path, frames = folder / f"{what}-{tally.kills}.map", 0
+            path = folder / f"{what}-{tally.kills}.map"
             create(path)
+            frames = written(path, 0)
             longest = run(words(path))
         frames = written(path, frames)
         tally.early += not killed(partial(main, words(path)), rng, longest)

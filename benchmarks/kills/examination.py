@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad, RdfFormat, parse
 
-from benchmarks.kills.frames import BASE, NOTES, expected, facts, note_update
+from benchmarks.kills.frames import BASE, NOTES, expected, expected_export, facts, note_update
 from kg.history.storage.log import BACKGROUND
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
@@ -100,7 +100,7 @@ def examine_export(file: Path, frames: int) -> Finding:
     seconds = time.monotonic() - started
     last = {int(q.object.value) for q in quads if q.predicate.value == v.SEQUENCE}
     there = max((number for number in last), default=0)
-    wrong = differs(f"the export at #{there}", own_facts(quads), own_facts(expected(there, 0)))
+    wrong = differs(f"the export at #{there}", own_facts(quads), own_facts(expected_export(there)))
     if there > frames:
         wrong.append(f"the export is at #{there}, the map at #{frames}")
     return Finding(Known(there), "", tuple(wrong), seconds)

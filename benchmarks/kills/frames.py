@@ -6,9 +6,13 @@ said of five things. So the graph after frame k and note j is known without havi
 
 from __future__ import annotations
 
-import numpy as np
-from pyoxigraph import Quad
+from collections.abc import Iterator
+from contextlib import contextmanager
 
+import numpy as np
+from pyoxigraph import Quad, RdfFormat, parse
+
+from kg.export.serialization import export_text
 from kg.history.storage.log import BACKGROUND
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -56,12 +60,24 @@ def note_update(number: int) -> str:
 
 def expected(frames: int, notes: int) -> set[Quad]:
     """Expected contents of graph:map and graph:dataset after so many writes of each kind."""
+    with _twin(frames, notes) as twin:
+        return facts(twin)
+
+
+def expected_export(frames: int) -> set[Quad]:
+    """Expected contents of an export after so many frames."""
+    with _twin(frames, 0) as twin:
+        return set(parse(export_text(twin, "trig"), format=RdfFormat.TRIG))
+
+
+@contextmanager
+def _twin(frames: int, notes: int) -> Iterator[SemanticMap]:
     with in_memory_map(base=BASE) as twin:
         for number in range(max(0, frames - 2), frames):  # the one before holds what is removed
             twin.apply(frame_update(number))
         if notes:
             twin.update(note_update(notes))
-        return facts(twin)
+        yield twin
 
 
 def facts(semantic_map: SemanticMap) -> set[Quad]:
