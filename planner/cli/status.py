@@ -85,7 +85,7 @@ def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Seq
     from planner.search.goals.known_objects import LISTED, known_objects
     from planner.search.goals.targets import resolve
 
-    if found.value == "present" or "object/" in found.target:
+    if found.value == "present" or "object/" in found.target or not found.detectable:
         return ()
     (target,) = resolve(semantic_map, (found.target,))
     chosen = None if place is None else semantic_map.resolve("place", place)
@@ -107,7 +107,7 @@ def _perhaps(
 
     if doubted:
         return answer_lines(doubted, time.time())
-    if found.value == "present" or arguments.place is not None:
+    if found.value == "present" or arguments.place is not None or not found.detectable:
         return []
     line = detections_in_vain(semantic_map, found.target, arguments.map)
     return [line] if line else []

@@ -6,7 +6,7 @@ import math
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from datetime import datetime
 from typing import Final
 
@@ -24,10 +24,13 @@ from planner.freespace.planning_map import Row, number
 from planner.questions.counts import NAMED, counted_kinds, counted_unnamed
 from planner.questions.moments import first_kept, since
 from planner.questions.patterns import EVENTS, MAX_LENGTH, Kind, Question, parsed
+from planner.questions.plain_answer import PlainAnswer
+from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
-from planner.search.goals.place_names import object_named, place_named
+from planner.search.goals.place_names import object_named, place_named, plain_place
 from planner.search.goals.status import Status, Value, status
+from planner.search.goals.target_words import any_meaning
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import answer_lines, find_sentences
 from planner.search.plans.report import empty_answer, find_answer
@@ -43,35 +46,6 @@ _YES: Final[Mapping[Value, str]] = {
     "hidden": "Not seen, but it may be hidden",
     "never looked": "Unknown, since nobody looked",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class PlainAnswer:
-    """The answer to a plain question, and how the question was understood."""
-
-    kind: Kind
-    query: str  # shipped query that has the facts
-    parameters: Mapping[str, str]  # of the query
-    lines: tuple[str, ...]  # the answer in sentences
-    columns: tuple[str, ...] = ()
-    rows: tuple[tuple[object, ...], ...] = field(default=())
-
-    @property
-    def command(self) -> str:
-        """The same facts by `hereabouts ask`; "" where no query has them."""
-        if not self.query:
-            return ""
-        given = "".join(f" -p {name}='{value}'" for name, value in self.parameters.items())
-        return f"hereabouts ask MAP {self.query}{given}"
-
-    def to_json(self) -> dict[str, object]:
-        """Plain values for JSON."""
-        return {
-            "kind": self.kind,
-            "query": self.query,
-            "parameters": dict(self.parameters),
-            "answer": list(self.lines),
-        }
 
 
 def is_plain(text: str) -> bool:
@@ -122,7 +96,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     if question is None:
         return find_answer(semantic_map, wanted)
     now = time.time()
-    if question.kind == "where" and not object_named(semantic_map, question.what):
+    rooms = about_rooms(semantic_map, question, now)
+    if question.kind == "where" and not rooms and not object_named(semantic_map, question.what):
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
     answer = answer_question(semantic_map, wanted[0], now)
@@ -157,7 +132,8 @@ class _Answerer:
             "robot": self._robot,
             "departed": self._departed,
         }
-        return kinds[self._question.kind]()
+        rooms = about_rooms(self._map, self._question, self._now)
+        return self._made("places", rooms) if rooms else kinds[self._question.kind]()
 
     def _where(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
@@ -308,7 +284,7 @@ class _Answerer:
 
     def _places(self) -> PlainAnswer:
         rows = self._map.query("places").records()
-        kinds = [f" ({row['category']})" if row["category"] else "" for row in rows]
+        kinds = [f" ({plain_place(str(r['category']))})" if r["category"] else "" for r in rows]
         named = [f"{row['label']}{kind}" for row, kind in zip(rows, kinds, strict=True)]
         count = f"{len(rows)} place{'s' if len(rows) > 1 else ''}"
         line = f"{count}: {', '.join(named)}" if rows else "The map has no places"
@@ -351,13 +327,13 @@ class _Answerer:
         return target, None
 
     def _known_word(self, words: str) -> bool:
-        try:
-            self._target(words)
-        except UndetectableError:
+        """Whether words name things; typing errors, as in a room that is unknown, do not count."""
+        if object_named(self._map, words):
             return True
+        try:
+            return any_meaning(self._map.catalogue, words).how != "spelling"
         except UnknownCategoryError:
             return False
-        return True
 
     def _sure(self, target: Target) -> list[KnownObject]:
         return [one for one in known_objects(self._map, target) if one.sure]

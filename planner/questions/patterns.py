@@ -115,6 +115,8 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         f"(?:do|does) (?:we|you|i|the map) (?:still )?(?:have|know|see|contain) {_WHAT}{_WHERE}",
     ),
     ("status", f"{_ARE} {_OWN} (?:still )?(?:in|inside|at) (?P<where>.+)"),
+    ("status", f"{_ARE} (?P<where>place \\d+) an? {_WHAT}"),
+    ("where", r"what (?:kind |sort )?(?:of )?(?:room |place )?is (?P<what>place \d+)"),
     ("where", f"{_ASKED_WHERE} {_WHAT}(?: now)?"),
     ("where", f"{_SEARCHED} {_WHAT}"),
     ("where", _ANYTHING.replace("+?", "+")),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -18,6 +19,8 @@ from kg.model.errors import (
 )
 from kg.model.records import PlaceRecord
 from kg.rdf.quad_store import QuadStore
+
+_LISTED: Final = 8  # labels in a message
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +57,30 @@ class ParameterResolver:
                     f"{len(found)} things have the label {label!r}: {', '.join(found[:5])}"
                 )
         if len(text.split()) > 1:
-            raise QueryParameterError(
-                f"nothing has the label {text[:60]!r}; a thing must be an IRI such as object/1, "
-                "or a label, which `hereabouts ask MAP objects` lists"
+            others = self._numbered(text) or (
+                "a thing must be an IRI such as object/1, or a label, which "
+                "`hereabouts ask MAP objects` lists"
             )
+            raise QueryParameterError(f"nothing has the label {text[:60]!r}; {others}")
         return self.base + text
+
+    def _numbered(self, text: str) -> str:
+        """``there are: cup 9, cup 17`` for ``cup 99``; "" for a label of another form."""
+        name, _, number = text.strip().rpartition(" ")
+        category = self.catalogue.get(name, "object")
+        if not number.isdigit() or category is None:
+            return ""
+        label = category.label
+        named = self.engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
+        labels = {quad.object.value for quad in named if isinstance(quad.object, Literal)}
+        stems = {name.casefold(), label.casefold()}
+        found = [one.rpartition(" ") for one in labels]
+        found = [one for one in found if one[0].casefold() in stems and one[2].isdecimal()]
+        if not found:
+            return f"no {label} is in the map"
+        shown = ["".join(one) for one in sorted(found, key=lambda one: (int(one[2]), one[0]))]
+        rest = f" and {len(shown) - _LISTED} more" if len(shown) > _LISTED else ""
+        return f"there are: {', '.join(shown[:_LISTED])}{rest}"
 
     def _category(self, text: str) -> str:
         """The category that a name means: of a place or an object, or of a word for objects."""

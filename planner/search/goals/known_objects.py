@@ -17,6 +17,7 @@ from kg.model.records import PlaceRecord
 from mapping.persistence import holds
 from planner.freespace.planning_map import number, text_or_none, time_or_none
 from planner.search.goals.candidate_queries import kinds_half_lives
+from planner.search.goals.place_names import plain_place
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target
 
@@ -134,7 +135,11 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
     if place is None:
         return ""
     top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    kind = semantic_map.catalogue.label(top) if place.beliefs.get(top, 0.0) >= _SURE else ""
+    kind = (
+        plain_place(semantic_map.catalogue.label(top))
+        if place.beliefs.get(top, 0.0) >= _SURE
+        else ""
+    )
     return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 

@@ -2,8 +2,22 @@
 
 from __future__ import annotations
 
+from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
+
+#: The catalogue calls a bathroom what Places205 calls it.
+_PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
+
+
+def plain_place(label: str) -> str:
+    """The everyday name of a category of places, by its label."""
+    return _PLAIN.get(label, label)
+
+
+def place_category(catalogue: Catalogue, text: str) -> Category | None:
+    """The category of places that a name means; None for names of things, which come first."""
+    return None if catalogue.get(text, "object") else catalogue.get(text, "place")
 
 
 def place_named(semantic_map: SemanticMap, text: str) -> str:
@@ -29,9 +43,17 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
 
 
 def object_named(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of the object that a label (``cup 2``), ``object/2`` or an IRI names, else ""."""
+    """IRI of the object that a label (``cup 2``), ``object/2`` or an IRI names, else "".
+
+    Raises QueryParameterError for a category with a number that no object has (``cup 99``); the
+    message lists those that there are.
+    """
     try:
         iri = semantic_map.resolve("iri", text)
     except QueryParameterError:
+        category, _, number = text.strip().rpartition(" ")
+        catalogue = semantic_map.catalogue
+        if number.isdigit() and catalogue.get(category, "object") and not catalogue.get(text):
+            raise
         return ""
     return iri if iri.startswith(f"{semantic_map.base}object/") else ""

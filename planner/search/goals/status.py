@@ -15,11 +15,12 @@ from typing import Final, Literal, cast
 
 from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import QueryParameterError
+from kg.model.errors import QueryParameterError, UndetectableError
 from mapping.objects.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import object_named
 from planner.search.goals.search_goals import resolve_target
+from planner.search.goals.target_words import undetectable
 from planner.settings import BELIEF
 
 Value = Literal["present", "gone", "looked, none seen", "hidden", "never looked"]
@@ -57,6 +58,7 @@ class Status:
     value: Value
     proof: str
     places: tuple[PlaceStatus, ...]
+    detectable: bool = True  # False: no category includes such things; the proof has usual places
 
 
 def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> Status:
@@ -68,12 +70,18 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         place: A place (label, number or IRI) that limits the answer.
 
     Raises:
-        UnknownCategoryError: `what` is neither a category nor an object.
+        UnknownCategoryError: `what` is neither a known word nor an object.
         QueryParameterError: The place is unknown, or the object never was in the map.
     """
     if thing := object_named(semantic_map, what):
         return _object_status(semantic_map, what, thing)
-    category = resolve_target(semantic_map.catalogue, what)
+    try:
+        category = resolve_target(semantic_map.catalogue, what)
+    except UndetectableError:
+        unseen = undetectable(semantic_map, what)
+        if unseen is None:
+            raise
+        return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
     rows = semantic_map.query("status", category=category.iri).records()
     found = tuple(_place(row, category.label) for row in rows)
     if place is not None:

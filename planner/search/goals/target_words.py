@@ -10,9 +10,8 @@ from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_place
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
 from mapping.looks.word_looks import things_that_look_like
+from planner.search.goals.place_names import place_category, plain_place
 
-#: The catalogue calls a bathroom what Places205 calls it.
-_PLAIN_PLACES = {"shower": "bathroom", "lobby": "entrance hall"}
 #: Nouns without an article.
 _UNCOUNTED = frozenset(
     (
@@ -55,8 +54,8 @@ class Undetectable:
             lines.append(f"Nothing is known about where {'they' if plural else 'it'} usually "
                          f"{'are' if plural else 'is'}")  # fmt: skip
         lines += [
-            f"The {_plain(kind)} of this map is {label}"
-            if name_key(label) != name_key(_plain(kind))
+            f"The {plain_place(kind)} of this map is {label}"
+            if name_key(label) != name_key(plain_place(kind))
             else f"This map has a {label}"
             for kind, label in self.here
         ]
@@ -108,11 +107,11 @@ def any_meaning(catalogue: Catalogue, text: str) -> Meaning:
 
     Raises UnknownCategoryError.
     """
-    category = catalogue.get(text)
-    if category is not None and category.kind == "place" and not catalogue.get(text, "object"):
+    if place_category(catalogue, text) is not None:
+        shown = shown_name(text)
         raise UnknownCategoryError(
-            f"'{shown_name(text)}' is a kind of place, not something to search for; "
-            f"search for an object such as banana, or one of {_supercategories(catalogue)}"
+            f"'{shown}' is a kind of place, not something to search for; "
+            f"`hereabouts ask MAP 'where is the {shown}'` tells where it is"
         )
     return understand(catalogue, text)
 
@@ -162,7 +161,7 @@ def _places_here(
     places = semantic_map.places() if usual else ()
     for one in usual:
         category = semantic_map.catalogue.get(one.label, "place")
-        names = {name_key(one.label), name_key(_plain(one.label))}
+        names = {name_key(one.label), name_key(plain_place(one.label))}
         for place in places:
             believed = category and place.beliefs.get(category.iri, 0.0) >= _BELIEVED
             if believed or name_key(place.label) in names:
@@ -175,7 +174,7 @@ def _where(usual: UsualPlaces) -> str:
     """``on a table or on a hook in the corridor or kitchen (common knowledge, no counts)``."""
     supports = listed(usual.supports)
     if usual.source == "stated":
-        rooms = listed([_plain(place.label) for place in usual.places])
+        rooms = listed([plain_place(place.label) for place in usual.places])
         rooms += " (common knowledge, no counts)"
     else:
         unit = "rooms" if usual.source == "homes" else "activities"
@@ -185,17 +184,9 @@ def _where(usual: UsualPlaces) -> str:
 
 def _counted(place: UsualPlace, unit: str) -> str:
     """``kitchen (0.60; 7 of 7 rooms)``."""
-    label = _plain(place.label)
+    label = plain_place(place.label)
     return f"{label} ({place.probability:.2f}; {place.count} of {place.total} {unit})"
 
 
 def _article(name: str) -> str:
     return "an " if name[:1].casefold() in "aeiou" else "a "
-
-
-def _plain(place: str) -> str:
-    return _PLAIN_PLACES.get(place, place)
-
-
-def _supercategories(catalogue: Catalogue) -> str:
-    return ", ".join(sorted(c.label for c in catalogue.categories if c.kind == "supercategory"))

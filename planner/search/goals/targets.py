@@ -71,6 +71,8 @@ def _resolve(semantic_map: SemanticMap, text: str) -> Target:
 
 def _named(semantic_map: SemanticMap, text: str) -> Target:
     """The target of a word; of several categories where the word includes them."""
+    if text.strip()[-1:].isdigit():
+        object_named(semantic_map, text)  # refuses cup 99, which is no misspelt cup
     try:
         meaning = meaning_of(semantic_map.catalogue, text)
     except UndetectableError as error:

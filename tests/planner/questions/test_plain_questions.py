@@ -108,6 +108,8 @@ def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
         ("is there a book about cups", "no category 'book about cups'"),
         ("what is in the cellar", "no place is called 'cellar'; there are: place 1"),
         ("where is the qwertzy", "no category"),
+        ("where is cup 99", "nothing has the label 'cup 99'; there are: cup 2"),
+        ("is chair 7 in the kitchen", "'chair 7'; no chair is in the map"),
         ("what changed since the flood", "yesterday, today, an hour ago"),
         ("SELECT ?x WHERE { ?x a here:Cup", "does not parse at line 1"),
         ("select ?x where", "does not parse"),
@@ -154,6 +156,7 @@ def test_one_thing_is_no_kind_to_find_and_the_message_has_what_tells_where_it_is
         assert "whereabouts -p object=" in told
         assert "cup 2" in says("ask", "whereabouts", "-p", f"object={name}")
     assert "no category 'object/99'" in says("find", "object/99")
+    assert "nothing has the label 'cups 99'; there are: cup 2" in says("find", "cups 99")
     assert "'bathroom' is a kind of place" in says("find", "bathroom")
 
 

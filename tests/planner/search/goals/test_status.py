@@ -186,6 +186,15 @@ def test_no_detector_of_the_map_has_a_name_for_keys(semantic_map: SemanticMap) -
     assert values(semantic_map, "cup")["kitchen"] == "looked, none seen"
 
 
+def test_what_no_category_includes_was_never_looked_for(semantic_map: SemanticMap) -> None:
+    found = status(semantic_map, "my keys", "kitchen")
+    assert (found.target, found.value, found.places) == ("my keys", "never looked", ())
+    assert not found.detectable
+    assert found.proof.startswith("No detector here can see my keys. They are usually on a table")
+    assert found.proof.endswith("This map has a kitchen")
+    assert status(semantic_map, "cup").detectable
+
+
 def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
     semantic_map.update(
         "INSERT DATA { GRAPH graph:ontology { here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; "
@@ -213,3 +222,9 @@ def test_the_command_prints_answer_and_proof(
     assert told["places"][0]["last_viewed"].startswith("2023-11-14T22:14:20")
     assert main(["status", str(path), "unicorn"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
+    assert main(["status", str(path), "keys"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("keys: never looked. No detector here can see keys. They are usually on ")
+    assert out.count("\n") == 1
+    assert main(["status", str(path), "cup 99"]) == 1
+    assert "nothing has the label 'cup 99'; there are: cup 1\n" in capsys.readouterr().err
