@@ -69,7 +69,7 @@ def export_map(
     *,
     ontology: bool = True,
 ) -> int:
-    """Write the map to `path` atomically; returns the number of triples.
+    """Write the map to `path` atomically; returns the number of triples, in all graphs.
 
     `format` is one of `FORMATS`; without it the ending of `path` decides. Raises GraphError for an
     unknown format and where `path` cannot be written.
@@ -100,8 +100,9 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
     codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
     things = codec.objects_among(quads[v.MAP_GRAPH.value]), semantic_map.places()
     base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH.value])
-    quads[v.MAP_GRAPH.value] += tuple(geometry_quads(base, *things, semantic_map.robot()))
-    quads[v.MAP_GRAPH.value] += tuple(standard_quads(base, stored))
+    described = {quad.triple for quad in quads[v.DATASET_GRAPH.value]}
+    derived = (*geometry_quads(base, *things, semantic_map.robot()), *standard_quads(base, stored))
+    quads[v.MAP_GRAPH.value] += tuple(q for q in derived if q.triple not in described)
     return [
         quad
         for graph in graphs
@@ -114,7 +115,7 @@ def _statements(
     semantic_map: SemanticMap, quads: list[Quad], form: str, *, ontology: bool
 ) -> list[Quad]:
     """Statements of a file in that format: all graphs, an OWL 2 document, or one graph."""
-    if _known(form) in _WITH_GRAPHS:
+    if keeps_graphs(form):
         return quads
     triples = list(dict.fromkeys(quad.triple for quad in quads))
     if ontology:
@@ -143,6 +144,11 @@ def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
 def is_format(form: str) -> bool:
     """Whether `export_map` has a format of that name or alias."""
     return _ALIASES.get(form.lower(), form.lower()) in FORMATS
+
+
+def keeps_graphs(form: str) -> bool:
+    """Whether a format has named graphs, so that it holds quads; raises GraphError."""
+    return _known(form) in _WITH_GRAPHS
 
 
 def _known(form: str) -> str:

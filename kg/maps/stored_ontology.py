@@ -16,7 +16,12 @@ from kg.knowledge.ontology.provisional_classes import (
     remove_unused_name,
 )
 from kg.knowledge.words.classes import add_label_classes
-from kg.maps.thing_names import category_of_name, checked_name, nearest_category
+from kg.maps.thing_names import (
+    category_of_name,
+    check_no_label,
+    checked_name,
+    nearest_category,
+)
 from kg.maps.update.validation import UpdateValidator
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
@@ -93,6 +98,7 @@ class StoredOntology:
             known = self._categories()
             found = category_of_name(known, checked)
             if found is None:
+                check_no_label(self._store.engine, known, checked)
                 above = nearest_category(known, checked)
                 nearest = () if above is None else (above.iri,)
                 add_provisional_classes(self._store, known, [checked], "name", by, nearest)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from typing import Final
 
@@ -16,6 +17,9 @@ from kg.rdf.quad_store import QuadStore
 MAX_NAME: Final = 100  # characters
 _HIDDEN: Final = frozenset(("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"))  # Unicode categories
 _MARKUP: Final = "<>"
+_NUMBER: Final = re.compile(r"[-+]?\d[\d.,]*(?:[eE][-+]?\d+)?|0[xXbB][0-9a-fA-F]+")
+_ID: Final = re.compile(r"(?:object|place|door|observation|recording|search|agent)/\S+", re.I)
+_IRI: Final = re.compile(r"\S+://|(?:urn|mailto|here|graph):\S", re.I)
 
 
 def checked_name(text: str) -> str:
@@ -23,9 +27,37 @@ def checked_name(text: str) -> str:
     name = checked_line(text, "a name", "coffee machine")
     if any(mark in name for mark in _MARKUP):
         raise InvalidFactError(f"a name is plain text without < and >, got {name!r}")
-    if not any(c.isalpha() for c in name):
+    if not any(c.isalpha() for c in name) or _NUMBER.fullmatch(name):
         raise InvalidFactError(f"a name has letters, as in 'coffee machine'; got {name!r}")
+    check_no_reference(name, "a name", "coffee machine")
     return name
+
+
+def check_no_reference(text: str, what: str, example: str) -> None:
+    """Raise InvalidFactError for the id or IRI of a thing, which is no text for people."""
+    if _ID.fullmatch(text) or _IRI.match(text):
+        raise InvalidFactError(
+            f"{text!r} is the id of a thing; {what} such as '{example}' would work"
+        )
+
+
+def check_no_label(engine: QuadStore, catalogue: Catalogue, name: str) -> None:
+    """Raise InvalidFactError for a new name that is, or reads like, the label of one object."""
+    stem, _, number = name.rpartition(" ")
+    numbered = number.isdigit() and catalogue.get(stem, "object") is not None
+    labelled = engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), Literal(name), v.MAP_GRAPH)
+    if numbered or any(_is_object(engine, quad.subject) for quad in labelled):
+        raise InvalidFactError(
+            f"{name!r} is the label of one object, and a name says what a thing is: "
+            "'coffee machine' would work, or `hereabouts assert MAP THING label TEXT`"
+        )
+
+
+def _is_object(engine: QuadStore, subject: object) -> bool:
+    if not isinstance(subject, NamedNode):
+        return False
+    types = engine.quads_for_pattern(subject, v.RDF_TYPE, None, v.MAP_GRAPH)
+    return all(quad.object != NamedNode(v.PLACE) for quad in types)
 
 
 def checked_line(text: str, what: str, example: str) -> str:

@@ -121,7 +121,7 @@ def geometry_quads(
 
 
 def crs_quads(base: str) -> Iterator[Quad]:
-    """The coordinate reference system of the map with IRI `base`."""
+    """The coordinate reference system of the map with IRI `base`, which graph:dataset names."""
     crs = NamedNode(base + CRS)
     comment = "Local frame of this map: metres, z up, the floor about z = 0; not geographic."
     yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), v.MAP_GRAPH)

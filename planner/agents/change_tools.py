@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from functools import partial
 from typing import Annotated, Final
 
 from pydantic import Field
@@ -9,7 +11,8 @@ from pydantic import Field
 from kg.history.reports.comparison import FAR, ObjectChange
 from planner.agents import answers as a
 from planner.agents.list_tools import Limit, Skip, ThingName
-from planner.agents.map_context import MapContext, clock, instant
+from planner.agents.map_context import MapContext, clock
+from planner.questions.moments import instant, read_since
 
 _MAX_CHANGES: Final = 4  # listed for a transaction
 
@@ -45,7 +48,8 @@ class ChangeTools:
     def what_changed(
         self,
         since: Annotated[
-            str, Field(max_length=40, description="moment of writing: #42, ISO 8601, or 2h (ago)")
+            str,
+            Field(max_length=40, description="moment of writing: #42, ISO 8601, 2h (ago), monday"),
         ],
         metres: Annotated[float, Field(gt=0, le=1000, description="minimum move")] = FAR,
         limit: Limit = 20,
@@ -53,7 +57,8 @@ class ChangeTools:
     ) -> a.Changed:
         """Objects that appeared, are gone, moved or have another name since a moment."""
         state, semantic_map = self._context.state(), self._context.semantic_map
-        found = semantic_map.history.compare(instant(since), far=metres)
+        compare = partial(semantic_map.history.compare, far=metres)
+        found = read_since(semantic_map, instant(since, time.time()), compare)
         return a.Changed(
             map=state,
             things=[_changed(one, semantic_map.base) for one in found.changes[skip : skip + limit]],

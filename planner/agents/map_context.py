@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from kg.history.timestamps import duration, iso
+from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from planner.agents.answers import MapState
 from planner.freespace.planning_map import Row
+from planner.questions.moments import instant
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.place_names import place_named
 
@@ -39,7 +39,7 @@ class MapContext:
         if when is None:
             yield self.semantic_map
         else:
-            with self.semantic_map.at(instant(when)) as then:
+            with self.semantic_map.at(instant(when, time.time())) as then:
                 yield then
 
     def is_thing(self, what: str) -> bool:
@@ -61,14 +61,6 @@ class MapContext:
 def state_of(semantic_map: SemanticMap) -> MapState:
     """The number of the last transaction of a map, and the time of its latest observation."""
     return MapState(sequence=semantic_map.sequence, time=clock(map_time(semantic_map)))
-
-
-def instant(text: str) -> str:
-    """A moment of the history as written, or what a duration before now (30m, 2h, 1d) means."""
-    text = text.strip().removesuffix(" ago")
-    if re.fullmatch(r"\d+(\.\d+)?[smhdwy]", text):
-        return iso(time.time() - duration(text))
-    return text
 
 
 def clock(seconds: float) -> str:

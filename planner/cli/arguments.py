@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -62,8 +63,18 @@ def add_at(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--at",
         metavar="TIME",
-        help="past state to read: a time in ISO 8601, or #42 (transaction)",
+        help="past state to read: a time in ISO 8601, yesterday, 2h (ago), or #42 (transaction)",
     )
+
+
+def moment_of(text: str) -> str:
+    """A moment that a person typed (yesterday, 2h, ISO 8601, #42) as ISO 8601 or #42.
+
+    Raises HistoryError for other texts.
+    """
+    from planner.questions.moments import instant
+
+    return instant(text, time.time())
 
 
 def add_start(parser: argparse.ArgumentParser) -> None:

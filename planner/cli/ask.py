@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from kg.model.errors import QueryParameterError
-from planner.cli.arguments import MAP_HELP, add_at, name_value, plain_value
+from planner.cli.arguments import MAP_HELP, add_at, moment_of, name_value, plain_value
 from planner.cli.console import counted, json_value, note, print_table, write, write_json
 from planner.cli.name import note_unnamed
 
@@ -77,6 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.member and arguments.at is not None:
         arguments.usage_error("--at needs one MAP: each map counts its own transactions")
     parameters = name_value(arguments.parameter)
+    if arguments.at is not None:
+        arguments.at = moment_of(arguments.at)
     with ExitStack() as opened:
         semantic_map = opened.enter_context(_opened(arguments))
         _note_frames(semantic_map)

@@ -1,8 +1,9 @@
 """List what changed between two moments of the map.
 
 Objects that appeared, are gone, moved or have another name, and the area of floor that was seen.
-A moment is a time in ISO 8601 (UTC if it has no zone) or a transaction: #42 is the state after the
-42nd. A move counts if it is longer than the uncertainty of both positions and than --far.
+A moment is a time in ISO 8601 (UTC if it has no zone), words such as yesterday, 2h or now, or a
+transaction: #42 is the state after the 42nd. Where the history begins later than T1, it counts from
+there. A move counts if it is longer than the uncertainty of both positions and than --far.
 
 example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z
 """
@@ -12,10 +13,11 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_json, add_map
+from planner.cli.arguments import add_json, add_map, moment_of
 from planner.cli.console import note, print_rows
 
 if TYPE_CHECKING:
+    from kg.history.replay.point_in_time import Difference
     from kg.history.reports.comparison import Comparison
     from kg.maps.semantic_map import SemanticMap
 
@@ -37,12 +39,19 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
+    from planner.questions.moments import read_since
 
     with open_map(arguments.map, read_only=True) as semantic_map:
+        before = moment_of(arguments.before)
+        is_now = arguments.after.strip().casefold() == "now"
+        after = f"#{semantic_map.sequence}" if is_now else moment_of(arguments.after)
+        history = semantic_map.history
         if arguments.facts:
-            return _facts(semantic_map, arguments)
-        moments = arguments.before, arguments.after
-        found = semantic_map.history.compare(*moments, far=arguments.far)
+            facts = read_since(semantic_map, before, lambda begin: history.diff(begin, after))
+            return _facts(semantic_map, facts, arguments)
+        found = read_since(
+            semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
+        )
     rows = _rows(found, only_moved=arguments.moved)
     print_rows(_COLUMNS, rows, as_json=arguments.json)
     note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
@@ -63,8 +72,7 @@ def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
     ]
 
 
-def _facts(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    found = semantic_map.history.diff(arguments.before, arguments.after)
+def _facts(semantic_map: SemanticMap, found: Difference, arguments: argparse.Namespace) -> int:
     print_rows(_FACTS, found.rows(semantic_map.base), as_json=arguments.json)
     note(
         f"#{found.before} to #{found.after}: {len(found.added)} triples added, "

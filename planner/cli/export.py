@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 from kg.model.errors import GraphError, QueryParameterError, did_you_mean
 from kg.model.extensions import EXPORTERS, extensions, load_extension
-from planner.cli.arguments import add_at, add_map, add_start, whole
+from planner.cli.arguments import add_at, add_map, add_start, moment_of, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from kg.export.serialization import export_map
+    from kg.export.serialization import export_map, keeps_graphs
     from kg.serving.opening import open_map
 
     output = Path(arguments.output)
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
         if arguments.at is not None:
-            semantic_map = stack.enter_context(semantic_map.at(arguments.at))
+            semantic_map = stack.enter_context(semantic_map.at(moment_of(arguments.at)))
         if chosen == "reference":
             note(f"wrote {_write_reference(semantic_map, output)}")
         elif chosen in _DOCUMENTS:
@@ -99,8 +99,9 @@ def run(arguments: argparse.Namespace) -> int:
             note(f"wrote {output}: {_write_scene(semantic_map, output, chosen, arguments)}")
         else:
             with_ontology = not arguments.no_ontology
-            triples = export_map(semantic_map, output, format=chosen, ontology=with_ontology)
-            note(f"wrote {output}: {triples:,} triples")
+            count = export_map(semantic_map, output, format=chosen, ontology=with_ontology)
+            unit = "quads" if keeps_graphs(chosen) else "triples"
+            note(f"wrote {output}: {count:,} {unit}")
         if arguments.pictures is not None:
             folder = Path(arguments.pictures)
             count = _copy_pictures(semantic_map, folder, _min_existence(arguments))

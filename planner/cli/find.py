@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.model.errors import QueryParameterError
-from planner.cli.arguments import add_json, add_map, add_start, positive, share, speed
+from planner.cli.arguments import add_json, add_map, add_start, moment_of, positive, share, speed
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -335,4 +335,4 @@ def _moment(semantic_map: SemanticMap, text: str | None) -> float:
 
     if text == "map":
         return map_time(semantic_map)
-    return time.time() if text in (None, "now") else moment(text)
+    return time.time() if text is None else moment(moment_of(text))

@@ -13,7 +13,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_author, add_json, add_map
+from planner.cli.arguments import add_author, add_json, add_map, moment_of
 from planner.cli.console import counted, note, write_json
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--to",
         required=True,
         metavar="WHEN",
-        help="#254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z",
+        help="#254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z, yesterday",
     )
     parser.add_argument(
         "--only",
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map) as semantic_map:
         done = semantic_map.restore(
-            arguments.to,
+            moment_of(arguments.to),
             only=arguments.only,
             by=arguments.by,
             confirmed=arguments.yes,

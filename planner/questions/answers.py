@@ -14,7 +14,6 @@ from kg.history.timestamps import iso
 from kg.maps.query.query_files import shipped_queries
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
-    HistoryError,
     QueryParameterError,
     UndetectableError,
     UnknownCategoryError,
@@ -22,7 +21,7 @@ from kg.model.errors import (
 )
 from planner.freespace.planning_map import Row, number
 from planner.questions.counts import NAMED, counted_kinds, counted_unnamed
-from planner.questions.moments import first_kept, since
+from planner.questions.moments import read_since, since
 from planner.questions.patterns import EVENTS, MAX_LENGTH, Kind, Question, parsed
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
@@ -162,12 +161,7 @@ class _Answerer:
 
     def _changed(self) -> PlainAnswer:
         moment = since(self._question.when, self._now)
-        try:
-            found = self._map.history.compare(moment)
-        except HistoryError:
-            if not moment[:1].isdigit():
-                raise
-            found = self._map.history.compare(first_kept(self._map))
+        found = read_since(self._map, moment, self._map.history.compare)
         wanted = EVENTS.get(self._question.event, ())
         changes = [one for one in found.changes if not wanted or one.kind in wanted]
         lines = []

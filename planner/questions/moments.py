@@ -1,14 +1,17 @@
-"""Moments in plain questions: ``yesterday``, ``in the last two hours``, ``since 2026-03-02``."""
+"""Moments in words, as questions, commands and agents give them: ``yesterday``, ``2h``, ``#42``."""
 
 from __future__ import annotations
 
 import re
-from datetime import UTC, datetime, timedelta
-from typing import Final
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from typing import Final, TypeVar
 
-from kg.history.timestamps import iso, moment
+from kg.history.timestamps import duration, iso, moment
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import HistoryError, UnknownQueryError
+from kg.model.errors import HistoryError
+
+Found = TypeVar("Found")
 
 _HOURS: Final = {"minute": 1 / 60, "hour": 1.0, "day": 24.0, "week": 168.0, "month": 730.0}
 _NUMBERS: Final = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "few": 3, "couple": 2, "": 1}
@@ -17,37 +20,66 @@ _SPAN: Final = re.compile(
     r"(minute|hour|day|week|month)s?(?: ago)?"
 )
 _FIRST: Final = ("since ", "in the ", "during the ", "over the ", "within the ", "after ")
+_DAYS: Final = {"today": 0, "this morning": 0, "yesterday": 1, "last night": 1}
+_WEEKDAYS: Final = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
+_MAX_COUNT: Final = 10_000
+
+
+def instant(words: str, now: float) -> str:
+    """The moment (ISO 8601 or ``#42``) that words name at `now` [s since 1970].
+
+    Days begin at midnight of this machine's time zone; a time without a zone is in UTC. Raises
+    HistoryError for other words.
+    """
+    text = " ".join(words.split())
+    if re.fullmatch(r"#\d+", text):
+        return text
+    plain = text.casefold().removeprefix("the ")
+    if plain == "now":
+        return iso(now)
+    today = datetime.fromtimestamp(now).astimezone()
+    today = today.replace(hour=0, minute=0, second=0, microsecond=0)
+    days = dict(_DAYS)
+    for number, day in enumerate(_WEEKDAYS):
+        days[day] = days[f"last {day}"] = (today.weekday() - number - 1) % 7 + 1
+    if plain in days:
+        return iso((today - timedelta(days=days[plain])).timestamp())
+    if match := _SPAN.fullmatch(plain):
+        count = _NUMBERS.get(match[1] or "") or int(match[1])
+        return iso(now - 3600.0 * _HOURS[match[2]] * min(count, _MAX_COUNT))
+    try:
+        if re.fullmatch(r"\d+(\.\d+)?[smhdwy]( ago)?", plain):
+            return iso(now - duration(plain.removesuffix(" ago")))
+        return iso(moment(text.upper()))
+    except (HistoryError, ValueError, OverflowError, OSError):
+        raise HistoryError(
+            f"no moment {text[:60]!r}; now, yesterday, today, an hour ago, the last 3 days, 2h, "
+            "2026-08-01T12:30:00Z and #42 (a transaction) work"
+        ) from None
 
 
 def since(words: str, now: float) -> str:
-    """The moment (ISO 8601 or ``#42``) that words name; the day before `now` for no words.
-
-    Days begin at midnight of this machine's time zone. Raises UnknownQueryError for other words.
-    """
-    text = words
+    """As `instant`, after a preposition, too; the day before `now` for no words or ``lately``."""
+    text = words.casefold()
     for first in _FIRST:
         text = text.removeprefix(first)
-    today = datetime.fromtimestamp(now).astimezone().replace(hour=0, minute=0, second=0)
-    days = {"today": 0, "this morning": 0, "yesterday": 1, "last night": 1}
-    if text in days:
-        return iso((today - timedelta(days=days[text])).timestamp())
-    if text in ("", "lately", "recently"):
-        return iso(now - 86400.0)
-    if match := _SPAN.fullmatch(text.removeprefix("the ")):
-        count = _NUMBERS.get(match[1] or "") or int(match[1])
-        return iso(now - 3600.0 * _HOURS[match[2]] * min(count, 10_000))
-    if re.fullmatch(r"#\d+", text):
-        return text
+    return iso(now - 86400.0) if text in ("", "lately", "recently") else instant(text, now)
+
+
+def read_since(semantic_map: SemanticMap, moment: str, read: Callable[[str], Found]) -> Found:
+    """What `read` returns for a moment, or for the first that is kept where that is later.
+
+    Raises HistoryError for the number of a transaction that is not kept.
+    """
     try:
-        return iso(moment(datetime.fromisoformat(text.upper()).replace(tzinfo=UTC)))
-    except ValueError as error:
-        raise UnknownQueryError(
-            f"no moment {text!r}; yesterday, today, an hour ago, the last 3 days, "
-            "2026-08-01T12:30 and #42 (a transaction) work"
-        ) from error
+        return read(moment)
+    except HistoryError:
+        if moment.startswith("#"):
+            raise
+        return read(_first_kept(semantic_map))
 
 
-def first_kept(semantic_map: SemanticMap) -> str:
+def _first_kept(semantic_map: SemanticMap) -> str:
     """The first moment that a map's history keeps; #0 where that is on a server."""
     try:
         return f"#{semantic_map.history.log.floor}"

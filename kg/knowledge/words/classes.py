@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
-from kg.knowledge.ontology.catalogue import Catalogue, name_key, readings
+from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, readings
 from kg.knowledge.ontology.loading import superclasses
 from kg.knowledge.words.meaning import shown_name, understand
 from kg.knowledge.words.tables import DATA, Sense, all_rows, word_table
@@ -26,6 +26,7 @@ from kg.store.transactional import TransactionalStore
 ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/words"
 
 _WORDNET: Final = "http://purl.org/vocabularies/princeton/wn30/synset-{}-noun-{}"
+_WORDNET_LICENCE: Final = "https://wordnet.princeton.edu/license-and-commercial-use"
 _PREFIXES: Final = {
     "here": v.HERE,
     "word": v.WORD,
@@ -133,7 +134,7 @@ def vocabulary_turtle(catalogue: Catalogue, words: Sequence[str] = ()) -> str:
     senses = [_sense(catalogue, word) for word in words] or list(table.senses.values())
     quads: dict[Quad, None] = dict.fromkeys(_header())
     for sense in senses:
-        same = catalogue.get(sense.categories[0], "object") if sense.relation == "same" else None
+        same = _same(catalogue, sense)
         if same is None:
             quads |= dict.fromkeys(class_quads(sense, catalogue))
             continue
@@ -143,6 +144,13 @@ def vocabulary_turtle(catalogue: Catalogue, words: Sequence[str] = ()) -> str:
         quads |= dict.fromkeys(_quads(same.iri, [*_names(more, v.SKOS_ALT_LABEL), *german]))
     triples = [Triple(q.subject, q.predicate, q.object) for q in quads]
     return (serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b"").decode()
+
+
+def _same(catalogue: Catalogue, sense: Sense) -> Category | None:
+    """The category that a sense is: it means the same, or has its label as its usual word."""
+    if sense.relation == "same" or sense.words[0] in sense.categories:
+        return catalogue.get(sense.categories[0], "object")
+    return None
 
 
 def _sense(catalogue: Catalogue, word: str) -> Sense:
@@ -160,8 +168,9 @@ def _header() -> tuple[Quad, ...]:
     comment = (
         "Household words as classes and labels: nouns and senses of WordNet 3.0 (Copyright 2006 "
         "by Princeton University, WordNet licence), things of BEHAVIOR-1K (MIT), German labels of "
-        "hereabouts."
+        "hereabouts. The licences of WordNet and BEHAVIOR-1K hold for what is theirs."
     )
+    licences = "https://www.apache.org/licenses/LICENSE-2.0", _WORDNET_LICENCE
     return _quads(
         ONTOLOGY,
         [
@@ -169,6 +178,8 @@ def _header() -> tuple[Quad, ...]:
             (v.OWL_IMPORTS, NamedNode("https://w3id.org/hereabouts/ontology/commonsense")),
             (v.RDFS_LABEL, Literal("hereabouts: words")),
             (v.RDFS_COMMENT, Literal(comment)),
+            (v.OWL_VERSION_INFO, Literal("0.1.0")),
+            *((v.DCT_LICENSE, NamedNode(licence)) for licence in licences),
         ],
     )
 

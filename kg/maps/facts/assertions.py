@@ -19,7 +19,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.provisional_classes import NAMED
 from kg.maps.facts.relations import NOTHING, SINGLE, asserted_relations, perceived_value
-from kg.maps.thing_names import asserted_category, checked_line
+from kg.maps.thing_names import asserted_category, check_no_reference, checked_line
 from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
@@ -185,7 +185,10 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
         raise InvalidFactError(f"existence must be present or absent, got {text!r}")
     if not text:
         raise InvalidFactError("a label must have at least one character")
-    return checked_line(text, "a label", "cup by the sink") if prop == "label" else text
+    if prop == "label":
+        text = checked_line(text, "a label", "cup by the sink")
+        check_no_reference(text, "a label", "cup by the sink")
+    return text
 
 
 def is_unicode(text: str) -> bool:

@@ -77,6 +77,10 @@ def test_every_format_reads_back_as_the_same_triples(
     if form not in ("trig", "nq"):
         quads = [Quad(*quad.triple) for quad in quads]
     assert canonical(back) == canonical(quads)
+    counted = export_map(chart, path)
+    whole = Store()
+    whole.load(path=str(path), format=NATIVE[form])
+    assert len(whole) == len({quad.triple for quad in whole}) == counted
 
 
 @pytest.mark.parametrize(

@@ -41,6 +41,17 @@ def test_names_stay_as_they_are(given):
         "mug\n2",
         "m\u202eug",
         "\ud800x",
+        "object/2",
+        "Object/2",
+        "place/1",
+        "https://example.org/map/object/2",
+        "https://w3id.org/hereabouts#Cup",
+        "here:Cup",
+        "urn:uuid:1",
+        "cup 2",
+        "Cup 99",
+        "4.5e3",
+        "0x1F",
     ],
 )
 def test_what_is_no_name_is_refused_and_nothing_is_lost(den, given):
@@ -49,6 +60,18 @@ def test_what_is_no_name_is_refused_and_nothing_is_lost(den, given):
         den.assertions.add("object/1", "name", given, by="ann")
     assert "\n" not in str(refused.value) and len(str(refused.value)) < 300
     assert den.sequence == before and category(den) == "cup"
+
+
+def test_the_label_of_an_object_is_no_name_of_another(den):
+    den.assertions.add("object/2", "label", "the queen", by="ann")
+    with pytest.raises(InvalidFactError, match="'the queen' is the label of one object"):
+        den.assertions.add("object/1", "name", "the queen", by="ann")
+    for given in ("object/1", "https://example.org/map/object/1"):
+        with pytest.raises(InvalidFactError, match="'cup by the sink' would work"):
+            den.assertions.add("object/2", "label", given, by="ann")
+    den.assertions.add("object/1", "label", "cup", by="ann")
+    den.assertions.add("object/2", "name", "cup", by="ann")  # a category that is known
+    assert category(den) == "cup"
 
 
 def test_a_new_word_is_a_category_below_the_nearest_known_one(den):

@@ -101,5 +101,8 @@ def test_words_are_written_as_an_ontology(
     out = tmp_path / "mine.ttl"
     prints("ontology", "words", "keys", "kettle", "-o", out)
     assert "key.n.01" in out.read_text(encoding="utf-8")
-    prints("ontology", "check", out)
+    assert prints("ontology", "check", out) == ""
+    every = tmp_path / "every.ttl"
+    prints("ontology", "words", "-o", every)
+    assert prints("ontology", "check", every) == ""  # no finding, not even a warning
     assert "no category 'qwzx'" in fails("ontology", "words", "qwzx")

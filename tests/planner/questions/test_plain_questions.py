@@ -174,6 +174,29 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
         assert then.lines[0].startswith("Probably in place 1 (kitchen): cup 2 was seen there 4")
 
 
+def test_questions_and_commands_take_the_same_moments(says: Says) -> None:
+    for words in ("yesterday", "2h", "an hour ago", "the last 3 days", "Monday", "2020-01-01"):
+        told = says("diff", words, "now")
+        assert "appeared" in told and "object/2" in told
+        assert "Appeared: banana 1, cup 2" in says("ask", f"what changed since {words}")
+        assert "cup" in says("diff", words, "now", "--facts")
+        assert "the past before " in says("ask", "objects", "--at", words)
+        assert "the past before " in says("restore", "--to", words, "--by", "ann")
+    assert "cup 2" in says("ask", "objects", "--at", "now")
+    for command in (["diff", "noon", "now"], ["ask", "objects", "--at", "noon"]):
+        assert "no moment 'noon'; now, yesterday, today, an hour ago" in says(*command)
+    assert "no transaction #99 is kept" in says("diff", "#99", "now")
+
+
+def test_days_begin_at_midnight() -> None:
+    from datetime import datetime
+
+    noon = datetime(2026, 11, 24, 12, 0, 0, 500).timestamp()  # a Tuesday
+    for words, day in (("today", 24), ("yesterday", 23), ("since sunday", 22), ("tuesday", 17)):
+        begun = datetime.fromisoformat(since(words, noon)).timestamp()
+        assert begun == datetime(2026, 11, day).timestamp()
+
+
 @pytest.mark.parametrize(
     ("words", "seconds"),
     [("in the last hour", 3600), ("since 2 days ago", 172800), ("over the past week", 604800)],
