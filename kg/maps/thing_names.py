@@ -45,7 +45,9 @@ def check_no_label(engine: QuadStore, catalogue: Catalogue, name: str) -> None:
     """Raise InvalidFactError for a new name that is, or reads like, the label of one object."""
     stem, _, number = name.rpartition(" ")
     numbered = number.isdigit() and catalogue.get(stem, "object") is not None
-    labelled = engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), Literal(name), v.MAP_GRAPH)
+    labelled = [
+        *engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), Literal(name), v.MAP_GRAPH)
+    ]
     if numbered or any(_is_object(engine, quad.subject) for quad in labelled):
         raise InvalidFactError(
             f"{name!r} is the label of one object, and a name says what a thing is: "

@@ -26,7 +26,9 @@ class ChangeTools:
     def history(self, what: ThingName, limit: Limit = 10, skip: Skip = 0) -> a.HistoryAnswer:
         """The last changes of one thing (object/17, place/1), the latest first, with authors."""
         state = self._context.state()
-        entries = [*self._context.semantic_map.history.events(what)][::-1]
+        semantic_map = self._context.semantic_map
+        iri = self._context.iri(what).removeprefix(semantic_map.base)
+        entries = [*semantic_map.history.events(iri)][::-1]
         return a.HistoryAnswer(
             map=state,
             events=[

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError
 
 from kg.model.errors import HereaboutsError
 from planner.agents.answers import Answer
+from planner.agents.argument_errors import argument_error
 from planner.agents.pages import document_of, text_of
 from planner.agents.untrusted_text import in_one_line
 
@@ -56,7 +57,7 @@ class LeanTool(Tool):
         except ToolError as error:
             cause = error.__cause__
             if isinstance(cause, ValidationError):
-                return _failure("ArgumentError", _wrong_argument(cause))
+                return _failure("ArgumentError", argument_error(cause))
             if isinstance(cause, HereaboutsError):
                 return _failure(type(cause).__name__, str(cause).replace(self.base, ""))
             return _failure("InternalError", f"{self.name} failed; another call may work")
@@ -76,15 +77,6 @@ def _failure(kind: str, message: str) -> CallToolResult:
     report = {"error": kind, "untrusted_message": in_one_line(message)}
     text = json.dumps(report, ensure_ascii=False)
     return CallToolResult(content=[TextContent(type="text", text=text)], is_error=True)
-
-
-def _wrong_argument(error: ValidationError) -> str:
-    first = error.errors(include_url=False)[0]
-    name = ".".join(str(part) for part in first["loc"]) or "arguments"
-    if first["type"] == "missing":
-        return f"{name} is missing"
-    wanted = first["msg"].removeprefix("Input ").removeprefix("String ").removeprefix("List ")
-    return f"{name} {wanted[0].lower()}{wanted[1:]}, got {first['input']!r}"
 
 
 def _lean(schema: Any) -> Any:

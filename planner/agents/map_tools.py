@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from datetime import datetime
 from typing import Annotated, Final
@@ -16,6 +17,8 @@ from planner.agents import answers as a
 from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown
 from planner.agents.map_context import MapContext, clock, state_of, time_or_none
 from planner.freespace.planning_map import Row
+from planner.questions.patterns import Question
+from planner.questions.rooms import about_rooms
 from planner.search.goals.known_objects import KnownObject, known_objects
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
@@ -75,13 +78,16 @@ class MapTools:
 
         Without any, `status` tells if it is gone, hidden, not seen, or was never looked for: then
         its place is not known. `departed` left their spot. Of a thing that no detector can see
-        (keys), the proof says where it usually is.
+        (keys), the proof says where it usually is; of a room (kitchen), where it is.
         """
         with self._context.at(at) as semantic_map:
             state = state_of(semantic_map)
             if self._context.is_thing(what):
                 one = _one(semantic_map, self._context.iri(what))
                 return a.WhereIs(map=state, things=[one], total=1)
+            if rooms := about_rooms(semantic_map, Question("where", what), time.time()):
+                proof = ". ".join(rooms) + "."
+                return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)
             if (unseen := undetectable_target(semantic_map, what)) is not None:
                 proof = unseen.answer + "."
                 return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)
@@ -138,7 +144,8 @@ class MapTools:
     ) -> a.WhyAnswer:
         """Why the map holds a thing or a fact: frame, box, rule, model or person behind it."""
         state, base = self._context.state(), self._map.base
-        steps = [step for reason in self._map.history.explain(what) for step in reason.walk()]
+        named = self._context.iri(what).removeprefix(base)
+        steps = [step for reason in self._map.history.explain(named) for step in reason.walk()]
         return a.WhyAnswer(
             map=state,
             steps=[

@@ -46,10 +46,13 @@ class ParameterResolver:
         if "/" in text or not text.strip():
             return self.base + text
         for label in dict.fromkeys((text, text.strip(), text.strip().casefold())):
-            named = self.engine.quads_for_pattern(
-                None, NamedNode(v.RDFS_LABEL), Literal(label), v.MAP_GRAPH
+            labelled = (None, NamedNode(v.RDFS_LABEL), Literal(label), v.MAP_GRAPH)
+            # no iterator in a variable: an error would carry it into other threads
+            found = sorted(
+                quad.subject.value
+                for quad in self.engine.quads_for_pattern(*labelled)
+                if isinstance(quad.subject, NamedNode)
             )
-            found = sorted(q.subject.value for q in named if isinstance(q.subject, NamedNode))
             if len(found) == 1:
                 return found[0]
             if found:
