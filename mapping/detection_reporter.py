@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -32,6 +33,9 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
 WRITE_INTERVAL: Final = 30.0  # [s] between two reports in the map's folder
+
+
+_log = logging.getLogger(__name__)
 
 
 class DetectionReporter:
@@ -100,7 +104,8 @@ class DetectionReporter:
         """Add the counts of earlier runs; an unreadable report has none."""
         try:
             report = read_report(folder)
-        except GraphError:
+        except GraphError as error:
+            _log.warning("%s; the counts of earlier runs are lost", error)
             return
         if report is None:
             return

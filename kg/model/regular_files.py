@@ -60,15 +60,22 @@ class StepLimit:
         return self._left < 0
 
 
-def open_sqlite(path: Path, schema: str, version: int, max_bytes: int) -> sqlite3.Connection:
+def open_sqlite(
+    path: Path, schema: str, version: int, max_bytes: int, *, read_only: bool = False
+) -> sqlite3.Connection:
     """A SQLite file of one table beside a map, made where it is missing; limited by a `StepLimit`.
 
-    Raises OSError as `check_regular`, sqlite3.Error, and ValueError for a link or another version.
+    With `read_only` it is checked page by page and stays as it is. Raises OSError as
+    `check_regular`, sqlite3.Error, and ValueError for a link, an empty file or another version.
     """
     if path.is_symlink():
         raise ValueError("it is a link")
     if path.exists():
         check_regular(path, max_bytes)
+        if not path.stat().st_size:
+            raise ValueError("it is empty")
+    if read_only:
+        return _read_only(path, schema, version)
     file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
     try:
         file.execute("PRAGMA trusted_schema = OFF")
@@ -86,6 +93,37 @@ def open_sqlite(path: Path, schema: str, version: int, max_bytes: int) -> sqlite
         file.close()
         raise
     return file
+
+
+def _read_only(path: Path, schema: str, version: int) -> sqlite3.Connection:
+    # without a log beside it, reading makes no files beside it either
+    log = Path(f"{path}-wal")
+    options = "mode=ro" if log.exists() and log.stat().st_size else "immutable=1"
+    file = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+    try:
+        file.execute("PRAGMA trusted_schema = OFF")
+        file.set_progress_handler(StepLimit(path), SQLITE_STEPS)
+        found = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
+        (number,) = file.execute("PRAGMA user_version").fetchone()
+        if (found, number) != ([schema], version):
+            raise ValueError("it is of another version")
+        (fault,) = file.execute("PRAGMA quick_check(1)").fetchone()
+        if fault != "ok":
+            raise ValueError("it is damaged inside")
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def unreadable(path: Path, error: Exception, without: str) -> str:
+    """A line about a file beside a map that cannot be read, and what happens `without` it."""
+    reason = str(error)
+    if isinstance(error, OSError):
+        reason = error.strerror or reason
+    elif not (isinstance(error, sqlite3.Error) or reason.startswith("it is ")):
+        reason = "it is damaged inside"
+    return f"cannot read {path} ({reason}): {without}"
 
 
 def remove_sqlite(path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
-from mapping.key_views.view_store import StoredView, stored_views
+from mapping.key_views.view_store import StoredView, stored_views, views_damage
 from perception.camera.poses import Pose
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
@@ -54,7 +54,7 @@ def recognised_live(
     """
     views = stored_views(semantic_map.store.path, semantic_map.sequence)
     detector, recogniser = FeatureDetector(), Recogniser([stored.view for stored in views])
-    found: Recognition | Doubt = NO_VIEWS
+    found: Recognition | Doubt = _no_views(semantic_map)
     for frame in frames if views else ():
         if not is_new(frame.T_map_cam, [view.pose for view in recogniser.images]):
             continue
@@ -75,11 +75,17 @@ def recognised(
     """Place in the map of a recording as it lies now, and the views that the map has."""
     views = stored_views(semantic_map.store.path, semantic_map.sequence)
     if not views:
-        return NO_VIEWS, views
+        return _no_views(semantic_map), views
     detector, recogniser = FeatureDetector(), Recogniser([stored.view for stored in views])
     for frame in _apart(recording):
         recogniser.look(*view_of(frame, detector))
     return recogniser.result(), views
+
+
+def _no_views(semantic_map: SemanticMap) -> Doubt:
+    """Why a map has no views to compare with."""
+    damage = views_damage(semantic_map.store.path)
+    return Doubt(damage) if damage else NO_VIEWS
 
 
 def _unknown(name: str, found: Doubt, semantic_map: SemanticMap, ways: str = _WAYS) -> LayoutError:

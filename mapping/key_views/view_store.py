@@ -2,14 +2,16 @@
 
 A view is written before the transaction of its frame and marked with its number. After a kill the
 views up to the map's last transaction hold, and the others are dropped. Nothing depends on the
-file. Where it is missing, foreign or damaged, recordings are not recognised in the map.
+file. Where it is missing, foreign or damaged, recordings are not recognised in the map; a file that
+cannot be read is told in a warning.
 """
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -18,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import open_sqlite, remove_sqlite
+from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
 from perception.camera.poses import Pose, checked_pose
 from perception.odometry.recognition import View
 from perception.odometry.view_encoding import decoded, encoded
@@ -27,11 +29,18 @@ FILE: Final = "views.sqlite"
 MAX_VIEWS: Final = 600  # of one map
 MAX_BYTES: Final = 1 << 26  # of a file that is read
 _VERSION: Final = 1
+_LATEST: Final = (1 << 63) - 1  # later than any transaction
 _SCHEMA: Final = (
     "CREATE TABLE views (recording TEXT, frame TEXT, mark INTEGER, pose BLOB, data BLOB,"
     " PRIMARY KEY (recording, frame))"
 )
 _ERRORS: Final = (sqlite3.Error, OSError, ValueError, TypeError, RecordingError)
+_WITHOUT: Final = (
+    "recordings are not recognised in what was mapped so far; mapping begins the file anew"
+)
+
+_log = logging.getLogger(__name__)
+
 Key = tuple[str, str]  # name of the recording, id of the frame
 
 
@@ -60,8 +69,8 @@ class ViewStore:
             self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
             with self._file as file:
                 file.execute("DELETE FROM views WHERE mark > ?", (sequence,))
-        except _ERRORS:
-            self._discard()
+        except _ERRORS as error:
+            self._discard(error)
 
     def poses(self) -> dict[Key, Pose]:
         """Poses (4, 4) of all views, in the map frame."""
@@ -71,8 +80,8 @@ class ViewStore:
         try:
             found = {(r, f): _pose(pose) for r, f, pose in self._file.execute(rows)}
             self._file.set_progress_handler(None, 0)
-        except _ERRORS:
-            self._discard()
+        except _ERRORS as error:
+            self._discard(error)
             return {}
         return found
 
@@ -109,8 +118,9 @@ class ViewStore:
             self._file.close()
             self._file = None
 
-    def _discard(self) -> None:
+    def _discard(self, error: Exception) -> None:
         """Start anew; where that fails, nothing is kept."""
+        _log.warning("%s", unreadable(self._path, error, _WITHOUT))
         self.close()
         with suppress(*_ERRORS):
             remove_sqlite(self._path)
@@ -119,25 +129,33 @@ class ViewStore:
 
 def stored_views(folder: Path | None, sequence: int) -> list[StoredView]:
     """The views in the folder of a map, up to a transaction; none where they are unreadable."""
-    if folder is None or not (folder / FILE).is_file():
-        return []
     try:
-        file = open_sqlite(folder / FILE, _SCHEMA, _VERSION, MAX_BYTES)
+        return _views(folder, sequence)
     except _ERRORS:
+        return []
+
+
+def views_damage(folder: Path | None) -> str:
+    """A line about views that cannot be read in the folder of a map; "" for good ones or none."""
+    try:
+        _views(folder, _LATEST)
+    except _ERRORS as error:
+        return unreadable((folder or Path()) / FILE, error, _WITHOUT)
+    return ""
+
+
+def _views(folder: Path | None, sequence: int) -> list[StoredView]:
+    if folder is None or not ((path := folder / FILE).exists() or path.is_symlink()):
         return []
     rows = (
         "SELECT recording, frame, pose, data FROM views WHERE mark <= ?"
         " ORDER BY mark, recording, frame LIMIT ?"
     )
-    try:
+    with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
         return [
             StoredView(str(recording), str(frame), decoded(data, _pose(pose)))
             for recording, frame, pose, data in file.execute(rows, (sequence, MAX_VIEWS))
         ]
-    except _ERRORS:
-        return []
-    finally:
-        file.close()
 
 
 def _bytes(pose: Pose) -> bytes:

@@ -1,11 +1,13 @@
 """Looks of a map's objects, computed from their pictures when they are first asked for.
 
 The map's folder keeps them in `looks.npz`, by the checksum of each picture, so that they stay with
-the pictures whatever becomes of the objects. Without the file they are computed again.
+the pictures whatever becomes of the objects. Without the file they are computed again; a file that
+cannot be read is told in a warning.
 """
 
 from __future__ import annotations
 
+import logging
 import zlib
 from collections.abc import Iterable
 from contextlib import suppress
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 
 from kg.maps.object_pictures import MAX_BYTES, MAX_PICTURES, ObjectPictures
 from kg.model.errors import ModelError, RecordingError
-from kg.model.regular_files import read_bytes
+from kg.model.regular_files import read_bytes, unreadable
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 
 if TYPE_CHECKING:
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
 FILE: Final = "looks.npz"  # in the folder of a map
 MAX_NEW: Final = 200  # pictures that one call describes; the next call continues
 _MAX_FILE: Final = 1 << 27  # bytes
+_WITHOUT: Final = "looks are computed again from the pictures of the map, into a new file"
+
+_log = logging.getLogger(__name__)
 
 Floats = NDArray[np.float32]
 Row = tuple[Floats, Floats]  # features (F,) and log-probabilities (C,) of one picture
@@ -99,17 +104,12 @@ class ObjectLooks:
 
     def _load(self) -> dict[int, Row]:
         try:
-            data = read_arrays(self._path, _MAX_FILE)
-            features, log_p = (data[n].astype(np.float32) for n in Looks.__slots__)
-            shapes = features.shape[1:], log_p.shape[1:]
-            if str(data["network"]) != network().name or shapes != tuple(
-                (size,) for size in network().sizes
-            ):
-                return {}
-            checksums = data["checksum"].astype(np.int64).tolist()
-            return dict(zip(checksums, zip(features, log_p, strict=True), strict=True))
-        except DAMAGE:
-            return {}  # missing or damaged
+            name, known = _read(self._path)
+        except DAMAGE as error:
+            _log.warning("%s", unreadable(self._path, error, _WITHOUT))
+            return {}
+        sizes = {tuple(map(len, row)) for row in known.values()}
+        return known if name == network().name and sizes <= {network().sizes} else {}
 
     def _save(self, known: dict[int, Row]) -> None:
         last = dict(list(known.items())[-MAX_PICTURES:])
@@ -122,6 +122,26 @@ class ObjectLooks:
         }
         with suppress(ModelError):  # a folder that cannot be written: described again next time
             write_arrays(self._path, arrays)
+
+
+def looks_damage(folder: Path) -> str:
+    """A line about looks that cannot be read in the folder of a map; "" for good ones or none."""
+    try:
+        _read(folder / FILE)
+    except DAMAGE as error:
+        return unreadable(folder / FILE, error, _WITHOUT)
+    return ""
+
+
+def _read(path: Path) -> tuple[str, dict[int, Row]]:
+    """Name of the network, and the row of each picture by its checksum; raises one of `DAMAGE`."""
+    if not (path.exists() or path.is_symlink()):
+        return "", {}
+    data = read_arrays(path, _MAX_FILE)
+    features, log_p = (data[name].astype(np.float32) for name in Looks.__slots__)
+    checksums = data["checksum"].astype(np.int64).tolist()
+    known = dict(zip(checksums, zip(features, log_p, strict=True), strict=True))
+    return str(data["network"]), known
 
 
 def _described(picture: bytes) -> Row:

@@ -3,15 +3,18 @@
 The map holds facts. A track also has evidence, viewpoints and boxes, and candidates are no facts.
 The rows of a transaction are written before the transaction and marked with its number. The former
 rows are kept until the next one: they hold if the run is killed between the two writes. Nothing
-depends on the file. Where it is missing, foreign or damaged, tracks start from the facts.
+depends on the file. Where it is missing, foreign or damaged, tracks start from the facts; a file
+that cannot be read is told in a warning.
 """
 
 from __future__ import annotations
 
 import json
+import logging
 import sqlite3
 from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +23,7 @@ import numpy as np
 
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import Evidence
-from kg.model.regular_files import open_sqlite, remove_sqlite
+from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence
 from mapping.objects.extents.box_views import MAX_VIEWS, NUMBERS, pose_of
@@ -39,6 +42,13 @@ _PLAIN: Final = (
     *("first_seen", "last_seen", "last_frame", "place", "shown", "grown"),
 )
 _POINTS: Final = ("p_map", "low", "high")
+_DAMAGE: Final = (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError)
+_WITHOUT: Final = (
+    "mapping goes on from the objects of the map, without the evidence and the candidates of "
+    "earlier frames, and begins the file anew"
+)
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
@@ -72,7 +82,8 @@ class TrackStore:
                 for number, state in sorted(rows.items())
                 if state is not None
             ]
-        except (sqlite3.Error, OSError, ValueError, TypeError, KeyError, RecursionError):
+        except _DAMAGE as error:
+            _log.warning("%s", unreadable(self._path, error, _WITHOUT))
             self._discard()
             return [], RunState()
         self._stored = {track.number for track in tracks}
@@ -125,6 +136,23 @@ class TrackStore:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+
+def tracks_damage(folder: Path) -> str:
+    """A line about tracks that cannot be read in the folder of a map; "" for good ones or none."""
+    path = folder / FILE
+    if not (path.exists() or path.is_symlink()):
+        return ""
+    try:
+        with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
+            for number, state in file.execute("SELECT number, state FROM tracks"):
+                if number == _RUN:
+                    RunState(**json.loads(state))
+                elif state is not None:
+                    _track(number, json.loads(state), ObjectSettings())
+    except _DAMAGE as error:
+        return unreadable(path, error, _WITHOUT)
+    return ""
 
 
 def _state(track: Track) -> dict[str, Any]:

@@ -75,7 +75,8 @@ def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> s
     """A sentence on detections of a category that has no object in the map; "" without any."""
     try:
         report = None if semantic_map.store.path is None else read_report(semantic_map.store.path)
-    except GraphError:
+    except GraphError as error:
+        note(str(error))
         return ""
     fates = None if report is None else report.categories.get(label)
     if fates is None or not fates.detections:

@@ -1,5 +1,6 @@
 """Validate the ontologies, and a map if one is given, by SHACL and the vocabulary.
 
+Files in the folder of the map that cannot be read are findings, too, each with what would help.
 Exit code 1 if anything is wrong.
 
 example: hereabouts check kitchen.map
@@ -28,13 +29,18 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.lint import check_map, check_ontologies
     from kg.model.resources import ONTOLOGIES
+    from kg.rdf.findings import Finding
     from kg.serving.opening import open_map
+    from mapping.kept_files import unreadable_files
 
     folder = Path(arguments.ontologies) if arguments.ontologies else ONTOLOGIES
     findings = list(check_ontologies(folder))
     if arguments.map is not None:
         with open_map(arguments.map, read_only=True) as semantic_map:
             findings += check_map(semantic_map.engine)
+            findings += [
+                Finding(str(path), problem) for path, problem in unreadable_files(semantic_map)
+            ]
             for recording in semantic_map.recordings():
                 if recording.pose_estimate:
                     note(f"{recording.name}: estimated {recording.pose_estimate}")
