@@ -15,6 +15,8 @@ from perception.camera.poses import Pose, motion
 from perception.frames import Frame
 from perception.odometry.tracking import tracked
 from perception.odometry.tracking_report import TrackingReport
+from perception.sources.depth_check import shows_two_scenes
+from perception.sources.estimated_poses import MIN_FRAMES, colour_fit_of
 
 WRONG: Final = 0.15  # [m] of a pose that is wrong, where the report expects less
 
@@ -27,6 +29,7 @@ class Accuracy:
     ate: float  # [m] root mean square of positions, after the best rigid alignment
     worst: float  # [m]
     relative: float  # [m] median error of the motion over a metre of way
+    colour_fit: float | None  # where most images are lost
     milliseconds: float  # of a core, a frame
 
     @property
@@ -37,7 +40,12 @@ class Accuracy:
     @property
     def refused(self) -> bool:
         """Whether nothing would be mapped."""
-        return self.report.tracked < 2 or self.report.contradicts_itself
+        report = self.report
+        return (
+            report.tracked < MIN_FRAMES
+            or report.contradicts_itself
+            or shows_two_scenes(self.colour_fit)
+        )
 
     def row(self) -> str:
         """One line of a table."""
@@ -63,6 +71,7 @@ def accuracy(frames: Sequence[Frame]) -> Accuracy:
         float(np.sqrt((errors**2).mean())),
         float(errors.max()),
         _relative(found),
+        colour_fit_of(frames.__getitem__, len(frames)) if report.mostly_lost else None,
         1000 * seconds / max(len(frames), 1),
     )
 

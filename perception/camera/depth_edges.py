@@ -1,4 +1,4 @@
-"""Edges of depth against edges of colour: whether depth is registered to the colour image."""
+"""Edges of depth against edges of colour: is depth registered, and of the same scene?"""
 
 from __future__ import annotations
 
@@ -20,6 +20,12 @@ SAMPLES: Final = 1500  # of edge pixels a frame
 MIN_PIXELS: Final = 500  # edge pixels over all frames, to conclude anything
 ENOUGH: Final = 8000  # edge pixels, after which no more images are looked at
 GAIN: Final = 1.2  # by which colour's gradient along the moved edges must be stronger
+MIN_STRENGTH: Final = 1.7  # of colour's gradient along the moved edges; its mean is 1
+NEAR: Final = 3  # [px of WIDTH] to surfaces that two images may both show
+STRONG: Final = 4.0  # gradient from which an edge of colour counts no more
+MIN_IMAGES: Final = 6  # with edges that others do not have, to conclude anything
+MIN_EDGES: Final = 20  # such pixels of an image
+ONE_SCENE: Final = 1.4  # `colour_fit` below which colour and depth show different scenes
 
 Image = NDArray[np.float32]
 
@@ -44,7 +50,8 @@ def edge_offset(
     """Offset between depth's edges and colour's over `images`, of (H, W, 3) and (H, W) [m] each.
 
     The strength of colour's gradient along depth's edges is compared over scalings and shifts.
-    No offset where the edges as they are do about as well; None where there are too few.
+    No offset where the edges as they are do about as well, or none does well; None where there are
+    too few.
     """
     total = np.zeros((len(SCALES), len(SHIFTS), len(SHIFTS)))
     count = 0
@@ -59,10 +66,48 @@ def edge_offset(
         return None
     middle = (len(SCALES) // 2, len(SHIFTS) // 2, len(SHIFTS) // 2)
     best = np.unravel_index(int(total.argmax()), total.shape)
-    if total[best] < GAIN * total[middle]:
+    if total[best] < max(GAIN * total[middle], MIN_STRENGTH * count):
         return EdgeOffset(1.0, 0.0, 0.0)
     i, j, k = (int(n) for n in best)
     return EdgeOffset(float(SCALES[i]), 2 * float(SHIFTS[j]), 2 * float(SHIFTS[k]))
+
+
+def colour_fit(
+    images: Sequence[tuple[NDArray[np.uint8], NDArray[np.float32]]],
+) -> float | None:
+    """Strength of colour's edges along depth's, over that in the colour of other images.
+
+    About 2 where colour and depth of `images`, (H, W, 3) and (H, W) [m] each, show one scene, and
+    about 1 where they do not. Edges that the other image's depth has, too, are left out: they may
+    move with the camera. None where there are too few edges, or the images differ in shape.
+    """
+    points = [_depth_edges(depth).astype(np.intp) for _, depth in images]
+    gradients = [np.minimum(_gradient(rgb), STRONG) for rgb, _ in images]
+    nearest = [_nearest(depth) for _, depth in images]
+    if len({gradient.shape for gradient in gradients}) != 1:
+        return None
+    ratios = []
+    for i, own in enumerate(points):
+        z = nearest[i][own[:, 1], own[:, 0]]
+        logarithms = []
+        for j, other in enumerate(gradients):
+            with np.errstate(invalid="ignore"):
+                apart = np.abs(nearest[j][own[:, 1], own[:, 0]] - z) > STEP * z
+            across, down = own[apart].T
+            if j != i and len(across) >= MIN_EDGES:
+                here, there = gradients[i][down, across].mean(), other[down, across].mean()
+                logarithms.append(np.log(max(here, 0.1) / max(there, 0.1)))
+        if logarithms:
+            ratios.append(np.mean(logarithms))
+    return float(np.exp(np.mean(ratios))) if len(ratios) >= MIN_IMAGES else None
+
+
+def _nearest(depth: NDArray[np.float32]) -> Image:
+    """Nearest depth [m] within NEAR of each pixel; infinite where there is none."""
+    small = cv2.resize(depth, _small(depth.shape), interpolation=cv2.INTER_NEAREST)
+    known = np.where(np.isfinite(small), small, np.float32(np.inf)).astype(np.float32)
+    size = 2 * NEAR + 1
+    return np.asarray(cv2.erode(known, np.ones((size, size), np.uint8)), np.float32)
 
 
 def _small(shape: tuple[int, ...]) -> tuple[int, int]:

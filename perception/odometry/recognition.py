@@ -34,6 +34,7 @@ MATCHES: Final = 3  # that say the same
 VIEWS: Final = 2  # of either world that take part in them
 RIVAL: Final = 0.3  # of the matches, in which another place is seen, and nothing is sure
 SAME: Final = (0.3, np.deg2rad(8))  # [m], [rad] between two matches that say the same
+CHANGED: Final = 0.2  # share of contradicting pairs of views, as things may have moved since
 MAX_TILT: Final = np.deg2rad(8)  # between the verticals of two levelled worlds
 
 
@@ -137,7 +138,7 @@ class Recogniser:
             [(kept.features, kept.pose, view.features, view.pose)
              for kept in self.views for view in placed]
         )  # fmt: skip
-        if contradicts(compared, against):
+        if contradicts(compared, against, CHANGED):
             return Doubt(
                 f"it looks like a place there, but its depth contradicts {against} of {compared} "
                 "pairs of views"

@@ -28,7 +28,8 @@ MAX_FAR: Final = 1.5
 OVERLAP: Final = 0.3  # of their depth
 CONTRADICTS: Final = 0.75  # share of depth that agrees, below which a pair is not one scene
 MIN_COMPARED: Final = 8  # pairs from which a conclusion is drawn
-MAX_CONTRADICTING: Final = 0.2  # share of the pairs, above which the poses are wrong
+MIN_TRACKED: Final = 0.85  # share of the images
+MAX_CONTRADICTING: Final = 0.1  # share of the pairs, above which the poses are wrong
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,11 @@ class TrackingReport:
         """Error [m] to be expected of most positions (two sigma of nine in ten)."""
         known = [one for one in self.deviation if one is not None]
         return 2 * float(np.percentile(known, 90)) if known else 0.0
+
+    @property
+    def mostly_lost(self) -> bool:
+        """Whether so many images have no pose that something may be wrong with all of them."""
+        return self.tracked < MIN_TRACKED * self.frames
 
     @property
     def contradicts_itself(self) -> bool:
@@ -117,9 +123,9 @@ def _shortest_ways(count: int, edges: Sequence[Edge], start: int) -> NDArray[np.
     return ways
 
 
-def contradicts(compared: int, contradicting: int) -> bool:
+def contradicts(compared: int, contradicting: int, most: float = MAX_CONTRADICTING) -> bool:
     """Whether so many contradicting pairs of views mean that their poses are wrong."""
-    return compared >= MIN_COMPARED and contradicting > MAX_CONTRADICTING * compared
+    return compared >= MIN_COMPARED and contradicting > most * compared
 
 
 def contradictions(pairs: Sequence[tuple[Features, Pose, Features, Pose]]) -> tuple[int, int]:

@@ -12,14 +12,14 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
+from typing import Final, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
-from perception.camera.depth_edges import EdgeOffset, edge_offset
+from perception.camera.depth_edges import ONE_SCENE, EdgeOffset, colour_fit, edge_offset
 from perception.camera.poses import CONVENTIONS, Pose, motion
 from perception.frames import Frame
 
@@ -147,9 +147,12 @@ def depth_findings(
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     # the first few, of all parts of the recording, may be enough
     spread = [one for start in range(3) for one in shown[start::3]]
-    offset = edge_offset([(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]])
+    images = [(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]]
+    offset = edge_offset(images)
     if offset is not None and offset.pixels > EDGES_APART:
         warnings.append(_unregistered(name, offset))
+    elif shows_two_scenes(fit := colour_fit(images)):
+        warnings.append(two_scenes(name, fit))
     return DepthFindings(share, offset, error, tuple(warnings))
 
 
@@ -278,6 +281,20 @@ def _usual(scale: float) -> float:
     """The usual depth scale nearby, or two digits of this one."""
     nearest = min(USUAL_SCALES, key=lambda usual: abs(np.log(usual / scale)))
     return nearest if abs(np.log(nearest / scale)) < np.log(SNAP) else float(f"{scale:.2g}")
+
+
+def shows_two_scenes(fit: float | None) -> TypeGuard[float]:
+    """Whether a `colour_fit` means that colour and depth show different scenes."""
+    return fit is not None and fit < ONE_SCENE
+
+
+def two_scenes(name: str, fit: float) -> str:
+    """Message for colour that does not show what depth shows."""
+    return (
+        f"{name}: colour does not show the scene that depth shows: edges of depth are {fit:.1f} "
+        "times as strong in their own colour image as in others, 2 is usual; colour is mirrored, "
+        "late, of another camera or very noisy, the lens is dirty, or depth is wrong"
+    )
 
 
 def _unregistered(name: str, offset: EdgeOffset) -> str:

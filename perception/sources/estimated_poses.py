@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
+from perception.sources.depth_check import shows_two_scenes, two_scenes
 from perception.sources.intrinsics_check import check_intrinsics, check_views
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.recording_options import RecordingOptions
@@ -27,6 +29,7 @@ from perception.sources.recording_options import RecordingOptions
 HIGHEST: Final = 2.4  # [m] of a camera in a hand or on a robot, over the floor
 USUAL_HEIGHT: Final = 1.4  # [m]
 MIN_FRAMES: Final = 2  # frames with a pose that make a recording
+COLOUR_FRAMES: Final = 48  # whose colour is compared with depth where most frames are lost
 OnEstimated = Callable[[int, int], None]  # frames done, frames in all
 
 _log = logging.getLogger(__name__)
@@ -85,6 +88,9 @@ def with_estimated_poses(
     if len(found) < MIN_FRAMES:
         raise RecordingError(f"{name}: {report.summary()}; {advice()}")
     _log.warning("%s: %s", name, report.summary())
+    fit = colour_fit_of(frame_at, len(entries)) if report.mostly_lost else None
+    if options.check and shows_two_scenes(fit):
+        raise RecordingError(f"{two_scenes(name, fit)}; --no-check maps it as it is")
     if options.check and report.contradicts_itself:
         raise RecordingError(
             f"{name}: the estimated poses are wrong: depth contradicts {report.contradicting} of "
@@ -96,6 +102,12 @@ def with_estimated_poses(
     return EstimatedPoses(
         replace(listing, entries=selected, no_poses="", up=None, T_map_world=None), report, up
     )
+
+
+def colour_fit_of(frame_at: Callable[[int], Frame], count: int) -> float | None:
+    """The `colour_fit` of a sample of so many frames."""
+    chosen = np.unique(np.linspace(0, count - 1, COLOUR_FRAMES).astype(int))
+    return colour_fit([(f.rgb, f.depth) for f in (frame_at(int(n)) for n in chosen)])
 
 
 def _check_intrinsics(
