@@ -2,14 +2,16 @@
 
 Three sources, the first that knows the word well: rooms of homes that hold one
 (`data/places.csv`, source "homes"), rooms of everyday activities with one (source "activities"),
-and places that we state without counts (`data/stated_places.csv`). Where nothing is stated, few
-counts are better than none. Both counts are of BEHAVIOR-1K (bddl 3.6.0, MIT).
+and places that we state without counts (`data/stated_places.csv`). Activities come before homes
+where they count much more of the thing. A place that is named was counted twice or more, and is a
+room of a home. Where nothing is left and nothing is stated, few counts are better than none. Both
+counts are of BEHAVIOR-1K (bddl 3.6.0, MIT).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final, Literal
@@ -22,13 +24,9 @@ Source = Literal["homes", "activities", "stated"]
 
 _MIN_PROBABILITY: Final = 0.1  # of a place that an answer names
 _FEW: Final = int(FITTED.kappa)  # counts below which a stated place is preferred
-_PREFERENCE: Final[tuple[tuple[Source, int], ...]] = (
-    ("homes", _FEW),
-    ("activities", _FEW),
-    ("stated", 0),
-    ("homes", 1),
-    ("activities", 1),
-)
+_LEAST: Final = 2  # count of a place that is named, unless there are few counts
+_LEAST_OUTSIDE: Final = 3  # count of a place outside of homes that is named
+_MUCH_MORE: Final = 2  # times as many counts of activities as of homes, which then come later
 #: Places that are named only where no room of a home is.
 _NOT_INSIDE: Final = frozenset(("yard", "supermarket", "classroom", "conference room", "bar"))
 _PLACES: Final = 3  # named at most
@@ -64,7 +62,7 @@ def usual_places(synset: str) -> UsualPlaces | None:
     for one in filter(None, (synset, _like(synset))):
         labels, stated = _stated().get(one, ((), ()))
         supports = stated or _supports().get(one, ())
-        for source, least in _PREFERENCE:
+        for source, least in _preference(one):
             places = tuple(UsualPlace(label, None, 0, 0) for label in labels)
             if source != "stated":
                 places = _counted(one, source, least)
@@ -73,10 +71,25 @@ def usual_places(synset: str) -> UsualPlaces | None:
     return None
 
 
+def _preference(synset: str) -> Iterator[tuple[Source, int]]:
+    """Sources in the order in which they are asked, with the counts that they need."""
+    homes, activities = (
+        sum(_counts()[source].get(synset, {}).values()) for source in ("homes", "activities")
+    )
+    counted: tuple[Source, ...] = ("homes", "activities")
+    if activities > _MUCH_MORE * homes:
+        counted = ("activities", "homes")
+    yield from ((source, _FEW) for source in counted)
+    yield "stated", 0
+    yield from ((source, 1) for source in counted)
+
+
 def _counted(synset: str, source: Source, least: int) -> tuple[UsualPlace, ...]:
     """Places by counts, if there are `least`; none otherwise.
 
-    Smoothed as if `FITTED.kappa` more rooms or activities had the rate of all.
+    Where there are not few, only rooms of homes that were counted `_LEAST` times or more; else any
+    room, or a place outside of homes with `_LEAST_OUTSIDE`. Smoothed as if `FITTED.kappa` more
+    rooms or activities had the rate of all.
     """
     totals, counts = _counts()[source]["*"], _counts()[source].get(synset, {})
     found, everywhere, kappa = sum(counts.values()), sum(totals.values()), FITTED.kappa
@@ -84,6 +97,12 @@ def _counted(synset: str, source: Source, least: int) -> tuple[UsualPlace, ...]:
         return ()
     places = []
     for label, count in counts.items():
+        if label in _NOT_INSIDE:
+            enough = least == 1 and count >= _LEAST_OUTSIDE
+        else:
+            enough = least == 1 or count >= _LEAST
+        if not enough:
+            continue
         if source == "homes":
             total, rate = totals[label], found / everywhere
         else:
