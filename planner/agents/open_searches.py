@@ -17,6 +17,7 @@ from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import LookRecord, ObstacleRecord
 from planner.execution.protocol import Hello, RobotPose
 from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
+from planner.execution.wanted_targets import WantedTargets
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.targets import resolve
 
@@ -28,18 +29,17 @@ class OpenSearch:
     """One search: looks that find nothing lower the belief; changes by others are read."""
 
     def __init__(self, semantic_map: SemanticMap, words: Sequence[str]) -> None:
-        self._map, self._targets = semantic_map, resolve(semantic_map, words)
+        self._map, self._targets = semantic_map, WantedTargets(resolve(semantic_map, words))
         self.name = secrets.token_hex(6)
         self._sequence = semantic_map.sequence
         self._adapter = ViewpointAdapter(semantic_map, words, Hello(), map_time(semantic_map))
         self._looks, self._obstacles = list[LookRecord](), list[ObstacleRecord]()
-        self._found: dict[str, np.ndarray] = {}
         self.proposed: NextView | None = None  # the look to report
 
     @property
     def wanted(self) -> list[str]:
         """The words of the objects that are not found yet."""
-        return [target.text for target in self._targets if target.text not in self._found]
+        return [target.text for target in self._targets.wanted]
 
     @property
     def left(self) -> float:
@@ -55,7 +55,7 @@ class OpenSearch:
         """The next look from `pose`; None if all is found or no look is worth the way."""
         sequence = self._map.sequence
         if sequence != self._sequence:
-            self._adapter.rebuild(self._looks, self._obstacles, tuple(self._found.items()))
+            self._adapter.rebuild(self._looks, self._obstacles, self._targets.found)
             self._sequence = sequence
         over = not self.wanted or len(self._looks) + len(self._obstacles) >= MAX_REPORTS
         self.proposed = None if over else self._adapter.next(pose)
@@ -73,7 +73,7 @@ class OpenSearch:
         spots = {self._text_of(what): np.array([x, y]) for what, x, y in found}
         self.proposed = None
         for text, p_map in spots.items():
-            self._found[text] = p_map
+            self._targets.add_found(text, p_map)
             self._adapter.found(text, p_map)
         (self._looked if reached else self._blocked)(look)
 
@@ -83,7 +83,7 @@ class OpenSearch:
             kinds = resolve(self._map, [what])[0].kinds.keys()
         except UnknownCategoryError:
             kinds = {}.keys()
-        for target in self._targets:
+        for target in self._targets.all:
             if what == target.text or kinds & target.kinds.keys():
                 return target.text
         raise QueryParameterError(f"{what!r} is not wanted; report {' or '.join(self.wanted)}")

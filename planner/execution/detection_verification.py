@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -76,6 +77,10 @@ class DetectionVerifier:
     def open(self, detection: TargetDetection) -> bool:
         """Whether another view may verify the detection."""
         return self._views[detection.spot] < MAX_VERIFICATIONS
+
+    def doubtful(self, detections: Sequence[TargetDetection]) -> list[TargetDetection]:
+        """Uncertain detections that another view may verify, one for each spot."""
+        return list({d.spot: d for d in detections if not d.certain and self.open(d)}.values())
 
     def aside(self, detection: TargetDetection) -> float:
         """[rad] around the object to the next viewpoint; the first view is straight."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final
 
 from kg.model.records import LookRecord, SearchRecord
 from planner.execution.detection_verification import TargetDetection
@@ -11,12 +11,15 @@ from planner.execution.options import Event, EventSink, SearchOutcome, percent
 from planner.execution.protocol import Detected, RobotPose
 from planner.execution.viewpoint_adapter import NextView
 
+MAX_UNKNOWN: Final = 100  # labels without a category that are noted
+
 
 class Reporter:
     """Reporter: sends events to `on_event`, stamped with `seconds()` of the search so far [s]."""
 
     def __init__(self, on_event: EventSink, seconds: Callable[[], float]) -> None:
         self._to, self._seconds = on_event, seconds
+        self._unknown = set[str]()  # labels that were noted
         self._reason = ""  # of the last plan; the next plan does not repeat it
 
     def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
@@ -88,6 +91,13 @@ class Reporter:
     def note(self, text: str) -> None:
         """A note that changes nothing."""
         self._emit("note", text)
+
+    def unknown(self, labels: Iterable[str]) -> None:
+        """Labels of detections that no category has; each is noted once."""
+        for label in labels:
+            if label not in self._unknown and len(self._unknown) < MAX_UNKNOWN:
+                self._unknown.add(label)
+                self.note(f"no category of objects is called {label!r}: left out")
 
     def end(self, outcome: SearchOutcome) -> None:
         """The run is over."""

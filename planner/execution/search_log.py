@@ -25,6 +25,7 @@ from kg.model.transactions import Cause
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.occupancy.mapped_floor import FloorView
 from mapping.places.viewed_floor import ViewedFloor
+from planner.execution.options import SearchOutcome
 from planner.execution.protocol import RobotPose
 
 TRIES: Final = 10  # of a write, as long as other writers conflict with it
@@ -192,6 +193,18 @@ class SearchLog:
             floor=floor,
         )
         self._write(state, update)
+
+    def outcome(self, state: SearchState, reason: str) -> SearchOutcome:
+        """Outcome of this run, as far as it is logged."""
+        return SearchOutcome(
+            search=self.record.iri,
+            state=state,
+            reason=reason,
+            found=self.record.found,
+            left=self.record.left,
+            seconds=self.record.seconds,
+            looks=len(self.looks),
+        )
 
     def _found(self, iris: Sequence[str]) -> None:
         self.record = replace(self.record, found=tuple(dict.fromkeys((*self.record.found, *iris))))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError, RobotError
@@ -45,6 +45,7 @@ from planner.execution.viewpoint_adapter import (
     PassingViews,
     ViewpointAdapter,
 )
+from planner.execution.wanted_targets import WantedTargets
 from planner.search.goals.targets import Target
 
 LOST: Final = 3.0  # [m] from the goal at arrival; beyond, the robot is elsewhere
@@ -69,14 +70,12 @@ class SearchRun:
         options: SearchOptions,
         objects: ObjectUpdates,
     ) -> None:
-        self._map, self._targets, self._adapter = semantic_map, tuple(targets), adapter
+        self._map, self._targets, self._adapter = semantic_map, WantedTargets(targets), adapter
         self._robot, self._log, self._options, self._objects = session, log, options, objects
         self._verifier = DetectionVerifier()
-        self._found: dict[str, tuple[str, Any]] = {}  # target's text -> object IRI, position
         self._passing_views = PassingViews()
-        self._unknown: set[str] = set()
         self._failed_goals = FailedGoals()
-        self._related = RelatedObjects(semantic_map, self._targets)
+        self._related = RelatedObjects(semantic_map, targets)
         self._old_obstacles = recent_obstacles(semantic_map, log.record.iri, options.clock())
         self._before = log.record.seconds
         self._reporter = Reporter(options.on_event, lambda: self._before + session.seconds)
@@ -96,18 +95,14 @@ class SearchRun:
             raise
         self._halt()
         self._end(state)
-        outcome = self._outcome(state, reason)
+        outcome = self._log.outcome(state, reason)
         self._reporter.end(outcome)
         return outcome
 
     def _restore(self) -> None:
         """Restore the targets that earlier runs of this search found."""
-        record = self._log.record
         objects = {o.iri: o for o in self._map.objects()}
-        for iri in record.found:
-            for target in self._targets:
-                if iri in objects and objects[iri].category in target.kinds:
-                    self._found.setdefault(target.text, (iri, objects[iri].p_map))
+        self._targets.restore(objects[i] for i in self._log.record.found if i in objects)
         self._rebuild()
         self._note_progress()
         self._reporter.begin(
@@ -115,7 +110,7 @@ class SearchRun:
         )
 
     def _loop(self) -> tuple[SearchState, str]:
-        while self._wanted():
+        while self._targets.wanted:
             self._check_budget()
             self._count_passing_views()
             proposal = self._adapter.next(self._robot.pose)
@@ -138,9 +133,6 @@ class SearchRun:
         self._reporter.surprise("what was in the way of earlier searches may be gone by now")
         self._rebuild()
         return True
-
-    def _wanted(self) -> tuple[Target, ...]:
-        return tuple(t for t in self._targets if t.text not in self._found)
 
     def _drive(self, goal: NextView) -> Literal["arrived", "else"]:
         """Drive to the viewpoint; "else" if an event calls for a new plan."""
@@ -221,7 +213,7 @@ class SearchRun:
         self, pose: RobotPose, heading: float, extent: float, answer: DetectionsMessage
     ) -> list[TargetDetection]:
         """Write a view and its changes; returns detections that may be of a target."""
-        wanted = self._wanted()
+        wanted = self._targets.wanted
         sightings, update = self._add_detections(answer, pose)
         found = self._confirm(sightings)
         across, in_view = self._adapter.field_of_view, self._adapter.in_view
@@ -248,13 +240,8 @@ class SearchRun:
 
     def _doubtful(self, sightings: Sequence[TargetDetection]) -> list[TargetDetection]:
         """Uncertain detections that another view may verify, one for each spot."""
-        return list(
-            {
-                s.spot: s
-                for s in sightings
-                if not s.certain and not self._is_found(s) and self._verifier.open(s)
-            }.values()
-        )
+        wanted = [s for s in sightings if not self._targets.is_found(s.target)]
+        return self._verifier.doubtful(wanted)
 
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; returns whether it changes the plan."""
@@ -284,14 +271,11 @@ class SearchRun:
         self, message: DetectionsMessage, pose: RobotPose
     ) -> tuple[list[TargetDetection], DetectionUpdate]:
         update = self._objects.add(message, self._options.clock(), pose)
-        for label in update.unknown:
-            if label not in self._unknown and len(self._unknown) < 100:
-                self._unknown.add(label)
-                self._reporter.note(f"no category of objects is called {label!r}: left out")
+        self._reporter.unknown(update.unknown)
         sightings = [
             self._verifier.judge(target, detection)
             for detection in update.detections
-            for target in self._wanted()
+            for target in self._targets.wanted
             if detection.category in target.kinds
         ]
         return sightings, update
@@ -301,19 +285,16 @@ class SearchRun:
         found = []
         for sighting in sightings:
             iri = sighting.object
-            if sighting.certain and iri is not None and not self._is_found(sighting):
-                self._found[sighting.target.text] = (iri, sighting.p_map)
+            if sighting.certain and iri is not None and not self._targets.is_found(sighting.target):
+                self._targets.add_found(sighting.target.text, sighting.p_map)
                 self._adapter.found(sighting.target.text, sighting.p_map)
                 found.append(iri)
                 self._reporter.found(sighting, iri)
         return tuple(found)
 
-    def _is_found(self, sighting: TargetDetection) -> bool:
-        return sighting.target.text in self._found
-
     def _verify(self, sighting: TargetDetection) -> None:
         """View a possible target until it is found, or missed and improbable."""
-        while not self._is_found(sighting) and self._verifier.open(sighting):
+        while not self._targets.is_found(sighting.target) and self._verifier.open(sighting):
             shown = self._shown_again(sighting)
             self._verifier.count_view(sighting)
             if not shown and self._objects.existence(sighting.thing) < POSSIBLE:
@@ -339,7 +320,7 @@ class SearchRun:
             return False
         at = self._robot.pose
         sightings = self._after_look(at, heading, self._adapter.field_of_view, answer)
-        shown = self._is_found(sighting) or any(map(sighting.shows, sightings))
+        shown = self._targets.is_found(sighting.target) or any(map(sighting.shows, sightings))
         if not shown and sighting.object is not None:
             changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
             if changes.missed:
@@ -378,7 +359,7 @@ class SearchRun:
 
     def _replan_for(self, records: Sequence[ObjectRecord]) -> bool:
         """Plan again if a new object was seen that a target is usually near."""
-        new = self._related.new_among(records, self._wanted()) if records else []
+        new = self._related.new_among(records, self._targets.wanted) if records else []
         if not new:
             return False
         labels = sorted({self._map.catalogue.label(record.category) for record in new})
@@ -387,9 +368,8 @@ class SearchRun:
         return True
 
     def _rebuild(self) -> None:
-        found = [(text, p_map) for text, (_, p_map) in self._found.items()]
         obstacles = (*self._old_obstacles, *self._log.obstacles)
-        self._adapter.rebuild(self._log.looks, obstacles, found)
+        self._adapter.rebuild(self._log.looks, obstacles, self._targets.found)
         self._passing_views.count_again()
 
     def _check_budget(self) -> None:
@@ -406,23 +386,11 @@ class SearchRun:
     def _end(self, state: SearchState) -> None:
         changes = ObjectChanges()
         if state != "stopped":  # a resumed search needs the objects unchanged
-            kinds = {kind for target in self._targets for kind in target.kinds}
+            kinds = {kind for target in self._targets.all for kind in target.kinds}
             changes = decay_missed(self._objects.of(kinds), self._objects, self._adapter, self._log)
         self._note_progress()
         self._log.end(state, self._robot.pose_if_known, changes)
 
     def _note_progress(self) -> None:
-        left = self._adapter.left if self._wanted() else 0.0
+        left = self._adapter.left if self._targets.wanted else 0.0
         self._log.note_progress(left=left, seconds=self._before + self._robot.seconds)
-
-    def _outcome(self, state: SearchState, reason: str) -> SearchOutcome:
-        record = self._log.record
-        return SearchOutcome(
-            search=record.iri,
-            state=state,
-            reason=reason,
-            found=record.found,
-            left=record.left,
-            seconds=record.seconds,
-            looks=len(self._log.looks),
-        )
