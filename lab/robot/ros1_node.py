@@ -242,6 +242,6 @@ class Ros1HouseNode:
         frame = self._camera.frame(f"ros1-{self._pictures:06d}", T_map_cam, pose.seconds)
         header = make.header(self._stamp, CAMERA)
         for topic in (COLOUR_INFO, DEPTH_INFO):
-            self._publisher.publish(topic, make.camera_info(frame, header))
+            self._publisher.publish(topic, make.camera_info(frame.K, frame.depth.shape, header))
         self._publisher.publish(COLOUR, make.colour(frame, header))
         self._publisher.publish(DEPTH, make.depth(frame.depth, header))

@@ -189,7 +189,7 @@ class _Writer:
         header = make.header(stamp, CAMERA)
         self._write("/tf", stamp, make.transforms(stamp, WORLD, CAMERA, T_world_cam))
         for topic in (COLOUR_INFO, DEPTH_INFO):
-            self._write(topic, stamp, make.camera_info(frame, header))
+            self._write(topic, stamp, make.camera_info(frame.K, frame.depth.shape, header))
         self._write(COLOUR, stamp, make.colour(frame, header))
         self._write(DEPTH, stamp, make.depth(frame.depth, header))
         make.number += 1

@@ -1,4 +1,4 @@
-"""Map frames as they arrive: from ROS 1 or 2, a Foxglove WebSocket or a growing folder.
+"""Map frames as they arrive: from a camera, ROS 1 or 2, a Foxglove WebSocket or a growing folder.
 
 Ctrl+C or SIGTERM ends the mapping after a whole frame; a new run continues. A frame that arrives
 while earlier ones are mapped is dropped and counted if a newer one follows. Frames of a folder are
@@ -51,20 +51,16 @@ if TYPE_CHECKING:
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
     from perception.sources.live.live_tracker import LiveTracker
-    from perception.sources.live.stream import StreamCounts
+    from perception.sources.live.stream_counts import StreamCounts
     from perception.sources.recording_options import RecordingOptions
     from planner.display.viewers.viewer import Viewer
 
 SOURCES: Final = (
-    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), or a folder that "
-    "is being written"
+    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), realsense, "
+    "realsense:SERIAL or realsense:FILE.db3 (a recording, played), or a folder that is being "
+    "written"
 )
-#: cameras without a driver here, with what their ROS driver and their recorder give
-CAMERAS: Final = {
-    "realsense": "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true, then "
-    "`hereabouts live ros2`; or a .db3 of the RealSense Viewer with `hereabouts map`",
-    "oak": "ros2 launch depthai_ros_driver camera.launch.py, then `hereabouts live ros2`",
-}
+REALSENSE: Final = "realsense"
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -87,6 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
             "(--map-frame)"
         )
     source, options = source_options(arguments), mapping_options(arguments)
+    if connection is not None and connection.address.startswith(REALSENSE):
+        source = replace(source, estimate_poses=True)
     networks = open_networks(network_options(arguments), arguments.recording)
     prepare = _folder_run if connection is None else partial(_stream_run, connection)
     with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
@@ -118,8 +116,17 @@ def _connection(source: str) -> Connection | None:
         from perception.sources.live.foxglove import FoxgloveConnection
 
         return FoxgloveConnection.at(source)
-    if source in CAMERAS and not Path(source).exists():
-        raise RecordingError(f"there is no driver of {source} here; {CAMERAS[source]} would work")
+    if source.partition(":")[0] == REALSENSE and not Path(source).is_dir():
+        require_ros(source, "rosbags", REALSENSE)
+        require_ros(source, "pyrealsense2", REALSENSE)
+        from perception.sources.live.realsense import RealSenseCamera
+
+        return RealSenseCamera.at(source)
+    if source == "oak" and not Path(source).exists():
+        raise RecordingError(
+            "there is no driver of OAK cameras here; ros2 launch depthai_ros_driver "
+            "camera.launch.py, then `hereabouts live ros2` would work"
+        )
     if scheme or not Path(source).is_dir():
         raise RecordingError(f"{source!r} is no source of frames; give {SOURCES}")
     return None

@@ -1,10 +1,11 @@
-"""Up of a bag's first camera, from the accelerometer of an IMU that is at rest."""
+"""Up of a camera, from the accelerometer of an IMU that is at rest."""
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +14,30 @@ from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import BagFile
 from perception.sources.bags.bag_index import BagIndex, Stream
 from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
+from perception.sources.ros.transform_tree import TransformTree
 
 IMU: Final = "sensor_msgs/msg/Imu"
 GRAVITY: Final = 9.81  # [m/s^2]
 OFF: Final = 0.4  # [m/s^2] from gravity, of the mean acceleration of a camera at rest ...
 SHAKEN: Final = 0.3  # [m/s^2] ... and its standard deviation along any axis
-AROUND: Final = 0.5  # [s] before and after the first image
+AROUND: Final = 0.5  # [s] before and after the image
+MAX_NAME: Final = 256  # characters of a frame
 MIN_MESSAGES: Final = 10
 MAX_MESSAGES: Final = 2000
+
+
+class Reading(NamedTuple):
+    """What an Imu says of acceleration."""
+
+    stamp: int  # [ns]
+    frame: str
+    acceleration: tuple[float, float, float]  # [m/s^2]
+
+    @classmethod
+    def of(cls, message: Any) -> Reading:
+        """The reading of a sensor_msgs/Imu."""
+        a, header = message.linear_acceleration, message.header
+        return cls(nanoseconds(header), frame_name(header.frame_id)[:MAX_NAME], (a.x, a.y, a.z))
 
 
 def up_of_camera(index: BagIndex, colour: Stream, stamp: float) -> NDArray[np.float64] | None:
@@ -33,31 +50,40 @@ def up_of_camera(index: BagIndex, colour: Stream, stamp: float) -> NDArray[np.fl
     if not topics or not path.exists():
         return None
     tree = index.trees.get(index.robot(colour.topic), index.tree)
+    begin = int((stamp - AROUND) * NANOSECONDS)
     with BagFile(path) as bag:
         for topic in topics:
-            try:
-                frame, accelerations = _accelerations(bag, topic, stamp)
-                T = np.eye(4) if frame == colour.frame else tree.at(colour.frame, frame, stamp)
-            except RecordingError:  # damaged messages, or an IMU that is not mounted on the camera
-                continue
-            if T is not None and _is_at_rest(accelerations):
-                up: NDArray[np.float64] = T[:3, :3] @ accelerations.mean(axis=0)
-                return up / np.linalg.norm(up)
+            raws = itertools.islice(bag.messages({topic}, start=begin), MAX_MESSAGES)
+            readings = (Reading.of(bag.decoded(raw)) for raw in raws)
+            up = up_by_imu(readings, tree, colour.frame, stamp)
+            if up is not None:
+                return up
     return None
 
 
-def _accelerations(bag: BagFile, topic: str, stamp: float) -> tuple[str, NDArray[np.float64]]:
-    """The IMU's frame and its accelerations (n, 3) [m/s^2] about a stamp [s]."""
-    frame, found = "", list[tuple[float, ...]]()
-    begin = int((stamp - AROUND) * NANOSECONDS)
-    for raw in itertools.islice(bag.messages({topic}, start=begin), MAX_MESSAGES):
-        message = bag.decoded(raw)
-        if nanoseconds(message.header) > (stamp + AROUND) * NANOSECONDS:
-            break
-        a = message.linear_acceleration
-        frame = frame_name(message.header.frame_id)
-        found.append((a.x, a.y, a.z))
-    return frame, np.array(found, np.float64).reshape(-1, 3)
+def up_by_imu(
+    readings: Iterable[Reading], tree: TransformTree, camera: str, stamp: float
+) -> NDArray[np.float64] | None:
+    """Up (3,) in the frame `camera` at a `stamp` [s], by one IMU's readings.
+
+    None where the IMU is not at rest then, or `tree` does not link it to the camera.
+    """
+    frame, found = "", list[tuple[float, float, float]]()
+    try:
+        for one in readings:
+            if one.stamp > (stamp + AROUND) * NANOSECONDS:
+                break
+            if one.stamp >= (stamp - AROUND) * NANOSECONDS:
+                frame = one.frame
+                found.append(one.acceleration)
+        T = np.eye(4) if frame == camera else tree.at(camera, frame, stamp)
+    except RecordingError:  # damaged messages, or an IMU that is not mounted on the camera
+        return None
+    accelerations = np.array(found, np.float64).reshape(-1, 3)
+    if T is None or not _is_at_rest(accelerations):
+        return None
+    up: NDArray[np.float64] = T[:3, :3] @ accelerations.mean(axis=0)
+    return up / np.linalg.norm(up)
 
 
 def _is_at_rest(accelerations: NDArray[np.float64]) -> bool:

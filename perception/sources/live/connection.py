@@ -37,7 +37,10 @@ class Connection(Protocol):
         """Address of the source, for people."""
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give messages to `inbox` until `ended`; reconnects where the connection breaks off."""
+        """Give messages to `inbox` until `ended`; reconnects where the connection breaks off.
+
+        It returns before that at the end of a file that is played.
+        """
 
 
 def max_size(type_: str) -> int:

@@ -24,6 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 WITHIN: Final = 2.0  # [s] after the first frame, for the frames by which the floor is found
+ENDING: Final = 2.0  # [s] for the last frames of a connection that ended of itself
 
 
 @dataclass(slots=True)
@@ -31,7 +32,8 @@ class LiveRecording:
     """Frames of a connection as they come, for `map_recording`; they cannot be read again.
 
     Where the source gives no poses, `tracker` finds them from the images.
-    It ends once `ended` is set, after `limit` frames, or where no frame came for `idle` seconds.
+    It ends once `ended` is set, after `limit` frames, where no frame came for `idle` seconds, or
+    with its connection.
     """
 
     name: str
@@ -48,6 +50,7 @@ class LiveRecording:
     _noted: Pose = field(default_factory=lambda: np.eye(4))  # (4, 4) that the source itself tells
     _first: list[Frame] = field(default_factory=list)  # taken by `level`
     _given: int = 0  # frames that the stream gave
+    _over: float = 0.0  # [s] when the connection ended of itself, as a file does that is played
     _closed: threading.Event = field(default_factory=threading.Event)
     _failed: list[Exception] = field(default_factory=list)
     _thread: threading.Thread | None = None
@@ -82,6 +85,8 @@ class LiveRecording:
                 self._first.append(frame)
                 if len(self._first) == FRAMES or time.monotonic() > began + WITHIN:
                     break
+            if self._failed and not self._first:
+                raise self._failed[0]
             if check and self._first and self.tracker is None:
                 poses = [frame.T_map_cam for frame in self._first]
                 scale, at = self.stream.depth_scale, self._first.__getitem__
@@ -92,12 +97,21 @@ class LiveRecording:
         if self.tracker is not None:
             self.tracker.hold()
             up = self.stream.options.up  # type: ignore[assignment]  # else by floor and walls
+            up = self._up_by_imu() if up is None else up
         noted = self.stream.noted_transform  # the stream's frames are placed by it
         if noted is not None:
             self._noted = noted
             self.T_map_world = noted
         elif self._first:
             self.T_map_world = self._leveled(up)
+
+    def _up_by_imu(self) -> Up | None:
+        """Up (3,) by an IMU that is at rest at one of the first frames."""
+        for frame in self._first:
+            up = self.stream.up_of_camera(frame)
+            if up is not None:
+                return frame.T_map_cam[:3, :3] @ up
+        return None
 
     def _leveled(self, up: Up | None) -> Pose:
         try:
@@ -110,6 +124,7 @@ class LiveRecording:
         def receive() -> None:
             try:
                 self.connection.run(self.stream, self._closed)
+                self._over = time.monotonic()
             except Exception as error:  # noqa: BLE001 - raised again by the caller's thread
                 self._failed.append(error)
                 self.ended.set()
@@ -158,6 +173,12 @@ class LiveRecording:
         """[s] for which the first frame may wait for poses, where images come."""
         return UNPOSED + SETTLING if self.is_empty and self.stream.counts.received else 0.0
 
+    def _is_over(self, last: float, now: float) -> bool:
+        """Whether no frame is waited for any more, after one at `last` [s]."""
+        if self._over and now - max(last, self._over) >= ENDING:
+            return True
+        return self.idle is not None and now - last >= self.idle + self._for_poses()
+
     def views(self) -> Iterator[Frame]:
         """Frames by their first level, which are not mapped, until the caller has seen enough."""
         given = self._given
@@ -190,7 +211,7 @@ class LiveRecording:
                 self._given += 1
                 yield frame
                 last = time.monotonic()
-            elif self.idle is not None and now - last >= self.idle + self._for_poses():
+            elif self._is_over(last, now):
                 return
             elif self.stream.problem not in ("", warning) and now - last >= SILENT:
                 warning = self.stream.problem

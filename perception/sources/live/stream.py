@@ -10,12 +10,13 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import parse_up
@@ -34,6 +35,7 @@ from perception.sources.bags.bag import (
     noted_transform,
 )
 from perception.sources.bags.bag_file import RawMessage
+from perception.sources.bags.bag_gravity import IMU, Reading, up_by_imu
 from perception.sources.bags.bag_index import (
     IMAGES,
     NOTE_TOPIC,
@@ -46,6 +48,7 @@ from perception.sources.bags.bag_index import (
 from perception.sources.bags.bag_poses import add_poses
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.images import HeldImages, LiveDecoder, LiveImage
+from perception.sources.live.stream_counts import StreamCounts
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.headers import NANOSECONDS
@@ -56,35 +59,19 @@ UNPOSED: Final = 10.0  # [s] wait for poses that reach the camera, before they a
 SILENT: Final = 3.0  # [s] the same wait while an advertised topic has had no message
 TICK: Final = 0.02  # [s] between two checks of the transforms
 MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
-TRANSFORMS_KEPT: Final = 4000  # of a link
+KEPT: Final = 4000  # transforms of a link, readings of an IMU
 STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(slots=True)
-class StreamCounts:
-    """Counts of the received colour images, by their use."""
-
-    received: int = 0
-    taken: int = 0  # given to be mapped
-    without_depth: int = 0  # within the tolerance
-    without_pose: int = 0
-    unreadable: int = 0  # images that cannot be decoded, or change their size
-
-    @property
-    def dropped(self) -> int:
-        """Images that newer ones replaced while an earlier one was mapped, and unused last ones."""
-        lost = self.without_depth + self.without_pose + self.unreadable
-        return self.received - self.taken - lost
-
-
-@dataclass(slots=True)
 class FrameStream:
     """Frames of a connection's messages; the newest first, and none twice.
 
-    Of the `options` these count: `streams`; `intrinsics` of colour, instead of its CameraInfo; and
-    `depth_scale` [units a metre] of 16-bit depth, by default the intrinsics', else millimetres.
+    Of the `options` these count: `streams`; `intrinsics` of colour, instead of its CameraInfo;
+    `depth_scale` [units a metre] of 16-bit depth, by default the intrinsics', else millimetres;
+    `estimate_poses`, with which poses are not waited for.
     """
 
     address: str  # of the connection, for messages
@@ -99,12 +86,13 @@ class FrameStream:
     _choosable_since: float | None = None  # [s] when a choice became possible
     _advertised: set[str] = field(default_factory=set)  # topics that the stream subscribes to
     _held: dict[str, HeldImages] = field(default_factory=dict)  # waiting images, by topic
+    _imus: dict[str, deque[Reading]] = field(default_factory=dict)  # the last, by topic
     _camera: FolderRecording | None = None  # decodes images; made for the first frame
     _warned: set[str] = field(default_factory=set)  # topics that had their one warning
     _changed: threading.Condition = field(default_factory=threading.Condition)  # and the lock
 
     def __post_init__(self) -> None:
-        self._index = BagIndex(self.address, kept=TRANSFORMS_KEPT)
+        self._index = BagIndex(self.address, kept=KEPT)
 
     @property
     def counts(self) -> StreamCounts:
@@ -150,6 +138,15 @@ class FrameStream:
         with self._changed:
             return self._choice is not None and self._choice.poses is None
 
+    def up_of_camera(self, frame: Frame) -> NDArray[np.float64] | None:
+        """Up (3,) in the camera of a frame of this stream; None where no IMU is at rest then."""
+        with self._changed:
+            assert self._choice is not None and self._camera is not None  # it came from here
+            stamp = frame.stamp - self._camera.start_time
+            tree, camera = self._choice.tree, self._choice.colour.frame
+            found = (up_by_imu(held, tree, camera, stamp) for held in self._imus.values())
+            return next((up for up in found if up is not None), None)
+
     @property
     def depth_scale(self) -> float:
         """Depth units a metre."""
@@ -158,12 +155,13 @@ class FrameStream:
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
-            wanted = {n for n, type_ in topics.items() if type_ in WANTED or n == NOTE_TOPIC}
+            wanted = {n for n, t in topics.items() if t in (*WANTED, IMU) or n == NOTE_TOPIC}
             given, choice = self.options.streams, self._choice
             if choice is not None:
                 images = {choice.colour.topic, choice.depth.topic}
                 images.add(self._pose_topic or "")
-                wanted = {n for n in wanted if topics[n] in TRANSFORMS or n in images}
+                types = TRANSFORMS if choice.poses else (*TRANSFORMS, IMU)
+                wanted = {n for n in wanted if topics[n] in types or n in images}
             elif given.colour is not None and given.depth is not None:
                 images = {given.colour, given.depth}
                 wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
@@ -196,7 +194,10 @@ class FrameStream:
 
     def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
         chosen, index = self._choice, self._index
-        if raw.topic == NOTE_TOPIC:
+        if raw.type == IMU:
+            held = self._imus.setdefault(raw.topic, deque(maxlen=KEPT))
+            held.append(Reading.of(decoder.decoded(raw)))
+        elif raw.topic == NOTE_TOPIC:
             add_message(index, decoder, raw)
         elif raw.type in TRANSFORMS or (chosen is None and raw.type in WANTED):
             add_message(index, decoder, raw)
@@ -324,15 +325,14 @@ class FrameStream:
             self.problem, self._choosable_since = str(self._tried_choice), None
             return False
         self._choosable_since = self._choosable_since or now
-        silent = self._advertised - index.streams.keys()
+        silent = self._advertised - index.streams.keys() - self._imus.keys()
         if now < self._choosable_since + (SILENT if silent else SETTLING):
             return False
         choice = self._try_choice()  # by all that has come since
         if isinstance(choice, Choice) and choice.poses is None:
-            if now < self._choosable_since + UNPOSED:
+            if not self.options.estimate_poses and now < self._choosable_since + UNPOSED:
                 return False
-            reason = choice.no_poses.partition("; ")[0]
-            _log.warning("%s: %s; they are estimated from the images", self.address, reason)
+            _log.warning("%s; they are estimated from the images", choice.no_poses.split("; ")[0])
         if not isinstance(choice, Choice):
             self._tried_names = None
             return False

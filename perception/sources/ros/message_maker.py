@@ -5,6 +5,7 @@ Colour is a PNG; depth is in millimetres where it is whole millimetres, else in 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -58,24 +59,37 @@ class MessageMaker:
     def depth(self, depth: NDArray[np.float32], header: Any) -> Any:
         """sensor_msgs/Image of depth (H, W) [m]."""
         whole = whole_millimetres(depth)
-        image: NDArray[Any] = depth if whole is None else whole
-        height, width = depth.shape
+        if whole is None:
+            return self.image(depth, "32FC1", header)
+        return self.image(whole, "16UC1", header)
+
+    def image(self, pixels: NDArray[Any], encoding: str, header: Any) -> Any:
+        """sensor_msgs/Image of pixels (H, W) or (H, W, C)."""
+        little = np.ascontiguousarray(pixels, pixels.dtype.newbyteorder("<"))
         return self.make(
             "sensor_msgs/msg/Image",
             header=header,
-            height=height,
-            width=width,
-            encoding="32FC1" if whole is None else "16UC1",
+            height=pixels.shape[0],
+            width=pixels.shape[1],
+            encoding=encoding,
             is_bigendian=0,
-            step=width * image.itemsize,
-            data=np.ascontiguousarray(image, image.dtype.newbyteorder("<")).view(np.uint8).ravel(),
+            step=little[0].nbytes,
+            data=little.view(np.uint8).ravel(),
         )
 
-    def camera_info(self, frame: Frame, header: Any) -> Any:
-        """sensor_msgs/CameraInfo of a frame without distortion."""
-        K = frame.K
+    def camera_info(
+        self,
+        K: NDArray[np.float64],
+        shape: tuple[int, ...],
+        header: Any,
+        dist: Sequence[float] = (0.0,) * 5,
+    ) -> Any:
+        """sensor_msgs/CameraInfo of K (3, 3) [px] and images of `shape` (H, W) [px].
+
+        `dist` are the coefficients k1 k2 p1 p2 k3 of distortion.
+        """
         P = np.hstack([K, np.zeros((3, 1))])
-        numbers = {"d": np.zeros(5), "k": K.ravel(), "r": np.eye(3).ravel(), "p": P.ravel()}
+        numbers = {"d": np.array(dist), "k": K.ravel(), "r": np.eye(3).ravel(), "p": P.ravel()}
         if self.is_ros1:
             numbers = {name.upper(): array for name, array in numbers.items()}
         region = self.make(
@@ -85,13 +99,27 @@ class MessageMaker:
         return self.make(
             "sensor_msgs/msg/CameraInfo",
             header=header,
-            height=frame.depth.shape[0],
-            width=frame.depth.shape[1],
+            height=shape[0],
+            width=shape[1],
             distortion_model="plumb_bob",
             binning_x=0,
             binning_y=0,
             roi=region,
             **numbers,
+        )
+
+    def acceleration(self, a: Sequence[float], header: Any) -> Any:
+        """sensor_msgs/Imu with an acceleration (3,) [m/s^2] alone."""
+        vector, unknown = "geometry_msgs/msg/Vector3", np.full(9, -1.0)
+        return self.make(
+            "sensor_msgs/msg/Imu",
+            header=header,
+            orientation=self.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=unknown,
+            angular_velocity=self.make(vector, x=0.0, y=0.0, z=0.0),
+            angular_velocity_covariance=unknown,
+            linear_acceleration=self.make(vector, **dict(zip("xyz", a, strict=True))),
+            linear_acceleration_covariance=np.zeros(9),
         )
 
     def transforms(self, stamp: int, parent: str, child: str, T: Pose) -> Any:

@@ -161,7 +161,7 @@ class RosMessages(MessageMaker):
         stamp = nanoseconds_of(frame.stamp)
         header = self.header(stamp, CAMERA)
         yield "/tf", self.transforms(stamp, MAP, CAMERA, frame.T_map_cam)
-        yield "/camera/camera_info", self.camera_info(frame, header)
+        yield "/camera/camera_info", self.camera_info(frame.K, frame.depth.shape, header)
         jpeg = np.frombuffer(encode_jpeg(draw_detections(frame, detections)), np.uint8)
         image = {"header": header, "format": "jpeg", "data": jpeg}
         yield "/camera/image/compressed", self.make("sensor_msgs/msg/CompressedImage", **image)

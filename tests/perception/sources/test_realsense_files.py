@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import sqlite3
-import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 pytest.importorskip("rosbags")
 from kg.model.errors import RecordingError
@@ -18,12 +16,9 @@ from perception.camera.poses import Pose
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
+from tests.perception.sources.librealsense_recorder import STEP, T_COLOUR_DEPTH, UNIT, record
 from tests.perception.sources.test_bags import Bag
 from tests.perception.sources.test_written_recordings import on_walls, points
-
-ASIDE = np.array([0.06, 0.01, -0.02])  # [m] what takes depth's coordinates to colour's
-UNIT = 0.0005  # [m] of depth
-STEP = 0.1  # [s] between frames by the camera's clock; they are written faster
 
 
 def test_older_files_are_refused_with_what_converts_them(tmp_path: Path) -> None:
@@ -48,57 +43,15 @@ def recorded(tmp_path: Path, room_views: list[Pose]) -> Path:
     if not hasattr(rs.context, "convert_bag_to_db3"):
         pytest.skip("this pyrealsense2 writes .bag")
     path = tmp_path / "room.db3"
-    device = rs.software_device()
-    sensors = [device.add_sensor(name) for name in ("Stereo Module", "RGB Camera")]
-    sensors[0].add_read_only_option(rs.option.depth_units, UNIT)
-    kinds = [(rs.stream.depth, rs.format.z16, 2), (rs.stream.color, rs.format.rgb8, 3)]
-    profiles = [
-        sensor.add_video_stream(_stream(rs, number, *kind))
-        for number, (sensor, kind) in enumerate(zip(sensors, kinds, strict=True), 1)
+    images = [
+        (
+            np.full((SIZE[1], SIZE[0], 3), 20 * number, np.uint8),
+            room_depth(T @ T_COLOUR_DEPTH, K, SIZE),
+        )
+        for number, T in enumerate(room_views)
     ]
-    beside = rs.extrinsics()
-    beside.rotation, beside.translation = np.eye(3).ravel().tolist(), ASIDE.tolist()
-    profiles[0].register_extrinsics_to(profiles[1], beside)
-    recorder = rs.recorder(str(path), device)
-    queue = rs.frame_queue(50)
-    for sensor, profile in zip(recorder.query_sensors(), profiles, strict=True):
-        sensor.open(profile)
-        sensor.start(queue)
-    T_colour_depth = np.eye(4)
-    T_colour_depth[:3, 3] = ASIDE
-    for number, T in enumerate(room_views):
-        depth = room_depth(T @ T_colour_depth, K, SIZE) / UNIT
-        colour = np.full((SIZE[1], SIZE[0], 3), 20 * number, np.uint8)
-        for sensor, profile, image in zip(
-            sensors, profiles, (np.rint(depth).astype(np.uint16), colour), strict=True
-        ):
-            sensor.on_video_frame(_frame(rs, profile, image, number))
-        time.sleep(0.02)
-    for sensor in recorder.query_sensors():
-        sensor.stop()
-        sensor.close()
-    del recorder
+    record(path, images, K, T_colour_depth=T_COLOUR_DEPTH)
     return path
-
-
-def _stream(rs: Any, number: int, type_: Any, format_: Any, bpp: int) -> Any:
-    stream, camera = rs.video_stream(), rs.intrinsics()
-    camera.width, camera.height = SIZE
-    camera.fx, camera.fy, camera.ppx, camera.ppy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
-    camera.model, camera.coeffs = rs.distortion.brown_conrady, [0.0] * 5
-    stream.width, stream.height = SIZE
-    stream.type, stream.fmt, stream.bpp = type_, format_, bpp
-    stream.index, stream.uid, stream.fps, stream.intrinsics = 0, number, 30, camera
-    return stream
-
-
-def _frame(rs: Any, profile: Any, image: NDArray[Any], number: int) -> Any:
-    frame = rs.software_video_frame()
-    frame.pixels, frame.bpp = image, image[0, 0].nbytes
-    frame.stride = image[0].nbytes
-    frame.timestamp, frame.domain = 1000 * (50 + STEP * number), rs.timestamp_domain.global_time
-    frame.frame_number, frame.profile = number + 1, profile.as_video_stream_profile()
-    return frame
 
 
 def _trajectory(path: Path, views: list[Pose], stamps: list[float]) -> Path:

@@ -33,12 +33,61 @@ def objects(prints: Prints, path: Path) -> list[object]:
     return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
-@pytest.mark.parametrize("camera", ["realsense", "oak"])
-def test_cameras_without_a_driver_are_refused_with_what_works(
-    camera: str, fails: Callable[..., str], tmp_path: Path
+def test_a_camera_without_a_driver_is_refused_with_what_works(
+    fails: Callable[..., str], tmp_path: Path
 ) -> None:
-    said = fails("live", camera, "--into", tmp_path / "new.map")
-    assert "no driver" in said and "ros2 launch" in said and said.count("\n") <= 1
+    said = fails("live", "oak", "--into", tmp_path / "new.map")
+    assert "no driver" in said and "ros2 launch" in said
+    assert not (tmp_path / "new.map").exists()
+
+
+def test_a_realsense_camera_that_is_none_is_refused(
+    fails: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rs = pytest.importorskip("pyrealsense2", reason="needs the extra realsense")
+    into, junk = tmp_path / "new.map", tmp_path / "junk.db3"
+    junk.write_bytes(b"no recording" * 1000)
+    pipe = tmp_path / "pipe.db3"
+    os.mkfifo(pipe)
+    cases = {
+        "realsense:012345": "neither a file (No such file or directory) nor the serial number",
+        f"realsense:{tmp_path}": "it is no regular file",
+        f"realsense:{pipe}": "it is no regular file",
+        f"realsense:{junk}": "junk.db3 is no .db3 of librealsense",
+    }
+    if not len(rs.context().query_devices()):
+        cases["realsense"] = "no RealSense camera is connected; realsense:FILE.db3"
+    for source, said in cases.items():
+        assert said in fails("live", source, "--into", into)
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    assert "pip install 'hereabouts[realsense]'" in fails("live", "realsense", "--into", into)
+    assert not into.exists()
+
+
+def test_a_realsense_recording_is_mapped_as_it_is_played(
+    shared: Callable[[str], Path], prints: Prints, fails: Callable[..., str], tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    rs = pytest.importorskip("pyrealsense2", reason="needs the extra realsense")
+    if not hasattr(rs.context, "convert_bag_to_db3"):
+        pytest.skip("this pyrealsense2 writes .bag")
+    from perception.sources.recording import open_recording
+    from perception.sources.recording_options import RecordingOptions, Selection
+    from tests.perception.sources.librealsense_recorder import record
+
+    options = RecordingOptions(check=False, selection=Selection(limit=40))
+    frames = list(open_recording(shared("data/rgbd/icl_livingroom"), options).frames())
+    path, into = tmp_path / "room.db3", tmp_path / "room.map"
+    record(path, [(frame.rgb, frame.depth) for frame in frames], frames[0].K, pause=0.1)
+    report = json.loads(prints("live", f"realsense:{path}", "--into", into, "--json"))
+    assert 0 < report["frames"] <= report["tracked"] <= report["received"] <= len(frames)
+    assert report["frames"] == frames_applied(into)
+    with open_map(into, read_only=True) as semantic_map:
+        (recording,) = semantic_map.recordings()
+    assert "while the camera was live" in recording.pose_estimate
+    before = frames_applied(into), objects(prints, into)
+    assert "neither a file" in fails("live", "realsense:absent.db3", "--into", into)
+    assert before == (frames_applied(into), objects(prints, into))
 
 
 @pytest.mark.parametrize(
