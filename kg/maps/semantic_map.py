@@ -28,7 +28,6 @@ from kg.maps.query.query_files import ParameterizedQuery, resolve_query
 from kg.maps.subscriptions import MapSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
-from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.records import (
     DepartedRecord,
@@ -124,15 +123,9 @@ class SemanticMap(ABC):
         GraphError for a map on a server.
         """
         if self._dataset is None:
-            import rdflib
+            from kg.store.rdflib_view import dataset_of
 
-            from kg.store.rdflib_view import DatasetView
-
-            store = DatasetView(self.store.native, self._update_by_rdflib)
-            view = rdflib.Dataset(store=store, default_union=True)
-            for prefix, namespace in v.PREFIXES.items():
-                view.bind(prefix, namespace)
-            self._dataset = view
+            self._dataset = dataset_of(self.store.native, self._update_by_rdflib)
         return self._dataset
 
     def objects(

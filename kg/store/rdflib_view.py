@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from typing import NoReturn, Protocol
 
 import pyoxigraph
+import rdflib
 from oxrdflib import OxigraphStore
 from rdflib.plugins.sparql.sparql import Update
 
+from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
 
 
@@ -62,6 +64,14 @@ class DatasetView(OxigraphStore):
     def remove_graph(self, graph: object) -> NoReturn:
         """Refused."""
         raise _refusal()
+
+
+def dataset_of(engine: pyoxigraph.Store, update: ApplyUpdate) -> rdflib.Dataset:
+    """The view as an rdflib dataset with the usual prefixes; its default graph is the union."""
+    dataset = rdflib.Dataset(store=DatasetView(engine, update), default_union=True)
+    for prefix, namespace in v.PREFIXES.items():
+        dataset.bind(prefix, namespace)
+    return dataset
 
 
 def _refusal() -> ProtectedError:

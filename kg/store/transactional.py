@@ -12,7 +12,6 @@ import contextlib
 import os
 import shutil
 import threading
-import time
 import uuid
 import weakref
 from collections.abc import Callable, Iterable, Iterator
@@ -28,6 +27,7 @@ from kg.rdf.datetimes import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.store.atomic_file import sync_folder
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
+from kg.store.flushing import Flusher
 from kg.store.folder import (
     check_is_map,
     check_vacant,
@@ -37,7 +37,6 @@ from kg.store.folder import (
     remove_abandoned,
 )
 from kg.store.journal import Journal
-from kg.store.process_memory import TRIM_EVERY, trim_heap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
 from kg.store.transaction_quads import (
     check_blank_nodes,
@@ -45,8 +44,6 @@ from kg.store.transaction_quads import (
     sequence_quad,
     stored_sequence,
 )
-
-FLUSH_EVERY = 3.0  # [s]
 
 
 class TransactionalStore:
@@ -65,14 +62,8 @@ class TransactionalStore:
         self._failed = False  # whether a write failed: the engine then refuses all further ones
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
-        self._stop = threading.Event()
-        self._flusher: threading.Thread | None = None
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
-        if lock is not None and not read_only:
-            self._flusher = threading.Thread(
-                target=_keep_flushing, args=(weakref.ref(self), self._stop), daemon=True
-            )
-            self._flusher.start()
+        self._flusher = Flusher(self) if lock is not None and not read_only else None
 
     @classmethod
     def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
@@ -372,10 +363,8 @@ class TransactionalStore:
 
         Raises GraphError, after the release, if the flush fails.
         """
-        self._stop.set()
         if self._flusher is not None:
-            self._flusher.join()
-            self._flusher = None
+            self._flusher.stop()
         try:
             self.flush()
         finally:
@@ -393,19 +382,3 @@ class TransactionalStore:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def _keep_flushing(reference: weakref.ref[TransactionalStore], stop: threading.Event) -> None:
-    # a weak reference, so that an unreferenced map is freed although never closed
-    trimmed, written = time.monotonic(), 0
-    while not stop.wait(FLUSH_EVERY):
-        store = reference()
-        if store is None:
-            return
-        with contextlib.suppress(GraphError):  # the next commit, or closing, reports it
-            store.flush()
-        sequence = store.sequence
-        del store
-        if sequence != written and time.monotonic() - trimmed > TRIM_EVERY:
-            trim_heap()
-            trimmed, written = time.monotonic(), sequence
