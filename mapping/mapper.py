@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from types import TracebackType
 from typing import Final, Self
 
 import numpy as np
@@ -24,14 +24,13 @@ from kg.model.records import (
 from mapping.detection_report import DetectionReport
 from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
-from mapping.key_views.view_keeper import ViewKeeper
 from mapping.labels.label_resolver import LabelResolver
+from mapping.looks.known_things import Recognition
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
-from mapping.picture_keeper import PictureKeeper, people_in
 from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
 from mapping.places.place_mapper import PlaceMapper
@@ -41,9 +40,8 @@ from mapping.pose_monitor import PoseMonitor
 from mapping.progress_report import StageTimer
 from mapping.projection import map_points, robot_at
 from mapping.relations.relation_mapper import RelationMapper
+from mapping.scene_keepers import SceneKeepers
 from mapping.sighting import Sighting
-from mapping.surface.surface_mapper import SurfaceMapper
-from mapping.things.thing_mapper import ThingMapper
 from perception.frames import Detections, Frame, SceneScores
 
 ROOMS_INTERVAL: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
@@ -104,40 +102,11 @@ class Mapper:
         self._place_mapper = PlaceMapper(
             semantic_map, self._places, s, model=scene_model, labels=options.labels
         )
-        self._surface: SurfaceMapper | None = None
-        if options.surface is not None:
-            self._surface = SurfaceMapper(semantic_map, options.surface, recording)
-        self._views = ViewKeeper(semantic_map, recording)
-        self.pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
-        moved = None if self.pictures is None else self.pictures.moved
+        self._scene = SceneKeepers(semantic_map, options, self._places, recording, self.timer)
         self._joined: tuple[tuple[str, str], ...] = ()  # objects of the last frame
-        self._objects: ObjectMapper
-        if options.mode == "reference":
-            self._objects = ReferenceObjectMapper(
-                semantic_map,
-                s,
-                self._places,
-                recording=recording,
-                model=detector,
-                labels=options.labels,
-            )
-        else:
-            self._objects = BayesObjectMapper(
-                semantic_map,
-                options.objects,
-                self._places,
-                recording=recording,
-                model=detector,
-                labels=options.labels,
-                unknown_labels=s.unknown_labels,
-                voxels=None if self._surface is None else self._surface.within,
-                looks=None if moved is None else moved.ratio,
-            )
-        self._things: ThingMapper | None = None
-        if options.things and options.mode == "bayes" and self._surface is not None:
-            self._things = ThingMapper(
-                semantic_map, self._places, recording, pictures=options.pictures
-            )
+        self._objects = _object_mapper(
+            semantic_map, options, self._places, self._scene, recording, detector
+        )
         self._relations = RelationMapper(semantic_map, self._objects.cache)
         self._occupancy = OccupancyMap(semantic_map) if options.occupancy else None
         evidence = ObjectEvidence(semantic_map, self._places, s) if s.places_from_objects else None
@@ -156,9 +125,7 @@ class Mapper:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.flush()
 
@@ -189,24 +156,11 @@ class Mapper:
         if self._occupancy is not None:
             with self.timer.stage("floor"):
                 self._occupancy.add(frame)
-        if self._surface is not None:
-            with self.timer.stage("surface"):
-                self._surface.add(frame, people_in(detections))
-                if self._things is not None:
-                    self._things.add(frame, people_in(detections))
-        with self.timer.stage("surface"):
-            self._views.add(frame, people_in(detections))
+        self._scene.add(frame, detections)
         self._observed = self._viewed = None
-        if self.pictures is not None:
-            self.pictures.see(frame, detections)
         update = self._apply(lambda: self._frame_change(self._next, frame, detections))
         self._next += 1
-        if self._surface is not None:
-            with self.timer.stage("surface"):
-                self._surface.accept()
-        self._views.accept()
-        if self.pictures is not None:
-            self.pictures.keep(update, self._joined)
+        self._scene.accept(update, self._joined)
         self._reporter.keep()
         return update
 
@@ -255,13 +209,8 @@ class Mapper:
         self._apply(self._rest_of_objects)
         if self._rooms is not None:
             self._apply(self._rest_of_rooms)
-        if self._things is not None:
-            self._apply(self._rest_of_things)
-            self._things.keep_pictures()
-        if self._surface is not None:
-            self._surface.finish()
-        if self.pictures is not None:
-            self.pictures.finish()
+        self._apply(self._rest_of_things)
+        self._scene.finish()
         self._reporter.finish()
 
     def objects(self) -> tuple[ObjectRecord, ...]:
@@ -293,8 +242,13 @@ class Mapper:
     def problems(self) -> tuple[str, ...]:
         """Problems of poses, surface and known things so far, one line for each kind."""
         poses = () if self._monitor is None else tuple(self._monitor.problems.values())
-        known = "" if self.pictures is None else self.pictures.problem
-        return poses + (self._surface.problems if self._surface else ()) + ((known,) * bool(known))
+        return poses + self._scene.problems
+
+    @property
+    def recognised(self) -> tuple[Recognition, ...]:
+        """Known things that were recognised, once all is flushed."""
+        pictures = self._scene.pictures
+        return () if pictures is None else pictures.recognised
 
     @property
     def unplaced(self) -> int:
@@ -310,8 +264,7 @@ class Mapper:
         if self._observed is not frame:
             self._checks.check(frame)
             self._places.refresh()
-            s = self._settings
-            self._places.observe(map_points(frame, s.stride, s.max_depth))
+            self._places.observe(map_points(frame, self._settings.stride, self._settings.max_depth))
             self._observed = frame
 
     def _frame_change(self, index: int, frame: Frame, detections: Detections) -> _Change:
@@ -368,10 +321,7 @@ class Mapper:
         return changes, MapUpdate(changes.updated, recording=self._progress)
 
     def _rest_of_things(self) -> _Change | None:
-        if self._things is None or self._surface is None:
-            return None
-        with self.timer.stage("surface"):
-            changes = self._things.changes(self._surface.surface(), self._objects.objects())
+        changes = self._scene.things(self._objects.objects())
         if not changes.updated and not changes.removed:
             return None
         things = self._relations.of_things(changes.updated)
@@ -391,10 +341,8 @@ class Mapper:
     def _apply(self, change: Callable[[], _Change | None]) -> MapUpdate:
         """Optimistic transaction: computed and written again where it conflicts with others."""
         for _ in range(MAX_ATTEMPTS - 1):
-            try:
+            with suppress(ConflictError):
                 return self._try(change)
-            except ConflictError:
-                continue
         return self._try(change)
 
     def _try(self, change: Callable[[], _Change | None]) -> MapUpdate:
@@ -407,10 +355,7 @@ class Mapper:
                 return MapUpdate()
             changes, update = changed
             try:
-                if self._surface is not None:
-                    with self.timer.stage("surface"):
-                        self._surface.save(self._map.sequence + 1)
-                self._views.save(self._map.sequence + 1)
+                self._scene.save(self._map.sequence + 1)
                 with self.timer.stage("graph"):
                     self._objects.save(self._map.sequence + 1)
                     written = self._map.apply(update)
@@ -424,3 +369,30 @@ class Mapper:
             self._found = FoundChanges()
             self._lease.renew(update.recording)
             return update
+
+
+def _object_mapper(
+    semantic_map: SemanticMap,
+    options: MappingOptions,
+    places: PlaceRegistry,
+    scene: SceneKeepers,
+    recording: str,
+    detector: str,
+) -> ObjectMapper:
+    """The object mapper of the mode in `options`."""
+    s = options.reference
+    if options.mode == "reference":
+        return ReferenceObjectMapper(
+            semantic_map, s, places, recording=recording, model=detector, labels=options.labels
+        )
+    return BayesObjectMapper(
+        semantic_map,
+        options.objects,
+        places,
+        recording=recording,
+        model=detector,
+        labels=options.labels,
+        unknown_labels=s.unknown_labels,
+        voxels=scene.voxels,
+        looks=scene.looks,
+    )

@@ -189,7 +189,6 @@ class _Run:
     def report(self, skipped: int) -> MappingReport:
         """Report of the whole run."""
         mapper = self.mapper
-        known = () if mapper.pictures is None else mapper.pictures.recognised
         resolvers = mapper.label_resolvers
         detected = mapper.detection_report()
         unknown = resolvers[0].unknown_labels + resolvers[1].unknown_labels
@@ -206,7 +205,7 @@ class _Run:
             unknown_labels=dict(unknown.most_common()),
             provisional=tuple(label for resolver in resolvers for label in resolver.provisional),
             problems=mapper.problems,
-            recognised={one.iri: one.name for one in known},
+            recognised={one.iri: one.name for one in mapper.recognised},
             fit=self.fit,
             doubted=detected.doubted,
             most_probable=detected.things[: detected.doubted],
