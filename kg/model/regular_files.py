@@ -95,13 +95,19 @@ def open_sqlite(
     return file
 
 
-def _read_only(path: Path, schema: str, version: int) -> sqlite3.Connection:
-    # without a log beside it, reading makes no files beside it either
+def connect_read_only(path: Path) -> sqlite3.Connection:
+    """A connection that reads a SQLite file; without a log beside it, it makes no files there."""
     log = Path(f"{path}-wal")
     options = "mode=ro" if log.exists() and log.stat().st_size else "immutable=1"
-    file = sqlite3.connect(f"{path.absolute().as_uri()}?{options}", uri=True)
+    uri = f"{path.absolute().as_uri()}?{options}"
+    file = sqlite3.connect(uri, uri=True, check_same_thread=False)
+    file.execute("PRAGMA trusted_schema = OFF")
+    return file
+
+
+def _read_only(path: Path, schema: str, version: int) -> sqlite3.Connection:
+    file = connect_read_only(path)
     try:
-        file.execute("PRAGMA trusted_schema = OFF")
         file.set_progress_handler(StepLimit(path), SQLITE_STEPS)
         found = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
         (number,) = file.execute("PRAGMA user_version").fetchone()

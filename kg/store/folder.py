@@ -27,7 +27,7 @@ def locked(file: Path, path: Path, *, shared: bool) -> int:
         what = "is being written" if shared else "is already open"
         raise MapBusyError(
             f"the map at {path} {what}, here or in another process; close it there first, "
-            "or work on a copy of the folder"
+            "work on a copy of the folder, or give the address of its `hereabouts serve`"
         ) from error
     return descriptor
 

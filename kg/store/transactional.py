@@ -33,7 +33,6 @@ from kg.store.folder import (
     check_vacant,
     locked,
     made_folder,
-    reason_of,
     remove_abandoned,
 )
 from kg.store.journal import Journal
@@ -102,7 +101,7 @@ class TransactionalStore:
                 shutil.rmtree(building, ignore_errors=True)
                 raise
         except OSError as error:
-            raise GraphError(f"cannot create a map at {path}: {reason_of(error)}") from error
+            raise write_error(error, path, f"cannot create a map at {path}") from error
 
     @classmethod
     def open(cls, path: Path, *, read_only: bool = False) -> Self:
@@ -120,7 +119,7 @@ class TransactionalStore:
             engine = Store.read_only(folder) if read_only else Store(folder)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
-            raise GraphError(f"cannot open the map at {path}: {reason_of(error)}") from error
+            raise write_error(error, path, f"cannot open the map at {path}") from error
         return cls(engine, where=str(path), read_only=read_only, lock=lock)
 
     @classmethod
@@ -244,7 +243,7 @@ class TransactionalStore:
             yield copy
             del copy
         except OSError as error:
-            raise GraphError(f"cannot copy the map at {self.where}: {reason_of(error)}") from error
+            raise write_error(error, self.where, f"cannot copy the map at {self.where}") from error
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -39,4 +39,5 @@ def write_arrays(path: Path, arrays: dict[str, NDArray[Any]]) -> None:
         part.write_bytes(packed.getvalue())
         part.replace(path)
     except OSError as error:
+        part.unlink(missing_ok=True)
         raise ModelError(f"cannot write {path}: {error.strerror}") from error

@@ -258,9 +258,15 @@ class HistoryLog(LogReader):
 
     def _check(self, base: str) -> None:
         check_tables(self.db, self.file)
-        if self._meta("format") != _FORMAT:
+        found = self._meta("format")
+        if isinstance(found, int) and found > _FORMAT:
             raise HistoryError(
-                f"the history at {self.file} is of format {self._meta('format')}, this version "
+                f"a later version of hereabouts wrote the history at {self.file}: it is of format "
+                f"{found}, this version reads {_FORMAT}; that version reads the map"
+            )
+        if found != _FORMAT:
+            raise HistoryError(
+                f"the history at {self.file} is of format {found}, this version "
                 f"reads {_FORMAT}; move the file away to begin a new one: the map itself stays"
             )
         check_schema(self.db, self.file)

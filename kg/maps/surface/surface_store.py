@@ -30,6 +30,8 @@ from kg.maps.surface.voxels import (
     surface_of,
 )
 from kg.model.errors import GraphError
+from kg.model.regular_files import connect_read_only
+from kg.store.disk_space import disk_full, free_space, is_disk_full
 
 FILE: Final = "surface.sqlite"
 MAX_BYTES: Final = 1 << 27  # of a file that is read
@@ -43,6 +45,7 @@ _SCHEMA: Final = (
 )
 _BATCH: Final = 8  # frames that go into the grid together, by their number
 _DUE: Final = 64  # frames after which chunks are written
+_LEAST_SPACE: Final = 1 << 16  # [bytes] of the disk, for the files that SQLite makes while reading
 _MAX_CHUNK: Final = 1 << LOCAL_BITS
 
 
@@ -166,6 +169,8 @@ class SurfaceStore:
         try:
             yield
         except (sqlite3.Error, OSError, ValueError, zlib.error) as error:
+            if self._path is not None and _lacks_space(self._path, error):
+                raise disk_full(self._path.parent) from error
             raise GraphError(
                 f"cannot use the surface at {self._path}: {error}; move the file away to begin a "
                 "new one: the map itself stays"
@@ -241,11 +246,12 @@ def _created(path: Path) -> sqlite3.Connection:
 def _opened(path: Path, read_only: bool) -> sqlite3.Connection:
     if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_BYTES:
         raise ValueError(f"it is no file of up to {MAX_BYTES >> 20} MB")
-    file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
+    if read_only:
+        file = connect_read_only(path)
+    else:
+        file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
     try:
         file.execute("PRAGMA trusted_schema = OFF")
-        if read_only:
-            file.execute("PRAGMA query_only = ON")
         schema = {sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql}
         (version,) = file.execute("PRAGMA user_version").fetchone()
         if (schema, version) != ({*_SCHEMA}, _VERSION):
@@ -256,6 +262,12 @@ def _opened(path: Path, read_only: bool) -> sqlite3.Connection:
         file.close()
         raise
     return file
+
+
+def _lacks_space(path: Path, error: Exception) -> bool:
+    """Whether an error is that of a full disk, which SQLite may call an error of input."""
+    unclear = isinstance(error, sqlite3.OperationalError) and "disk I/O" in str(error)
+    return is_disk_full(error) or (unclear and free_space(path.parent) < _LEAST_SPACE)
 
 
 def _up_to(records: Records, sequence: int) -> Records:

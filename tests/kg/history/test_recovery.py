@@ -225,6 +225,16 @@ def test_a_log_of_another_format_is_refused_and_the_map_opens_without_it(
         assert semantic_map.history.log.floor == 3
 
 
+def test_a_log_of_a_later_version_is_not_to_be_thrown_away(
+    written: Written, tmp_path: Path
+) -> None:
+    with written(3) as semantic_map:
+        semantic_map.history.log.db.execute("UPDATE meta SET value = 99 WHERE name = 'format'")
+    with pytest.raises(HistoryError, match="a later version of hereabouts wrote") as refused:
+        open_map(tmp_path / "flat.map")
+    assert "move" not in str(refused.value)
+
+
 @pytest.mark.parametrize("read_only", [False, True])
 def test_a_log_that_is_none_is_refused(written: Written, tmp_path: Path, read_only: bool) -> None:
     written(1).close()
