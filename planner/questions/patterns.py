@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from planner.questions.german import in_english
+
 Kind = Literal[
     "where",
     "in place",
@@ -212,7 +214,7 @@ def parsed(text: str, known: Known = lambda name: False) -> Question | None:
 
     `known` tells whether a category has that name; such names keep all their words.
     """
-    words = normalised(text)
+    words = normalised(in_english(text[: MAX_LENGTH + 1]))
     if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]+", words):
         return None
     for kind, pattern in PATTERNS:

@@ -70,6 +70,10 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
         ),
         ("where is the door", ["Between place 1 and Ann's room, at (4.0, 2.0), 0.8 m"]),
         ("what is in the K\u00fcche", ["In place 1: a banana, a cup"]),
+        ("gibt es ein Badezimmer?", ["Perhaps a bathroom: place 3 (0.30)"]),
+        ("Wo ist die Kueche", ["Place 1 is believed to be a kitchen (0.90)"]),
+        ("was ist in der K\u00fcche?", ["In place 1: a banana, a cup"]),
+        ("welche R\u00e4ume gibt es", ["3 places: place 1 (kitchen)"]),
         ("which rooms are there", ["3 places: place 1 (kitchen), Ann's room (bedroom), place 3"]),
     ],
 )
