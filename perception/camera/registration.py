@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,20 +22,22 @@ def register_depth(
     colour camera's, `size` is (W, H) [px] of the colour image. Where two surfaces fall on one pixel
     the nearer wins; each point covers the pixels its own pixel spreads over (2 x 2 at most).
     """
+    M = K_colour @ T_colour_depth[:3, :3] @ np.linalg.inv(K_depth)
+    b = K_colour @ T_colour_depth[:3, 3]
     v, u = np.nonzero(depth > 0)
     z = depth[v, u].astype(np.float64)
-    rays = np.linalg.inv(K_depth) @ np.stack([u, v, np.ones_like(u)])
-    p = T_colour_depth[:3, :3] @ (rays * z) + T_colour_depth[:3, 3:]
-    ahead = p[2] > 0
-    q = K_colour @ p[:, ahead]
-    column, row, z = q[0] / q[2], q[1] / q[2], p[2, ahead]
-    if np.linalg.norm(K_colour[0, 0]) > K_depth[0, 0]:  # magnified: one pixel covers several
-        column = np.concatenate([np.floor(column), np.ceil(column)] * 2)
-        row = np.concatenate([np.floor(row)] * 2 + [np.ceil(row)] * 2)
-        z = np.tile(z, 4)
-    column, row = np.rint(column).astype(int), np.rint(row).astype(int)
-    inside = (column >= 0) & (column < size[0]) & (row >= 0) & (row < size[1])
+    x, y, z = (z * (m[0] * u + m[1] * v + m[2]) + t for m, t in zip(M, b, strict=True))
+    ahead = z > 0
+    column, row, z = x[ahead] / z[ahead], y[ahead] / z[ahead], z[ahead].astype(np.float32)
+    magnified = np.linalg.norm(K_colour[0, 0]) > K_depth[0, 0]  # one pixel covers several
+    steps: Sequence[np.ufunc] = (np.floor, np.ceil) if magnified else (np.rint,)
+    columns, rows = (
+        [np.clip(step(at), -1, end).astype(np.int32) for step in steps]
+        for at, end in zip((column, row), size, strict=True)
+    )
     seen = np.full(size[0] * size[1], np.inf, np.float32)
-    np.minimum.at(seen, row[inside] * size[0] + column[inside], z[inside].astype(np.float32))
+    for c, r in itertools.product(columns, rows):
+        inside = (c >= 0) & (c < size[0]) & (r >= 0) & (r < size[1])
+        np.minimum.at(seen, (r * size[0] + c)[inside], z[inside])
     seen[np.isinf(seen)] = np.nan
     return seen.reshape(size[1], size[0])

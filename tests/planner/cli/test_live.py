@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -64,9 +65,9 @@ def test_a_realsense_camera_that_is_none_is_refused(
     assert not into.exists()
 
 
-def test_a_realsense_recording_is_mapped_as_it_is_played(
-    shared: Callable[[str], Path], prints: Prints, fails: Callable[..., str], tmp_path: Path
-) -> None:
+@pytest.fixture
+def played_room(shared: Callable[[str], Path], tmp_path: Path) -> Path:
+    """A recording of librealsense, 40 images in six seconds."""
     pytest.importorskip("rosbags")
     rs = pytest.importorskip("pyrealsense2", reason="needs the extra realsense")
     if not hasattr(rs.context, "convert_bag_to_db3"):
@@ -77,10 +78,17 @@ def test_a_realsense_recording_is_mapped_as_it_is_played(
 
     options = RecordingOptions(check=False, selection=Selection(limit=40))
     frames = list(open_recording(shared("data/rgbd/icl_livingroom"), options).frames())
-    path, into = tmp_path / "room.db3", tmp_path / "room.map"
-    record(path, [(frame.rgb, frame.depth) for frame in frames], frames[0].K, pause=0.1)
-    report = json.loads(prints("live", f"realsense:{path}", "--into", into, "--json"))
-    assert 0 < report["frames"] <= report["tracked"] <= report["received"] <= len(frames)
+    path = tmp_path / "room.db3"
+    record(path, [(frame.rgb, frame.depth) for frame in frames], frames[0].K, pause=0.15)
+    return path
+
+
+def test_a_realsense_recording_is_mapped_as_it_is_played(
+    played_room: Path, prints: Prints, fails: Callable[..., str], tmp_path: Path
+) -> None:
+    into = tmp_path / "room.map"
+    report = json.loads(prints("live", f"realsense:{played_room}", "--into", into, "--json"))
+    assert 0 < report["frames"] <= report["tracked"] <= report["received"] <= 40
     assert report["frames"] == frames_applied(into)
     with open_map(into, read_only=True) as semantic_map:
         (recording,) = semantic_map.recordings()
@@ -88,6 +96,38 @@ def test_a_realsense_recording_is_mapped_as_it_is_played(
     before = frames_applied(into), objects(prints, into)
     assert "neither a file" in fails("live", "realsense:absent.db3", "--into", into)
     assert before == (frames_applied(into), objects(prints, into))
+
+
+def test_what_was_mapped_stays_where_a_realsense_camera_is_unplugged(
+    played_room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    from perception.sources.live.realsense import RealSenseCamera
+
+    opened, seen, over = list[RealSenseCamera](), tmp_path / "seen", threading.Event()
+    real = RealSenseCamera.at
+    monkeypatch.setattr(
+        RealSenseCamera, "at", lambda source: opened.append(real(source)) or opened[-1]
+    )
+
+    def unplug() -> None:
+        while not over.wait(0.05):
+            if opened and opened[0].device.as_playback().get_position() > 4.5e9:  # [ns]
+                opened[0].device.as_playback().pause()
+                break
+        while not over.wait(0.05):
+            if list(seen.glob("*")):
+                opened[0].context.unload_device(str(played_room))
+                break
+
+    thread = threading.Thread(target=unplug)
+    thread.start()
+    words = ["live", f"realsense:{played_room}", "--into", tmp_path / "x.map", "--pictures", seen]
+    code = main([str(word) for word in words])
+    over.set()
+    thread.join()
+    assert code == 1
+    assert capsys.readouterr().err.splitlines()[-1].endswith("the camera was unplugged")
+    assert frames_applied(tmp_path / "x.map") >= 1
 
 
 @pytest.mark.parametrize(
