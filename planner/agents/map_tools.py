@@ -83,7 +83,7 @@ class MapTools:
         with self._context.at(at) as semantic_map:
             state = state_of(semantic_map)
             if self._context.is_thing(what):
-                one = _one(semantic_map, self._context.iri(what))
+                one = one_thing(semantic_map, self._context.iri(what))
                 return a.WhereIs(map=state, things=[one], total=1)
             if rooms := about_rooms(semantic_map, Question("where", what), time.time()):
                 proof = ". ".join(rooms) + "."
@@ -209,7 +209,8 @@ def _departed_of(semantic_map: SemanticMap, categories: Sequence[str]) -> list[a
     return [_departed(row) for row in {str(row["object"]): row for row in rows}.values()]
 
 
-def _one(semantic_map: SemanticMap, iri: str) -> a.KnownThing:
+def one_thing(semantic_map: SemanticMap, iri: str) -> a.KnownThing:
+    """One object as an answer; raises QueryParameterError for none."""
     rows = semantic_map.query("objects", least=0.0).records()
     for row in rows:
         if row["object"] == iri:

@@ -1,8 +1,9 @@
 """Resources that agents subscribe to: "tell me when a cup appears".
 
 A client reads ``hereabouts://things/cup`` and listens to it; each commit that changes the objects
-of the category, their position or their existence is announced, and the client reads again. The
-changes are those of `SemanticMap.subscriptions`.
+of the category, their position or their existence is announced, and the client reads again. One
+thing (``hereabouts://things/cup%202``) is announced when it moves or goes. The changes are those of
+`SemanticMap.subscriptions`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from mcp_types import INVALID_PARAMS
 from kg.model.errors import HereaboutsError
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext, state_of
-from planner.agents.map_tools import known_thing
+from planner.agents.map_tools import known_thing, one_thing
 from planner.agents.pages import document_of, text_of
 from planner.agents.untrusted_text import in_one_line
 from planner.search.goals.known_objects import known_objects
@@ -46,21 +47,27 @@ class Watching:
         self._stops: dict[str, list[Callable[[], None]]] = {}
 
     def things(self, what: str) -> str:
-        """Objects of a category or need (cup, "something to sit on"), the surest first.
+        """Objects of a category or need (cup, "something to sit on"), the surest first, or one
+        thing (object/17, cup 17).
 
         Listen to it to be told when one appears, moves or goes.
         """
         try:
-            (target,) = resolve(self._context.semantic_map, (what,))
+            known = self._known(what)
         except HereaboutsError as error:
             raise ResourceNotFoundError(_line(error)) from error
-        known = known_objects(self._context.semantic_map, target, located=0)
-        answer = a.WhereIs(
-            map=state_of(self._context.semantic_map),
-            things=[known_thing(one) for one in known[:20]],
-            total=len(known),
-        )
+        state = state_of(self._context.semantic_map)
+        answer = a.WhereIs(map=state, things=known[:20], total=len(known))
         return text_of(document_of(answer, self._context.semantic_map.base))
+
+    def _known(self, what: str) -> list[a.KnownThing]:
+        semantic_map = self._context.semantic_map
+        if not self._context.is_thing(what):
+            (target,) = resolve(semantic_map, (what,))
+            return [known_thing(one) for one in known_objects(semantic_map, target, located=0)]
+        iri = self._context.iri(what)
+        gone = not semantic_map.perceived.objects((iri,))
+        return [] if gone else [one_thing(semantic_map, iri)]
 
     async def __call__(self, ctx: ServerRequestContext[Any, Any], call_next: CallNext) -> Any:
         """Middleware: watches what a client listens to, as long as it listens."""
@@ -94,18 +101,20 @@ class Watching:
         if not uri.startswith(_PREFIX):
             raise MCPError(INVALID_PARAMS, f"no resource {uri!r}; there is {self.TEMPLATE}")
         semantic_map = self._context.semantic_map
+        what = unquote(uri.removeprefix(_PREFIX))
         try:
-            (target,) = resolve(semantic_map, (unquote(uri.removeprefix(_PREFIX)),))
+            is_thing = self._context.is_thing(what)
+            queried = () if is_thing else resolve(semantic_map, (what,))[0].queried
         except HereaboutsError as error:
             raise MCPError(INVALID_PARAMS, _line(error)) from error
 
         def announce(added: object, removed: object) -> None:
             asyncio.run_coroutine_threadsafe(self.bus.publish(ResourceUpdated(uri)), loop)
 
-        return [
-            semantic_map.subscriptions.on("objects-by-category", announce, category=category)
-            for category in target.queried
-        ]
+        on = semantic_map.subscriptions.on
+        if is_thing:
+            return [on("whereabouts", announce, object=self._context.iri(what))]
+        return [on("objects-by-category", announce, category=category) for category in queried]
 
     def _release(self, uris: Sequence[str]) -> None:
         with self._lock:

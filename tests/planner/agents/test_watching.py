@@ -98,6 +98,26 @@ def test_a_client_of_a_served_map_is_told_over_stdio_and_http(
     assert process.end() == 0
 
 
+def test_a_client_is_told_when_one_thing_moves_and_when_it_goes(flat: SemanticMap) -> None:
+    cup = replace(thing(flat, "cup", 5.0, 1.0, 1), iri=f"{flat.base}object/2")
+
+    async def use(client: Client) -> list[str]:
+        uri, seen = "hereabouts://things/cup%202", list[str]()
+        for update in (MapUpdate(objects=(cup,)), MapUpdate(removed=(cup.iri,))):
+            async with client.listen(resource_subscriptions=[uri]) as changes:
+                await asyncio.to_thread(flat.apply, update)
+                async for change in changes:
+                    assert str(getattr(change, "uri", "")) == uri
+                    break
+            uri = "hereabouts://things/object%2F2"  # a label goes with its thing
+            seen.append((await client.read_resource(uri)).contents[0].text)  # type: ignore[union-attr]
+        return seen
+
+    moved, gone = connected(flat, use)
+    assert '"x":5' in moved and '"total":1' in moved
+    assert '"things":[]' in gone and '"total":0' in gone
+
+
 def test_wrong_resources_are_refused_in_one_line(flat: SemanticMap) -> None:
     kinds = [one for one in flat.catalogue.categories if one.kind == "object"]
     many = [f"hereabouts://things/{quote(one.label)}" for one in kinds]
