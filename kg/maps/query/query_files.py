@@ -96,10 +96,11 @@ class Parameter:
         return int(number)
 
     def _iri(self, text: str, resolve: Resolver) -> NamedNode:
-        prefix, _, local = text.partition(":")
+        prefix, colon, local = text.partition(":")
         if self.type != "iri":
             return NamedNode(resolve(self.type, text))
-        whole = v.PREFIXES[prefix] + local if prefix in v.PREFIXES else resolve(self.type, text)
+        is_name = colon and prefix in v.PREFIXES
+        whole = v.PREFIXES[prefix] + local if is_name else resolve(self.type, text)
         try:
             return NamedNode(whole)
         except ValueError as error:
@@ -275,8 +276,9 @@ def _type_of(value: object) -> str:
         return "integer"
     if isinstance(value, float):
         return "double"
-    prefix = str(value).partition(":")[0]
-    return "iri" if LIKE_AN_IRI.match(str(value)) or prefix in v.PREFIXES else "string"
+    prefix, colon, _ = str(value).partition(":")
+    is_name = colon and prefix in v.PREFIXES
+    return "iri" if is_name or LIKE_AN_IRI.match(str(value)) else "string"
 
 
 def _parameter(question: str, match: re.Match[str]) -> Parameter:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from kg.maps.query.query_files import ANSWERS, find_query, parse_query_file, shipped_queries
@@ -228,6 +228,8 @@ def test_wrong_questions_are_answered_with_what_would_have_worked(
     assert "\n" not in str(caught.value)
 
 
+@example("sosa")  # the name of a prefix alone is a text
+@example("here")
 @given(QUOTES)
 def test_text_reaches_the_query_as_a_value_never_as_sparql(text: str) -> None:
     assert CHART.query("SELECT ($given AS ?back) WHERE { }", given=text).rows == ((text,),)
