@@ -1,7 +1,8 @@
 """Live tracker: poses of a live camera that has none, found from its images as they come.
 
 A thread tracks every image that the stream gives, and keeps the last one with a pose for whoever
-maps: detection drops images before tracking does. Where the camera is lost, or sees a piece that
+maps: detection drops images before tracking does. If fewer than RATE images a second are tracked,
+though more come, mapping waits. Where the camera is lost, or sees a piece that
 was not recognised yet, no image is given.
 """
 
@@ -22,6 +23,8 @@ from perception.frames import Frame
 from perception.odometry.tracking import Odometry
 
 MAX_IMAGES: Final = 250  # key frames that keep their image, 0.4 MB each at 640 x 480
+RATE: Final = 10.0  # images a second that are tracked at least, where so many come
+BEHIND: Final = 1.0  # [s] that mapping waits for that, at most
 LOST: Final = 5  # images without a pose after which it is said
 SILENT: Final = 10.0  # [s] between two lines of a camera that is still lost
 _WAIT: Final = 0.1  # [s] for an image
@@ -40,6 +43,8 @@ class LiveTracker:
     seconds: float = 0.0  # of a core, tracking all of them
     odometry: Odometry = field(default_factory=lambda: Odometry(max_images=MAX_IMAGES))
     moved: float = 0.0  # [m] by which loops moved images after they were given, at most
+    _due: float = 0.0  # [s] until when tracking keeps up, by time.monotonic()
+    _asked: float | None = None  # [s] when the next image to be mapped was asked for
     _key: int = 0  # key frame of the last image that was given
     _anchor: tuple[int, Pose] | None = None  # first key frame of what is mapped, where it was then
     _newest: tuple[Frame, int, Pose] | None = None  # with its key frame, and its pose in that
@@ -73,13 +78,13 @@ class LiveTracker:
     def next_frame(self, seconds: float) -> Frame | None:
         """The newest image with its pose, none twice, waiting up to `seconds`; None: none came."""
         with self._changed:
-            if self._newest is None and self._failed is None:
-                self._changed.wait(seconds)
+            self._asked = self._asked or time.monotonic()
+            self._changed.wait_for(lambda: self._may_map() or self._failed is not None, seconds)
             if self._failed is not None:
                 raise self._failed
-            newest, self._newest = self._newest, None
-            if newest is None:
+            if not self._may_map() or self._newest is None:
                 return None
+            newest, self._newest, self._asked = self._newest, None, None
             frame, number, in_key = newest
             self._key, self._tracks[frame.id] = number, (number, in_key)
             self._given.setdefault(number, (in_key, frame.T_map_cam))
@@ -87,9 +92,25 @@ class LiveTracker:
 
     def step(self) -> None:
         """Track the next image, where one comes; the thread does so again and again."""
-        image = self.next_image(_WAIT)
+        image = self.next_image(0.0)
+        if image is None:
+            self._keeps_up(time.monotonic() + _WAIT)
+            image = self.next_image(_WAIT)
         if image is not None:
             self._track(image)
+            self._keeps_up(max(self._due, time.monotonic() - BEHIND) + 1 / RATE)
+
+    def _may_map(self) -> bool:
+        """Whether an image may be mapped, or tracking needs the time."""
+        if self._newest is None or self._thread is None:
+            return self._newest is not None
+        now = time.monotonic()
+        return self._due >= now or (self._asked is not None and now >= self._asked + BEHIND)
+
+    def _keeps_up(self, until: float) -> None:
+        with self._changed:
+            self._due = until
+            self._changed.notify_all()
 
     @property
     def given(self) -> int | None:

@@ -6,6 +6,9 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
+from time import sleep
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +25,7 @@ from perception.odometry.tracking import Odometry
 from perception.sources.bag_writer import write_bag
 from perception.sources.bags.bag_file import BagFile, RawMessage
 from perception.sources.bags.bag_index import NOTE_TOPIC, TRANSFORMS
-from perception.sources.live import stream
+from perception.sources.live import live_tracker, stream
 from perception.sources.live.connection import Inbox
 from perception.sources.live.live_recording import LiveRecording
 from perception.sources.live.live_tracker import LiveTracker
@@ -158,6 +161,33 @@ def test_a_lost_camera_pauses_until_it_is_found(images, caplog):
     assert given(tracker, 10) == [frame.id for frame in again]
     assert "found after 7 images" in caplog.text
     assert (tracker.tracked, tracker.lost) == (20, 7)
+
+
+def test_mapping_waits_for_tracking_that_is_behind_but_not_for_ever(images, monkeypatch):
+    room, queue, clock = images(ROOM, 20), SimpleQueue[Frame | None](), SimpleNamespace(now=100.0)
+    monkeypatch.setattr(live_tracker.time, "monotonic", lambda: clock.now)
+    tracker = LiveTracker("live", lambda _: queue.get())
+    tracker.start(room[0])
+
+    def add(*frames: Frame | None) -> None:
+        for frame in frames:
+            queue.put(frame)
+        while not queue.empty():
+            sleep(0.01)
+
+    add(room[1])
+    assert tracker.next_frame(0.0) is None  # one image in a second is behind
+    clock.now += 1.0
+    assert tracker.next_frame(0.0) is not None
+    clock.now += 1.0
+    add(*room[2:16])  # ten a second
+    assert tracker.next_frame(0.0) is not None
+    clock.now += 1.0
+    add(room[16])
+    assert tracker.next_frame(0.0) is None
+    add(None)  # none waits: the camera is slow
+    assert tracker.next_frame(0.0) is not None
+    tracker.close()
 
 
 def test_another_room_is_not_given_as_part_of_the_first(images):
