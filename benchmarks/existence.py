@@ -104,7 +104,7 @@ class KeepingMapper(BayesObjectMapper):
 
     def evidence(self, group: str, run: str, matcher: TruthMatcher) -> Iterator[TrackEvidence]:
         """Evidence of all tracks but those that match ignored entries."""
-        tracks = sorted(self._tracks, key=lambda t: -t.log_odds[t.category])
+        tracks = sorted(self.tracks, key=lambda t: -t.log_odds[t.category])
         label, usual = self._map.catalogue.label, self._updater.usual_size
         objects = [MappedObject(label(t.category), t.position) for t in tracks]
         for t, true in zip(tracks, truths(objects, matcher), strict=True):

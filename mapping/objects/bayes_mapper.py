@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model import vocabulary as v
 from kg.model.records import ObjectRecord
 from mapping.detection_report import Fate
 from mapping.labels.label_resolver import LabelResolver
@@ -22,7 +21,6 @@ from mapping.labels.label_table import LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
 from mapping.objects.detection_fates import DetectionFates
-from mapping.objects.existence import logit
 from mapping.objects.extents.extent_grower import ExtentGrower
 from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
@@ -31,25 +29,14 @@ from mapping.objects.reidentification.merging import duplicates
 from mapping.objects.reidentification.moves import LookRatio
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor
-from mapping.objects.track_store import RunState, TrackStore
 from mapping.objects.track_updater import TrackUpdater
-from mapping.objects.tracks import (
-    CELL,
-    Track,
-    Viewpoint,
-    count_together,
-    numbers,
-    same_facts,
-    track_of,
-    viewpoint,
-)
+from mapping.objects.tracked_things import TrackedThings
+from mapping.objects.tracks import CELL, Track, Viewpoint, count_together, viewpoint
 from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
 from mapping.sighting import Sighting, ThingSighting
 from perception.frames import Detections, Frame
-
-_NEARBY = 6.0  # [m] tracks farther from every sighting are skipped
 
 
 class BayesObjectMapper(ObjectMapper):
@@ -78,17 +65,13 @@ class BayesObjectMapper(ObjectMapper):
         super().__init__(semantic_map, places)
         self._grower = None if voxels is None else ExtentGrower(voxels)
         self._settings = settings or ObjectSettings()
-        self._catalogue = semantic_map.catalogue
         self.labels = LabelResolver(
             semantic_map, "object", table=labels, unknown=unknown_labels, model=model
         )
         self._updater = TrackUpdater(semantic_map, self._settings, recording=recording, model=model)
         self._extractor = SightingExtractor(self.labels, self._updater.usual_size, self._settings)
         self.fates = self._extractor.fates
-        folder = None if semantic_map.store.read_only else semantic_map.store.path
-        self._store = None if folder is None else TrackStore(folder)
-        self._run = RunState()
-        self._tracks: list[Track] = self._loaded()
+        self._held = TrackedThings(semantic_map, self.cache, self._settings, self._updater)
         self._new: set[str | None] = set()  # IRIs that the last frame gave
         self.sightings: list[ThingSighting] = []  # of the last frame, strongest first
         self._identity = IdentityResolver(
@@ -98,7 +81,7 @@ class BayesObjectMapper(ObjectMapper):
     @property
     def tracks(self) -> Sequence[Track]:
         """Objects and candidates."""
-        return self._tracks
+        return self._held.tracks
 
     def belief_of(self, sighting: Sighting | ThingSighting) -> tuple[str | None, float]:
         """IRI (None: a candidate) and existence of the thing that `sighting` shows now."""
@@ -110,22 +93,20 @@ class BayesObjectMapper(ObjectMapper):
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
         """Pose (4, 4) of the last frame that each detector, by name, looked at."""
-        return {name: np.array(pose) for name, pose in self._run.looked_from.items()}
+        return {name: np.array(pose) for name, pose in self._held.run.looked_from.items()}
 
     def save(self, sequence: int) -> None:
         """Store the tracks beside the map, before its transaction of that number."""
-        if self._store is not None:
-            self._run.frame, self._run.stamp = self._updater.frame, self._updater.stamp
-            self._store.save(self._tracks, self._run, sequence)
+        self._held.save(sequence)
 
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: hits, misses, new candidates, merges."""
         self.refresh()
         self._updater.begin(frame.stamp)
-        self.fates.begin(self._tracks)
+        self.fates.begin(self._held.tracks)
         view = viewpoint(frame.T_map_cam)
         for name in detections.detectors:
-            self._run.looked_from[name] = frame.T_map_cam.tolist()
+            self._held.run.looked_from[name] = frame.T_map_cam.tolist()
         self.sightings = sightings = self._extractor.sightings(frame, detections)
         self.unplaced = self._extractor.unplaced
         known = self._associated(sightings)
@@ -141,7 +122,7 @@ class BayesObjectMapper(ObjectMapper):
             for sighting in sightings
             if id(sighting) not in matched and self._may_be_new(sighting)
         ]
-        self._tracks += born
+        self._held.tracks += born
         merged = self._merge([*seen, *born])
         if self._grower is not None:
             self._grower.grow_one(seen)
@@ -158,7 +139,7 @@ class BayesObjectMapper(ObjectMapper):
         """Process detections that have positions already, taken at `stamp` [s since 1970]."""
         self.refresh()
         self._updater.begin(stamp)
-        self.fates.begin(self._tracks)
+        self.fates.begin(self._held.tracks)
         touched, born = dict[int, Track](), list[Track]()
         weights, counted = dict[int, float](), set[tuple[int, str]]()
         view = () if robot is None else tuple(np.floor(robot / CELL).astype(int).tolist())
@@ -178,7 +159,7 @@ class BayesObjectMapper(ObjectMapper):
             self._updater.finish(track, sighting, stamp, one.frame or frame)
             self.fates.seen(track, sighting.categories, robot)
             if not known:
-                self._tracks.append(track)
+                self._held.tracks.append(track)
                 born.append(track)
         seen = list(touched.values())
         merged = self._merge(seen)
@@ -194,7 +175,7 @@ class BayesObjectMapper(ObjectMapper):
         """
         self.refresh()
         self._updater.begin()
-        track = next((track for track in self._tracks if track.iri == iri), None)
+        track = next((track for track in self._held.tracks if track.iri == iri), None)
         if track is None or times < 1:
             return ObjectChanges()
         chance = RECALL if recall is None else recall
@@ -209,7 +190,7 @@ class BayesObjectMapper(ObjectMapper):
         if self._grower is None:
             return ObjectChanges()
         self.refresh()
-        tracks = self._grower.grow_rest(self._tracks)
+        tracks = self._grower.grow_rest(self._held.tracks)
         grown = {track.iri: self._record(track) for track in tracks if track.iri is not None}
         self.cache.update(grown)
         return ObjectChanges(tuple(grown.values()))
@@ -218,81 +199,43 @@ class BayesObjectMapper(ObjectMapper):
         """Discard changes that could not be written; their objects are read again."""
         super().undo(changes)
         self.fates.undo()
-        for track in self._tracks:
+        for track in self._held.tracks:
             if track.iri in self._new:
                 track.iri = track.written = None  # a candidate again
             if track.iri is None and track.last_frame == self._updater.frame:
                 track.observations -= 1
-        self._tracks = [t for t in self._tracks if t.iri is not None or t.observations > 0]
+        self._held.tracks = [
+            t for t in self._held.tracks if t.iri is not None or t.observations > 0
+        ]
         self._identity.departures.undo()
 
     def refresh(self) -> None:
         """Read changes of other writers since the last call; cheap where there are none."""
         if self._places is not None:
             self._places.refresh()
-        if self._map.catalogue is not self._catalogue:
-            self._forget_categories()
+        if self._map.catalogue is not self._held.catalogue:
+            self._held.forget_categories(self._identity.departures.tracks)
+            self._identity.departures.forget_unknown()
         touched = self.cache.refresh()
-        if not touched:
-            return
-        held = self.cache.perceived
-        kept = list[Track]()
-        for track in self._tracks:
-            if track.iri not in touched:
-                kept.append(track)
-            elif track.iri in held:
-                same = track.written is not None and same_facts(track.written, held[track.iri])
-                kept.append(track if same else self._track(held[track.iri]))
-        known = {track.iri for track in kept}
-        self._identity.refresh(touched)
-        self._tracks = kept + [
-            self._track(held[iri])
-            for iri in touched
-            if iri in held and iri not in known and _is_tracked(held[iri])
-        ]
-
-    def _forget_categories(self) -> None:
-        """Forget categories that left the ontology, and things without evidence of others."""
-        self._catalogue = self._map.catalogue
-        for track in [*self._tracks, *self._identity.departures.tracks]:
-            unknown = [c for c in track.evidence if self._catalogue.by_iri(c) is None]
-            for category in unknown:
-                del track.evidence[category]
-            if unknown and track.evidence:
-                self._updater.assess(track)
-        gone = [track.iri for track in self._tracks if track.iri and not track.evidence]
-        self.cache.remove(iri for iri in gone if iri in self.cache.perceived)
-        self._tracks = [track for track in self._tracks if track.evidence]
-        self._identity.departures.forget_unknown()
+        if touched:
+            self._identity.refresh(touched)
+            self._held.refresh(touched)
 
     # one frame
 
     def _associated(self, sightings: Sequence[ThingSighting]) -> list[tuple[ThingSighting, Track]]:
-        near = self._near(sightings)
+        near = self._held.near(sightings)
         for track in near:
             track.stale = self._updater.stamp - track.last_seen > self._settings.stale
-        found = associate(sightings, near, self._asserted, self._settings)
+        found = associate(sightings, near, self._held.asserted, self._settings)
         return [(sightings[row], near[column]) for row, column in found.items()]
-
-    def _near(self, sightings: Sequence[ThingSighting]) -> list[Track]:
-        """Tracks that any of the sightings may show, by where they are perceived or asserted."""
-        if not sightings or not self._tracks:
-            return []
-        centre = np.mean([sighting.p_map for sighting in sightings], axis=0)
-        reach = _NEARBY + max(float(np.linalg.norm(x.p_map - centre)) for x in sightings)
-        offsets = np.linalg.norm(self._positions() - centre, axis=1)
-        return [
-            track
-            for track, offset in zip(self._tracks, offsets, strict=True)
-            if offset < reach or self._asserted(track)[0] is not None
-        ]
 
     def _in_front(self, frame: Frame, seen: Collection[Track]) -> Iterator[Track]:
         """Tracks before the camera that are not among those `seen`, nor asserted elsewhere."""
         shown = {id(track) for track in seen}
-        for index in in_front(frame, self._positions(), self._settings):
-            track = self._tracks[index]
-            if id(track) not in shown and self._asserted(track)[0] is None:
+        for index in in_front(frame, self._held.positions(), self._settings):
+            track = self._held.tracks[index]
+            if id(track) not in shown and self._held.asserted(track)[0] is None:
                 yield track
 
     def _may_be_new(self, sighting: ThingSighting) -> bool:
@@ -301,13 +244,13 @@ class BayesObjectMapper(ObjectMapper):
         A box that the border cuts is likely a part of an object of its category nearby.
         """
         s = self._settings
-        if not sighting.cut or not self._tracks:
+        if not sighting.cut or not self._held.tracks:
             return True
-        offsets = np.linalg.norm(self._positions() - sighting.p_map, axis=1)
+        offsets = np.linalg.norm(self._held.positions() - sighting.p_map, axis=1)
         size = min(sighting.size, s.largest)
         part = any(
-            offsets[index] < 0.4 + 0.5 * max(size, min(self._tracks[index].size, s.largest))
-            and sighting.categories & self._tracks[index].plausible
+            offsets[index] < 0.4 + 0.5 * max(size, min(self._held.tracks[index].size, s.largest))
+            and sighting.categories & self._held.tracks[index].plausible
             for index in np.nonzero(offsets < 2.0)[0]
         )
         self.fates.unused(Fate.CUT, sighting.categories if part else ())
@@ -327,7 +270,7 @@ class BayesObjectMapper(ObjectMapper):
         found = [
             (kept, absorbed)
             for kept, absorbed in duplicates(
-                touched, self._tracks, self._updater.usual_size, self._settings
+                touched, self._held.tracks, self._updater.usual_size, self._settings
             )
             if not self.cache.has_assertions(absorbed.iri)
         ]
@@ -335,9 +278,7 @@ class BayesObjectMapper(ObjectMapper):
             kept.merge(absorbed)
             self.fates.merge(kept, absorbed)
             self._updater.assess(kept)
-        gone = {id(absorbed) for _, absorbed in found}
-        if gone:
-            self._tracks = [track for track in self._tracks if id(track) not in gone]
+        self._held.remove([absorbed for _, absorbed in found])
         return found
 
     # changes of the map
@@ -358,11 +299,10 @@ class BayesObjectMapper(ObjectMapper):
         removed = {track.iri for track in (*lost, *absorbed) if track.iri is not None}
         updater = self._updater
         also, old = self._identity.resolve(
-            self._tracks, new, touched, lost, removed, updater.departed, updater.stamp
+            self._held.tracks, new, touched, lost, removed, updater.departed, updater.stamp
         )
         touched += also
-        replaced = {id(track) for track in old}
-        self._tracks = [track for track in self._tracks if id(track) not in replaced]
+        self._held.remove(old)
         for track in new:
             track.iri = track.iri or self._map.new_object_iri()
         self._new = {track.iri for track in seen if track.written is None} - {None}
@@ -398,21 +338,9 @@ class BayesObjectMapper(ObjectMapper):
         return bool(track.clear_views) and track.existence < s.removed
 
     def _drop(self, lost: Sequence[Track]) -> None:
-        """Forget objects that left the map, and candidates that are improbable or long unseen."""
-        s, gone = self._settings, {id(track) for track in lost}
-        least = logit(s.removed)
-        self._tracks = [
-            track
-            for track in self._tracks
-            if id(track) not in gone
-            and (
-                track.iri is not None
-                or (
-                    max(track.log_odds.values()) > least
-                    and self._updater.frame - track.last_frame < s.forgotten
-                )
-            )
-        ]
+        """Forget objects that left the map, and candidates that nothing speaks for any more."""
+        self._held.remove(lost)
+        self._held.forget_candidates()
 
     def _record(self, track: Track) -> ObjectRecord:
         record = track.record()
@@ -425,52 +353,8 @@ class BayesObjectMapper(ObjectMapper):
     def _put_into_places(self, written: Mapping[str, ObjectRecord]) -> dict[str, ObjectRecord]:
         """Objects beside those `written` that are in another place now."""
         moved = {iri: record for iri, record in self._moved().items() if iri not in written}
-        for track in self._tracks:
+        for track in self._held.tracks:
             if track.iri in moved:
                 track.written = moved[track.iri]
                 track.place = track.written.place
         return moved
-
-    # helpers
-
-    def _loaded(self) -> list[Track]:
-        """The tracks that are stored beside the map, and those of all other objects."""
-        stored = list[Track]()
-        if self._store is not None:
-            stored, self._run = self._store.load(self._map.sequence, self._settings)
-            numbers.reserve(track.number for track in stored)
-            self._updater.frame, self._updater.stamp = self._run.frame, self._run.stamp
-        tracks, held = list[Track](), dict(self.cache.perceived)
-        for track in stored:
-            if any(self._catalogue.by_iri(category) is None for category in track.evidence):
-                continue
-            absent = track.absent
-            self._updater.assess(track)
-            track.absent = absent
-            track.conclude()
-            if track.iri is not None:
-                record = held.get(track.iri)
-                if record is None or not same_facts(track.record(), record):
-                    continue
-                track.written = held.pop(track.iri)
-            track.changed = False
-            tracks.append(track)
-        return tracks + [self._track(record) for record in held.values() if _is_tracked(record)]
-
-    def _track(self, record: ObjectRecord) -> Track:
-        return track_of(record, self._settings, self._updater.usual_size)
-
-    def _positions(self) -> NDArray[np.float64]:
-        """(n, 3) [m] of all tracks."""
-        if not self._tracks:
-            return np.zeros((0, 3))
-        return np.array([track.p_map for track in self._tracks])
-
-    def _asserted(self, track: Track) -> tuple[NDArray[np.float64] | None, str | None]:
-        """Position and category of a track as people assert them, where they differ from ours."""
-        return self.cache.asserted(track.iri)
-
-
-def _is_tracked(record: ObjectRecord) -> bool:
-    """Whether detections decide about an object; `mapping.things` does of those it found."""
-    return record.category != v.UNNAMED_THING

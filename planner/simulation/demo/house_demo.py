@@ -43,7 +43,7 @@ from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedScene
 TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"
 #: An object that is brought into the house after the tour.
-HIDDEN: Final = Item(TARGET, 7.05, 8.30, 0.85)
+HIDDEN: Final = Item(TARGET, 7.10, 8.00, 0.85)
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
 
