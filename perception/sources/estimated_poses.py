@@ -119,7 +119,7 @@ def _check_intrinsics(
     """Check intrinsics by the frames that were found, or by key frames where most were lost."""
     known = [(number, T) for number, T in enumerate(poses) if T is not None]
     if 2 * len(known) < len(poses):
-        check_views(name, [key.features for key in odometry.keys], frame_at(0).K)
+        check_views(name, [key.features for key in odometry.graph.keys], frame_at(0).K)
         return
     numbers = [number for number, _ in known]
     check_intrinsics(name, [T for _, T in known], lambda place: frame_at(numbers[place]))
