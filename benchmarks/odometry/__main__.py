@@ -3,6 +3,7 @@
 python -m benchmarks.odometry ../shared/data/rgbd/redkitchen ../shared/data/rgbd/icl_livingroom
 python -m benchmarks.odometry RECORDING --faults --limit 100
 python -m benchmarks.odometry RECORDING --intrinsics
+python -m benchmarks.odometry RECORDING --maps default ../shared/models/deimv2_femto_416.onnx
 python -m benchmarks.odometry --houses 1 --alike
 """
 
@@ -16,6 +17,7 @@ from benchmarks.odometry.accuracy import accuracy
 from benchmarks.odometry.faults import FAULTS
 from benchmarks.odometry.houses import alike_rooms, house_tour
 from benchmarks.odometry.intrinsics import rows
+from benchmarks.odometry.maps import map_rows
 from perception.frames import Frame
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
@@ -35,6 +37,7 @@ def main() -> None:
     )
     parser.add_argument("--faults", action="store_true", help="faults instead of rates")
     parser.add_argument("--intrinsics", action="store_true", help="wrong intrinsics instead")
+    parser.add_argument("--maps", nargs="+", metavar="DETECTOR", help="maps with them, instead")
     parser.add_argument("--only", nargs="*", help="names of faults or rates")
     parser.add_argument("--limit", type=int, help="frames of each recording")
     given = parser.parse_args()
@@ -43,6 +46,9 @@ def main() -> None:
     if given.alike:
         print(f"rooms that look alike\n  {accuracy(alike_rooms()).row()}", flush=True)  # noqa: T201
     for path in given.recordings:
+        if given.maps:
+            print(path, *map_rows(path, given.maps), sep="\n  ", flush=True)  # noqa: T201
+            continue
         options = RecordingOptions(check=False, selection=Selection(limit=given.limit))
         recording = open_recording(path, options)
         frames = list(recording.frames())

@@ -76,13 +76,22 @@ def accuracy(frames: Sequence[Frame]) -> Accuracy:
     )
 
 
-def _errors(found: Sequence[tuple[Pose, Pose]]) -> NDArray[np.float64]:
-    """Distances [m] of positions after the best rigid alignment (Umeyama, without scale)."""
+def aligned(found: Sequence[tuple[Pose, Pose]]) -> Pose:
+    """The rigid motion (4, 4) that takes estimated positions nearest to true ones (Umeyama)."""
     p = np.array([T[:3, 3] for T, _ in found])
     q = np.array([T[:3, 3] for _, T in found])
     U, _, Vt = np.linalg.svd((q - q.mean(0)).T @ (p - p.mean(0)))
-    R = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
-    return np.linalg.norm((p - p.mean(0)) @ R.T - (q - q.mean(0)), axis=1)
+    T = np.eye(4)
+    T[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    T[:3, 3] = q.mean(0) - T[:3, :3] @ p.mean(0)
+    return T
+
+
+def _errors(found: Sequence[tuple[Pose, Pose]]) -> NDArray[np.float64]:
+    """Distances [m] of positions after the best rigid alignment."""
+    T = aligned(found)
+    p = np.array([P[:3, 3] for P, _ in found])
+    return np.linalg.norm(p @ T[:3, :3].T + T[:3, 3] - [Q[:3, 3] for _, Q in found], axis=1)
 
 
 def _relative(found: Sequence[tuple[Pose, Pose]]) -> float:

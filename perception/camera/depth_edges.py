@@ -24,6 +24,7 @@ MIN_STRENGTH: Final = 1.7  # of colour's gradient along the moved edges; its mea
 NEAR: Final = 3  # [px of WIDTH] to surfaces that two images may both show
 STRONG: Final = 4.0  # gradient from which an edge of colour counts no more
 MIN_IMAGES: Final = 6  # with edges that others do not have, to conclude anything
+BLANK: Final = 3.0  # standard deviation of the grey levels of an image that shows nothing
 MIN_EDGES: Final = 20  # such pixels of an image
 ONE_SCENE: Final = 1.4  # `colour_fit` below which colour and depth show different scenes
 
@@ -79,8 +80,10 @@ def colour_fit(
 
     About 2 where colour and depth of `images`, (H, W, 3) and (H, W) [m] each, show one scene, and
     about 1 where they do not. Edges that the other image's depth has, too, are left out: they may
-    move with the camera. None where there are too few edges, or the images differ in shape.
+    move with the camera, and images without any contrast. None where there are too few edges, or
+    the images differ in shape.
     """
+    images = [(rgb, depth) for rgb, depth in images if rgb.std() > BLANK]
     points = [_depth_edges(depth).astype(np.intp) for _, depth in images]
     gradients = [np.minimum(_gradient(rgb), STRONG) for rgb, _ in images]
     nearest = [_nearest(depth) for _, depth in images]

@@ -77,7 +77,7 @@ class Odometry:
     graph: KeyGraph = field(default_factory=KeyGraph)
     _tracks: list[_Track | None] = field(default_factory=list)
     _detector: FeatureDetector = field(default_factory=FeatureDetector)
-    _last: tuple[_Track, Image] | None = None
+    _last: tuple[_Track, Image, int] | None = None  # with the number of the image
     _image: Image | None = None
     _parts: StillParts = field(default_factory=StillParts)
     _lost: int = 0  # images since the last one with a pose
@@ -98,7 +98,7 @@ class Odometry:
         if track is None:
             track = self._found_again(image, last)
         self._lost = 0 if track is not None else self._lost + 1
-        self._last = None if track is None else (track, image)
+        self._last = None if track is None else (track, image, self._added - 1)
         self._tracks.append(track)
         if self.max_images is not None:
             del self._tracks[:-MAX_TRACKS]
@@ -176,14 +176,13 @@ class Odometry:
         """The last image as a key frame: the next one shows it, though not its key frame."""
         if self._last is None or self._last[0] is not last:
             return last
-        image = self._last[1]
+        _, image, frame = self._last
         features = self._detector.features(image)
         far, turned = motion(np.eye(4), last.T_key_cam)
         if len(features) < LINK_INLIERS or (far < STILL[0] and turned < STILL[1]):
             return last
-        frame = self._added - 2
         track = self._new_key(features, image, last, last.key, last.measured, frame)
-        self._tracks[-1] = track
+        self._tracks[frame - (self._added - 1)] = track
         return track
 
     def _matched(self, features: Features, image: Image, last: _Track) -> tuple[int, Motion] | None:

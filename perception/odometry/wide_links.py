@@ -20,7 +20,7 @@ from perception.odometry.relative_motion import (
 )
 
 MIN_SHARE: Final = 0.2  # of the matches that have to agree on the motion
-AGREES: Final = 0.75  # of the depth of two views that show one scene
+AGREES: Final = 0.9  # of the depth of two views that show one scene
 OVERLAP: Final = 0.2  # of their depth that both show
 RECENT: Final = 8  # newest key frames whose images are kept
 

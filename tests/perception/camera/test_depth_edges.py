@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.odometry.faults import dirty_lens, gripper, mirrored, other_colour
+from benchmarks.odometry.faults import black, dirty_lens, gripper, mirrored, other_colour
 from benchmarks.odometry.houses import house_tour
 from kg.model.errors import RecordingError
 from perception.camera.depth_edges import ONE_SCENE, colour_fit
@@ -59,6 +59,10 @@ def test_colour_of_rooms_fits_their_depth_and_other_colour_does_not(room):
 
 def test_a_part_that_moves_with_the_camera_says_nothing(house):
     assert fit(gripper(list(house), np.random.default_rng(1))) > 1.7
+
+
+def test_black_images_say_nothing(room):
+    assert fit(black(room, np.random.default_rng(1))) > 1.7
 
 
 def test_a_camera_that_stands_still_says_nothing(house):

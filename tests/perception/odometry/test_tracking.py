@@ -74,6 +74,22 @@ def test_a_repeated_image_over_new_depth_is_not_followed(frames):
     assert odometry.poses()[1] is None
 
 
+def test_images_of_a_frozen_driver_have_no_pose(frames):
+    frozen = [replace(frame, rgb=frames[8].rgb) for frame in frames[9:14]]
+    images = [*frames[:9], *frozen, *frames[26:]]
+    poses = tracked(lambda: images).poses()
+    assert [n for n, T in enumerate(poses) if T is None] == [9, 10, 11, 12, 13]
+    assert worst(poses, images) < 0.03
+
+
+def test_images_far_apart_are_tracked():
+    way = [pose(-1.6 + 0.6 * n, -1.0 + 0.24 * n, 0.5 * np.sin(1.8 * n)) for n in range(4)]
+    images = [papered_frame(T, number) for number, T in enumerate(way)]
+    poses = tracked(lambda: images).poses()
+    assert all(T is not None for T in poses)
+    assert worst(poses, images) < 0.03
+
+
 def test_poses_of_frames_are_not_read(frames):
     without = [replace(frame, T_map_cam=np.eye(4)) for frame in frames[:8]]
     for T, U in zip(
