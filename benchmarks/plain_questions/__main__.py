@@ -34,13 +34,18 @@ def understood(semantic_map: SemanticMap, text: str) -> tuple[str, str, str]:
     question = parsed(text)
     if question is None:
         return "none", "", ""
-    about, where = question.what or question.other, question.where
+    about, where = [question.what or question.other, *question.also], question.where
     if question.what and question.other:
-        where = question.other if question.other == "door" else _name(semantic_map, question.other)
+        about.append("" if question.other == "door" else question.other)
+        where = question.other
     if question.kind in ("in place", "changed"):
-        about = ""
-    name = _name(semantic_map, about) if about else ""
-    return ("none", "", "") if name is None else (question.kind, name, where or "")
+        about = []
+    names = [_name(semantic_map, one) if one else "" for one in about]
+    if None in names:
+        return "none", "", ""
+    if question.what and question.other:
+        where = names.pop() or where
+    return question.kind, "|".join(filter(None, names)), where
 
 
 def _name(semantic_map: SemanticMap, words: str) -> str | None:
@@ -59,7 +64,7 @@ def scored(path: Path) -> Iterator[tuple[Mapping[str, str], str, tuple[str, str,
     with in_memory_map() as semantic_map, path.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
             found = understood(semantic_map, row["question"])
-            what = _name(semantic_map, row["what"]) if row["what"] else ""
+            what = "|".join(_name(semantic_map, one) or "" for one in row["what"].split("|") if one)
             wanted = row["kind"], what, row["where"]
             refused = "open" if found[0] == "none" else "wrong"
             yield row, "right" if found == wanted else refused, found

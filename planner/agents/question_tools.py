@@ -9,7 +9,7 @@ from pydantic import Field
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
 from planner.questions.answers import answer_question
-from planner.questions.patterns import MAX_LENGTH
+from planner.questions.wording import MAX_LENGTH
 
 
 class QuestionTools:

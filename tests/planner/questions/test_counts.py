@@ -29,7 +29,7 @@ def test_they_are_counted_by_place() -> None:
         ("what is in place 3?", "No object is known in place 3, but 1 thing without a name"),
         (
             "list all objects",
-            "3 objects: a banana, a cup, a bed, and 3 things without a name "
+            "The map has 3 objects: a banana, a cup, a bed, and 3 things without a name "
             "(2 in place 1, 1 in place 3)",
         ),
         ("how many cups are there?", "cup: 1"),
