@@ -73,7 +73,8 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
             one = _Answerer(semantic_map, replace(question, what=what), now).answer()
         except UndetectableError as error:
             one = PlainAnswer(question.kind, "", {}, (str(error),))
-        answers.append(one)
+        named = f"{what}: " * bool(question.also)
+        answers.append(replace(one, lines=(named + one.lines[0], *one.lines[1:])))
     return replace(answers[0], lines=tuple(line for one in answers for line in one.lines))
 
 
