@@ -215,7 +215,12 @@ class _Answerer:
         """Where the question asks for things, in words, and whether one is there."""
         question = self._question
         if question.other:
-            carriers = self._named(question.other)
+            try:
+                carriers = self._named(question.other)
+            except UndetectableError:
+                raise QueryParameterError(
+                    f"no detector here can see {question.other}, so nothing is known to be on it"
+                ) from None
             held = {str(row["object"]) for one in carriers for row in self._held(one)}
             name = carriers[0].label if len(carriers) == 1 else f"the {question.other}"
             return f" on {name}", lambda one: one.iri in held

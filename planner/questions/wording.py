@@ -50,6 +50,10 @@ def normalised(text: str) -> str:
     words = " ".join(text.replace("\u2019", "'").casefold().split())
     words = re.sub(r"\b(where|what|who|there|it)'s\b", r"\1 is", words).strip(" ?!.,;:'\"")
     words = _TRAILING.sub("", _POLITE.sub("", words[:MAX_LENGTH], count=1))
+    return _in_one_form(words)
+
+
+def _in_one_form(words: str) -> str:
     for pattern, form in _FORMS:
         words = pattern.sub(form, words)
     return words
@@ -61,7 +65,8 @@ def in_present(words: str) -> tuple[str, str]:
     if match is None:
         return words, ""
     be = {"was": "is", "were": "are"}[match["be"]]
-    return f"{match['asked']}{be} {match['rest']}", match["when"].removeprefix("on ")
+    present = _in_one_form(f"{match['asked']}{be} {match['rest']}")
+    return present, match["when"].removeprefix("on ")
 
 
 def respelt(words: str) -> str:

@@ -104,6 +104,8 @@ class Meaning:
         if not labels or name_key(labels) in readings(own):
             return typed
         subject = f"{typed}, and {self.word}" if typed else f"'{self.text}'"
+        if self.how == "head" and self.relation == "narrower":
+            return f"{subject} is read as a kind of {labels}"
         return {
             "narrower": f"{subject} is a kind of {labels}",
             "may": f"{subject} may be detected as {labels}",

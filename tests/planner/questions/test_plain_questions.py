@@ -44,8 +44,8 @@ def says(capsys: pytest.CaptureFixture[str], flat: Path) -> Says:
 @pytest.mark.parametrize("part", PARTS, ids=lambda path: path.stem)
 def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
     verdicts = Counter(verdict for _, verdict, _ in scored(part))
-    assert verdicts["right"] >= 45 and verdicts["wrong"] == 0
-    assert verdicts.total() == 50
+    assert verdicts["right"] >= 0.8 * verdicts.total() and verdicts["wrong"] == 0
+    assert verdicts.total() >= 40
 
 
 @pytest.mark.parametrize(
@@ -92,6 +92,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("how many cups are on the bed?", "cup: 0 on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
         ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
+        ("how big is the kitchen", "Place 1 is believed to be a kitchen (0.90): at (2.0, 2.0), 16"),
         ("how tall is the bed", "The size of bed 3 is not known"),
         ("where are the cup and the bed?", "cup 2 was seen there 4 times"),
         ("where are the cup and the bed?", "bed 3 was seen there 4 times"),
@@ -143,6 +144,10 @@ def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
         ("move my bed", "not understood"),
         ("where is the cup and what is on the bed", "not understood"),
         ("is there a cup on the moon", "no category 'moon'"),
+        ("is the cup on the floor", "no detector here can see floor, so nothing is known to be on"),
+        ("how far is the cup from the kitchen", "'kitchen' is a place; 'what is in the kitchen'"),
+        ("how many cups were in the kitchen in 1999", "not understood"),
+        ("how many cups were in the kitchen a week ago", "the past before "),
         ("gibt es keine Tasse", "not understood"),
         ("gibt es zwei Tassen", "not understood"),
         ("gibt es mehr Tassen als Betten", "not understood"),
