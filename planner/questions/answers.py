@@ -18,7 +18,7 @@ from kg.model.errors import (
     UnknownQueryError,
 )
 from planner.freespace.planning_map import Row, number
-from planner.questions.counts import NAMED, counted_kinds, counted_unnamed
+from planner.questions.counts import NAMED, counted_kinds, counted_unnamed, sized
 from planner.questions.moments import past, read_since, since
 from planner.questions.patterns import EVENTS, Kind, Question, parsed
 from planner.questions.plain_answer import PlainAnswer
@@ -28,7 +28,7 @@ from planner.questions.wording import MAX_LENGTH
 from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import object_named, place_named, plain_place
-from planner.search.goals.status import Status, Value, status
+from planner.search.goals.status import Value, status
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import answer_lines, find_sentences
 from planner.search.plans.report import empty_answer, find_answer
@@ -38,7 +38,7 @@ _YES: Final[Mapping[Value, str]] = {
     "present": "Yes",
     "gone": "Not any more",
     "looked, none seen": "Probably not",
-    "hidden": "Perhaps, though none was seen",
+    "hidden": "Perhaps, though none is sure",
     "never looked": "Unknown",
 }
 
@@ -198,7 +198,11 @@ class _Answerer:
             assert target.iri is not None
             found = status(self._map, target.iri, place)
         lines = [target.note] if target.note and one is None else []
-        return self._made("status", [*lines, _yes(found)], category=target.label)
+        lines.append(f"{_YES[found.value]} ({found.value}): {found.proof}")
+        if one is None and found.value != "present":
+            there = [k for k in known_objects(self._map, target) if place in (None, k.place)]
+            lines += answer_lines([k for k in there if k.doubted], self._now, target)
+        return self._made("status", lines, category=target.label)
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
         """Presence of something of several categories, or on another thing."""
@@ -242,14 +246,7 @@ class _Answerer:
         target, _ = self._target(self._question.what)
         sure = self._named(self._question.what)
         records = {one.iri: one for one in self._map.objects()}
-        sizes = [(one.label, records[one.iri].extent) for one in sure[:LISTED]]
-        lines = [
-            f"The size of {label} is not known"
-            if extent is None
-            else f"{label} is about {max(extent[:2]):.2f} m wide, {min(extent[:2]):.2f} m deep "
-            f"and {extent[2]:.2f} m high, as far as it was seen"
-            for label, extent in sizes
-        ]
+        lines = [sized(one.label, records[one.iri].extent) for one in sure[:LISTED]]
         return self._of_category(target, lines)
 
     def _near(self, within: float = _NEAR) -> PlainAnswer:
@@ -402,7 +399,3 @@ class _Answerer:
         columns = tuple(rows[0]) if rows else ()
         table = tuple(tuple(row.values()) for row in rows)
         return PlainAnswer(self._question.kind, query, parameters, tuple(lines), columns, table)
-
-
-def _yes(found: Status) -> str:
-    return f"{_YES[found.value]} ({found.value}): {found.proof}"

@@ -176,7 +176,7 @@ TASKS: list[tuple[str, Any, Any]] = [
     ("which of three things are there",
      one("ask", lambda a: [line.split(" (")[0] for line in a["untrusted_answer"]],
          question="do we have a book, a banana and a giraffe?"),
-     ["book: Yes", "banana: Yes", "giraffe: Perhaps, though none was seen"]),
+     ["book: Yes", "banana: Yes", "giraffe: Perhaps, though none is sure"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],

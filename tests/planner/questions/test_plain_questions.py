@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -12,11 +13,11 @@ import pytest
 
 from benchmarks.plain_questions.__main__ import PARTS, scored
 from kg.model.records import MapUpdate
-from kg.serving.opening import create_map, open_map
+from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.cli import main
 from planner.questions.answers import answer_box, answer_question
 from planner.questions.moments import past, since
-from tests.planner.flat import fill
+from tests.planner.flat import fill, thing
 
 Says = Callable[..., str]
 
@@ -111,6 +112,18 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
 )
 def test_a_question_has_its_answer(says: Says, question: str, answer: str) -> None:
     assert answer in says("ask", question)
+
+
+def test_doubted_things_are_listed_where_none_is_present() -> None:
+    with in_memory_map() as semantic_map:
+        fill(semantic_map)
+        doubted = replace(thing(semantic_map, "vase", 3.5, 3.5, 1), existence=0.1)
+        semantic_map.apply(MapUpdate(objects=(doubted,)))
+        first, second = answer_question(semantic_map, "is there a vase?").lines
+        assert first.startswith("Unknown (never looked): the robot viewed")
+        assert second.startswith("In place 1 (kitchen): vase 4, which is probably no vase, was")
+        (elsewhere,) = answer_question(semantic_map, "is there a vase in the bedroom?").lines
+        assert elsewhere.startswith("Unknown (never looked)")
 
 
 def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
