@@ -234,24 +234,24 @@ def parsed(text: str, known: Known = lambda name: False) -> Question | None:
     words, at = in_present(normalised(in_english(text[: MAX_LENGTH + 1])))
     if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]+", words):
         return None
-    question = _matched(words, known)
-    if question is None and (again := respelt(words)) != words:
-        found, then = in_present(again)
-        question, at = _matched(found, known), at or then
-        question = question and replace(question, read_as=again)
-    bare = _without(words, known)[0]
-    if question is None and 0 < len(bare.split()) <= 3:
-        question = _question("where", {"what": words}, known)
-    if at and (question is None or question.kind in _TIMELESS):
+    found, read_as = _match(words), ""
+    if found is None and (again := respelt(words)) != words:
+        present, then = in_present(again)
+        if (found := _match(present)) is not None:
+            read_as, at = again, at or then
+    if found is None and 0 < len(_without(words, known)[0].split()) <= 3:
+        found = "where", {"what": words}
+    question = found and _question(*found, known)
+    if question is None or (at and question.kind in _TIMELESS):
         return None
-    return question and replace(question, at=at)
+    return replace(question, at=at, read_as=read_as)
 
 
-def _matched(words: str, known: Known) -> Question | None:
-    """The question by the first pattern that matches, or None."""
+def _match(words: str) -> tuple[Kind, dict[str, str]] | None:
+    """Kind and gaps of the first pattern that matches, or None."""
     for kind, pattern in PATTERNS:
         if match := pattern.fullmatch(words):
-            return _question(kind, match.groupdict(""), known)
+            return kind, match.groupdict("")
     return None
 
 
