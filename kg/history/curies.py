@@ -35,7 +35,8 @@ def thing(text: str, base: str) -> NamedNode:
         return NamedNode(text)
     except ValueError:
         raise QueryParameterError(
-            f"no thing {text!r}; write object/17, place/1, robot, here:Banana or an IRI"
+            f"no thing {text!r}; write object/17, its label (cup 17), place/1, robot, here:Banana "
+            "or an IRI"
         ) from None
 
 

@@ -68,8 +68,12 @@ class Thing(_Record):
 
 
 class KnownThing(Thing):
-    """An object with its whereabouts in words, and other categories that it may have."""
+    """An object with its whereabouts in words, and other categories that it may have.
 
+    `still_there`: that it exists, and was not moved since it was last seen.
+    """
+
+    still_there: Share | None = None
     untrusted_where: Sentence | None = None
     untrusted_may_be: list[tuple[Label, Share]] | None = None
     untrusted_frame: Label | None = None
@@ -103,7 +107,7 @@ class WhereIs(Page):
     listed: ClassVar[str] = "things"
     things: list[KnownThing]
     departed: list[Departed] | None = None
-    status: StatusValue | None = None  # if no thing is known
+    status: StatusValue | None = None  # if no thing is known, or none more probably than not
     untrusted_proof: Sentence | None = None
     untrusted_understood: Sentence | None = None  # how the word was read, if not as a category
 
@@ -133,6 +137,7 @@ class Changed(Page):
     """Changes of objects: appeared, gone, moved (the farthest first), relabelled."""
 
     listed: ClassVar[str] = "things"
+    since: str  # the moment of writing compared with: later than asked if the history is shorter
     things: list[ChangedThing]
     floor_seen: list[float]  # [m^2] then and now
     surface_seen: list[float]
@@ -262,8 +267,8 @@ class PlanAnswer(Page):
     listed: ClassVar[str] = "looks"
     untrusted_answer: list[Sentence]
     known: list[KnownThing]  # matching objects of the map
-    present: Share  # probability that it is on this floor
-    probability: Share  # that the whole plan finds it
+    present: Share | None  # probability that it is on this floor
+    probability: Share | None  # that the whole plan finds it
     expected_seconds: Metres | None
     further_looks: int | None  # that gain too little for their time
     looks: list[Look]

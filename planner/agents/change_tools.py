@@ -63,6 +63,7 @@ class ChangeTools:
         found = read_since(semantic_map, instant(since, time.time()), compare)
         return a.Changed(
             map=state,
+            since=found.times[0],
             things=[_changed(one, semantic_map.base) for one in found.changes[skip : skip + limit]],
             total=len(found.changes),
             skip=skip,

@@ -19,7 +19,9 @@ from planner.agents.map_context import MapContext, clock, state_of, time_or_none
 from planner.freespace.planning_map import Row
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
+from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_objects
+from planner.search.goals.place_names import plain_place
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
 from planner.search.goals.targets import resolve, undetectable_target
@@ -76,14 +78,15 @@ class MapTools:
         """Find things: a category (cup), a synonym, a need ("something to sit on"), or one
         thing (object/17). Surest first.
 
-        Without any, `status` tells if it is gone, hidden, not seen, or was never looked for: then
-        its place is not known. `departed` left their spot. Of a thing that no detector can see
-        (keys), the proof says where it usually is; of a room (kitchen), where it is.
+        Without a sure one, `status` tells if it is gone, hidden, not seen, or was never looked
+        for: then its place is not known. `departed` left their spot. Of a thing that no detector
+        can see (keys), the proof says where it usually is; of a room (kitchen), where it is.
         """
         with self._context.at(at) as semantic_map:
             state = state_of(semantic_map)
+            now = time.time() if at is None else map_time(semantic_map)
             if self._context.is_thing(what):
-                one = one_thing(semantic_map, self._context.iri(what))
+                one = one_thing(semantic_map, self._context.iri(what), now)
                 return a.WhereIs(map=state, things=[one], total=1)
             if rooms := about_rooms(semantic_map, Question("where", what), time.time()):
                 proof = ". ".join(rooms) + "."
@@ -93,10 +96,11 @@ class MapTools:
                 return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)
             (target,) = resolve(semantic_map, (what,))
             known = known_objects(semantic_map, target, located=skip + limit)
-            found = None if known or target.iri is None else status(semantic_map, target.iri)
+            unsure = target.iri is not None and not any(one.sure for one in known)
+            found = status(semantic_map, target.iri) if unsure and target.iri else None
             return a.WhereIs(
                 map=state,
-                things=[known_thing(one) for one in known[skip : skip + limit]],
+                things=[known_thing(one, now) for one in known[skip : skip + limit]],
                 total=len(known),
                 skip=skip,
                 departed=_departed_of(semantic_map, target.queried)[:_DEPARTED] or None,
@@ -190,7 +194,7 @@ class MapTools:
         return a.PlaceSummary(
             id=place.iri,
             untrusted_label=place.label,
-            untrusted_category=None if top is None else self._map.catalogue.label(top),
+            untrusted_category=None if top is None else plain_place(self._map.catalogue.label(top)),
             probability=None if top is None else place.beliefs[top],
             viewed_share=None if viewed is None else viewed.share,
             last_viewed=None if viewed is None else clock(viewed.last),
@@ -209,23 +213,36 @@ def _departed_of(semantic_map: SemanticMap, categories: Sequence[str]) -> list[a
     return [_departed(row) for row in {str(row["object"]): row for row in rows}.values()]
 
 
-def one_thing(semantic_map: SemanticMap, iri: str) -> a.KnownThing:
-    """One object as an answer; raises QueryParameterError for none."""
+def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.KnownThing:
+    """One object as an answer at `now` [s since 1970]; raises QueryParameterError for none."""
     rows = semantic_map.query("objects", least=0.0).records()
     for row in rows:
         if row["object"] == iri:
-            where = whereabouts(semantic_map, iri)
-            return a.KnownThing(**thing(row).model_dump(), untrusted_where=where)
+            return a.KnownThing(
+                **thing(row).model_dump(),
+                untrusted_where=whereabouts(semantic_map, iri),
+                still_there=_still_there(semantic_map, iri, str(row["category"]), now),
+            )
     raise unknown(iri)
 
 
-def known_thing(one: KnownObject) -> a.KnownThing:
-    """An object that matches a query as an answer."""
+def _still_there(semantic_map: SemanticMap, iri: str, category: str, now: float) -> float | None:
+    known = semantic_map.catalogue.get(category, "object")
+    if known is None or known.undetected:
+        return None
+    (target,) = resolve(semantic_map, (category,))
+    found = known_objects(semantic_map, target, located=0)
+    return next((one.still_there(now) for one in found if one.iri == iri), None)
+
+
+def known_thing(one: KnownObject, now: float) -> a.KnownThing:
+    """An object that matches a query as an answer, at `now` [s since 1970]."""
     return a.KnownThing(
         id=one.iri,
         untrusted_label=one.label,
         untrusted_category=one.own or one.category,
         probability=one.existence,
+        still_there=one.still_there(now),
         x=float(one.p_map[0]),
         y=float(one.p_map[1]),
         z=one.z,

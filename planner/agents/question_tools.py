@@ -8,8 +8,9 @@ from pydantic import Field
 
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext
+from planner.agents.untrusted_text import for_agents
 from planner.questions.answers import answer_question
-from planner.questions.patterns import MAX_LENGTH
+from planner.questions.wording import MAX_LENGTH
 
 
 class QuestionTools:
@@ -24,4 +25,4 @@ class QuestionTools:
         """A question in sentences: "where is the cup?", "how many chairs are in the kitchen?" """
         state = self._context.state()
         found = answer_question(self._context.semantic_map, question)
-        return a.PlainAnswer(map=state, kind=found.kind, untrusted_answer=list(found.lines))
+        return a.PlainAnswer(map=state, kind=found.kind, untrusted_answer=for_agents(found.lines))

@@ -18,11 +18,11 @@ from planner.agents.list_tools import Limit, Metres, Skip, Word
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import known_thing
 from planner.agents.open_searches import OpenSearch, OpenSearches
-from planner.agents.untrusted_text import LABEL, escaped
+from planner.agents.untrusted_text import LABEL, escaped, for_agents
 from planner.execution.protocol import RobotPose
 from planner.execution.viewpoint_adapter import NextView
 from planner.search.goals.known_objects import known_objects
-from planner.search.goals.targets import resolve
+from planner.search.goals.targets import resolve, undetectable_target
 from planner.search.plans.answer_sentences import find_sentences
 from planner.search.plans.report import worthwhile
 from planner.search.plans.search_state import build_search
@@ -60,7 +60,7 @@ class SearchTools:
     ) -> a.PlanAnswer:
         """A search plan: where to stand and look, in which order, why, and how long it takes.
 
-        It starts at x, y, or where the robot is.
+        It starts at x, y, or where the robot is. What no detector can see is only answered.
         """
         map_state, semantic_map, now = (
             self._context.state(),
@@ -68,8 +68,10 @@ class SearchTools:
             time.time(),
         )
         start = start_of(semantic_map, x, y, heading_degrees)
+        unseen = {text: undetectable_target(semantic_map, text) for text in what}
+        what = [text for text in what if unseen[text] is None]
         with self._turn():
-            state = build_search(semantic_map, what, at=now)
+            state = build_search(semantic_map, what, at=now) if what else None
             found = None if state is None else plan_from(semantic_map, state, start)
         targets = resolve(semantic_map, what)
         known = [
@@ -80,15 +82,16 @@ class SearchTools:
         steps = () if found is None else found.steps
         worth = worthwhile(steps)
         seconds = None if found is None else found.expected_seconds
-        sentences = [
+        sentences = [f"{one.answer}." for one in unseen.values() if one is not None]
+        sentences += [
             line for target in targets for line in find_sentences(semantic_map, target, now, state)
         ]
         return a.PlanAnswer(
             map=map_state,
-            untrusted_answer=sentences[:_KNOWN],
-            known=[known_thing(one) for one in known[:_KNOWN]],
-            present=0.0 if found is None else found.present,
-            probability=0.0 if found is None else found.probability,
+            untrusted_answer=for_agents(sentences[:_KNOWN]),
+            known=[known_thing(one, now) for one in known[:_KNOWN]],
+            present=None if found is None else found.present,
+            probability=None if found is None else found.probability,
             expected_seconds=None if seconds is None or not math.isfinite(seconds) else seconds,
             further_looks=len(steps) - worth or None,
             looks=[_look(step) for step in steps[:worth][skip : skip + limit]],

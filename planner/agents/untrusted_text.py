@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
+from collections.abc import Iterable
 from typing import Final
 
 #: maximum characters of a label, of a sentence and of an IRI
@@ -29,6 +31,11 @@ def escaped(value: object, max_length: int) -> str:
 def in_one_line(message: str) -> str:
     """A message in one visible line, since it may contain text of the map."""
     return escaped(" ".join(message.split()), SENTENCE)
+
+
+def for_agents(sentences: Iterable[str]) -> list[str]:
+    """Sentences without the commands of a shell that tell people more."""
+    return [re.sub(r":? `hereabouts [^`]*`", "", sentence) for sentence in sentences]
 
 
 def _visible(character: str) -> str:

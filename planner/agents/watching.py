@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, Final
@@ -64,10 +65,13 @@ class Watching:
         semantic_map = self._context.semantic_map
         if not self._context.is_thing(what):
             (target,) = resolve(semantic_map, (what,))
-            return [known_thing(one) for one in known_objects(semantic_map, target, located=0)]
+            return [
+                known_thing(one, time.time())
+                for one in known_objects(semantic_map, target, located=0)
+            ]
         iri = self._context.iri(what)
         gone = not semantic_map.perceived.objects((iri,))
-        return [] if gone else [one_thing(semantic_map, iri)]
+        return [] if gone else [one_thing(semantic_map, iri, time.time())]
 
     async def __call__(self, ctx: ServerRequestContext[Any, Any], call_next: CallNext) -> Any:
         """Middleware: watches what a client listens to, as long as it listens."""

@@ -119,13 +119,13 @@ def _note_frames(semantic_map: SemanticMap) -> None:
 
 
 def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
-    """Whether the query is a question in English; one word only if it is a known name."""
-    from planner.questions.answers import is_plain
+    """Whether the query is a plain question; one word only if it is a known name."""
+    from planner.questions.recognition import is_known_word, is_plain
 
     text = arguments.question
     if text is None or arguments.parameter or not is_plain(text):
         return False
-    return len(text.split()) != 1 or semantic_map.catalogue.get(text) is not None
+    return len(text.split()) != 1 or is_known_word(semantic_map, text)
 
 
 def _answer_plainly(

@@ -117,8 +117,9 @@ def _take_undetectable(
     semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> list[dict[str, object]]:
     """Take words that no category includes out of the wanted objects, and answer them."""
-    from planner.search.goals.targets import undetectable_target
+    from planner.search.goals.targets import as_one, undetectable_target
 
+    arguments.object = as_one(semantic_map, arguments.object)
     unseen = {text: undetectable_target(semantic_map, text) for text in arguments.object}
     arguments.object = [text for text in arguments.object if unseen[text] is None]
     answers = [answer for answer in unseen.values() if answer is not None]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,42 +15,32 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     QueryParameterError,
     UndetectableError,
-    UnknownCategoryError,
     UnknownQueryError,
 )
 from planner.freespace.planning_map import Row, number
-from planner.questions.counts import NAMED, counted_kinds, counted_unnamed
-from planner.questions.moments import read_since, since
-from planner.questions.patterns import EVENTS, MAX_LENGTH, Kind, Question, parsed
+from planner.questions.counts import NAMED, counted_kinds, counted_unnamed, sized
+from planner.questions.moments import past, read_since, since
+from planner.questions.patterns import EVENTS, Kind, Question, parsed
 from planner.questions.plain_answer import PlainAnswer
+from planner.questions.recognition import is_known_word
 from planner.questions.rooms import about_rooms
+from planner.questions.wording import MAX_LENGTH
 from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import object_named, place_named, plain_place
-from planner.search.goals.status import Status, Value, status
-from planner.search.goals.target_words import any_meaning
+from planner.search.goals.status import Value, status
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import answer_lines, find_sentences
 from planner.search.plans.report import empty_answer, find_answer
 
-_SPARQL: Final = re.compile(
-    r"(?:\s|#[^\n]*\n)*(?:select|ask|construct|describe|prefix|base|insert|delete)\b", re.IGNORECASE
-)
 _NEAR: Final = 2.0  # [m] over the floor
 _YES: Final[Mapping[Value, str]] = {
     "present": "Yes",
     "gone": "Not any more",
     "looked, none seen": "Probably not",
-    "hidden": "Not seen, but it may be hidden",
-    "never looked": "Unknown, since nobody looked",
+    "hidden": "Perhaps, though none is sure",
+    "never looked": "Unknown",
 }
-
-
-def is_plain(text: str) -> bool:
-    """Whether a text is to be read as a plain question, rather than as SPARQL or a query's name."""
-    if text.endswith(".rq") or "{" in text or _SPARQL.match(text):
-        return False
-    return text not in {query.name for query in shipped_queries()}
 
 
 def answer_question(semantic_map: SemanticMap, text: str, now: float | None = None) -> PlainAnswer:
@@ -65,12 +54,28 @@ def answer_question(semantic_map: SemanticMap, text: str, now: float | None = No
     question = _parsed(semantic_map, text)
     if question is None:
         raise UnknownQueryError(_not_understood(text))
-    answerer = _Answerer(semantic_map, question, time.time() if now is None else now)
-    try:
-        answer = answerer.answer()
-    except UndetectableError as error:
-        return PlainAnswer(question.kind, "", {}, (str(error),))
-    return replace(answer, lines=(*question.notes, *answer.lines))
+    now = time.time() if now is None else now
+    if not question.at:
+        answer = _answered(semantic_map, question, now)
+        return replace(answer, lines=(*question.notes, *answer.lines))
+    then = past(question.at, now)
+    with semantic_map.at(iso(then)) as before:
+        answer = _answered(before, question, then)
+    lines = *question.notes, f"As the map was at {iso(then)[:19]}:", *answer.lines
+    return replace(answer, query="", parameters={}, lines=lines)
+
+
+def _answered(semantic_map: SemanticMap, question: Question, now: float) -> PlainAnswer:
+    """The answer, or several one below the other where the question is about several things."""
+    answers = []
+    for what in (question.what, *question.also):
+        try:
+            one = _Answerer(semantic_map, replace(question, what=what), now).answer()
+        except UndetectableError as error:
+            one = PlainAnswer(question.kind, "", {}, (str(error),))
+        named = f"{what}: " * bool(question.also)
+        answers.append(replace(one, lines=(named + one.lines[0], *one.lines[1:])))
+    return replace(answers[0], lines=tuple(line for one in answers for line in one.lines))
 
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
@@ -96,7 +101,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         return find_answer(semantic_map, wanted)
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
-    if question.kind == "where" and not rooms and not object_named(semantic_map, question.what):
+    alone = not (rooms or question.also or question.at)
+    if question.kind == "where" and alone and not object_named(semantic_map, question.what):
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
     answer = answer_question(semantic_map, wanted[0], now)
@@ -130,6 +136,8 @@ class _Answerer:
             "objects": self._objects,
             "robot": self._robot,
             "departed": self._departed,
+            "distance": lambda: self._near(math.inf),
+            "size": self._size,
         }
         rooms = about_rooms(self._map, self._question, self._now)
         return self._made("places", rooms) if rooms else kinds[self._question.kind]()
@@ -148,7 +156,7 @@ class _Answerer:
         try:
             place = place_named(self._map, name)
         except QueryParameterError:
-            if self._known_word(name):
+            if is_known_word(self._map, name):
                 return self._on(name)
             raise
         rows = self._map.query("objects-in-place", place=place).records()
@@ -171,45 +179,77 @@ class _Answerer:
                 rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
                 lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
         lines = lines or ["Nothing changed" if not wanted else "Nothing did"]
-        lines.append(f"Since {found.times[0]}, by the time of writing")
+        lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
         rows = tuple((c.kind, c.iri, c.category, *c.sides) for c in changes)
         columns = ("change", "thing", "category", "before", "after")
         return PlainAnswer("changed", "departed", {}, tuple(lines), columns, rows)
 
     def _status(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
+        if self._question.other or (one is None and target.iri is None):
+            return self._any_of(target, one)
         place = place_named(self._map, self._question.where) if self._question.where else None
         if one is not None:
             found = status(self._map, one.iri)
             if place is not None and found.value == "present" and one.place != place:
                 where = one.where.strip()
                 return self._made("status", [f"No: {one.label} is {where}"], category=one.category)
-        elif target.iri is None:
-            return self._any_of(target, place)
         else:
-            found = status(self._map, target.iri, None if place is None else place)
+            assert target.iri is not None
+            found = status(self._map, target.iri, place)
         lines = [target.note] if target.note and one is None else []
-        return self._made("status", [*lines, _yes(found)], category=target.label)
+        lines.append(f"{_YES[found.value]} ({found.value}): {found.proof}")
+        if one is None and found.value != "present":
+            there = [k for k in known_objects(self._map, target) if place in (None, k.place)]
+            lines += answer_lines([k for k in there if k.doubted], self._now, target)
+        return self._made("status", lines, category=target.label)
 
-    def _any_of(self, target: Target, place: str | None) -> PlainAnswer:
-        """Presence of something of several categories."""
-        known = [one for one in self._sure(target) if place in (None, one.place)]
-        lines = ["Yes:", *answer_lines(known, self._now, target)] if known else ["None is known"]
-        return self._of_category(target, lines)
+    def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
+        """Presence of something of several categories, or on another thing."""
+        where, there = self._there()
+        sure = self._sure(target) if one is None else [one]
+        known = [found for found in sure if there(found)]
+        if known:
+            return self._of_category(target, ["Yes:", *answer_lines(known, self._now, target)])
+        others = answer_lines(sure, self._now, target) if where else []
+        none = f"No {target.label} is known to be{where}" if where else "None is known"
+        return self._of_category(target, [none, *others])
+
+    def _there(self) -> tuple[str, Callable[[KnownObject], bool]]:
+        """Where the question asks for things, in words, and whether one is there."""
+        question = self._question
+        if question.other:
+            try:
+                carriers = self._named(question.other)
+            except UndetectableError:
+                raise QueryParameterError(
+                    f"no detector here can see {question.other}, so nothing is known to be on it"
+                ) from None
+            held = {str(row["object"]) for one in carriers for row in self._held(one)}
+            name = carriers[0].label if len(carriers) == 1 else f"the {question.other}"
+            return f" on {name}", lambda one: one.iri in held
+        if question.where:
+            place = place_named(self._map, question.where)
+            return f" in {self._label_of(place)}", lambda one: one.place == place
+        return "", lambda one: True
 
     def _count(self) -> PlainAnswer:
         target, _ = self._target(self._question.what)
-        place = place_named(self._map, self._question.where) if self._question.where else None
-        every = known_objects(self._map, target, located=0)
-        known = [one for one in every if place in (None, one.place)]
-        sure, named = [one for one in known if one.sure], target.label
-        where = f" in {self._label_of(place)}" if place else ""
+        where, there = self._there()
+        known = [one for one in known_objects(self._map, target, located=0) if there(one)]
+        sure = [one for one in known if one.sure]
         rest = len(known) - len(sure)
         doubted = f", and {rest} more that may be some" if rest else ""
-        lines = [f"{named}: {len(sure)}{where}{doubted}"]
+        return self._of_category(target, [f"{target.label}: {len(sure)}{where}{doubted}"])
+
+    def _size(self) -> PlainAnswer:
+        target, _ = self._target(self._question.what)
+        sure = self._named(self._question.what)
+        records = {one.iri: one for one in self._map.objects()}
+        lines = [sized(one.label, records[one.iri].extent) for one in sure[:LISTED]]
         return self._of_category(target, lines)
 
-    def _near(self) -> PlainAnswer:
+    def _near(self, within: float = _NEAR) -> PlainAnswer:
         target, _ = self._target(self._question.what)
         spots = self._spots(self._question.other)
         found = sorted(
@@ -219,11 +259,12 @@ class _Answerer:
         )
         lines, seen = list[str](), set[str]()
         for metres, label, iri, one in found:
-            if iri not in seen and len(lines) < LISTED and metres <= _NEAR:
+            if iri not in seen and len(lines) < LISTED and metres <= within:
                 seen.add(iri)
                 lines.append(f"{one.label}, {metres:.1f} m from {label}, {one.where}")
         if not lines:
-            lines = [f"No {target.label} is known within {_NEAR:g} m of {self._question.other}"]
+            some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
+            lines = [f"No {target.label} is known{some}"]
             lines += [f"The nearest is {d:.1f} m away: {one.label}" for d, _, _, one in found[:1]]
         return self._of_category(target, lines)
 
@@ -237,24 +278,31 @@ class _Answerer:
         named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
         rest = f" and {len(rest_rows)} more" if (rest_rows := rows[NAMED:]) else ""
         line = f"Within {_NEAR:g} m of {label}: {', '.join(named) or 'nothing'}{rest}"
-        more = [f"There are {len(others)} others of that name"] if others else []
+        more = [f"The map has {len(others)} more of that name"] if others else []
         at = {"x": f"{x:.2f}", "y": f"{y:.2f}"}
         return self._listed("objects-within-radius", [line, *more], rows, **at)
 
     def _on(self, name: str = "") -> PlainAnswer:
-        target, one = self._target(name or self._question.other)
-        carriers = [one] if one is not None else self._sure(target)
+        carriers = self._named(name or self._question.other)
         lines = list[str]()
         for carrier in carriers[:LISTED]:
-            rows = self._map.query("related", object=carrier.iri).records()
-            held = [str(row["label"]) for row in rows if row["relation"] in ("on", "inside")]
-            if held:
+            if held := [str(row["label"]) for row in self._held(carrier)]:
                 lines.append(f"On or in {carrier.label} {carrier.where}: {', '.join(held)}".strip())
-        if not lines:
-            none = f"nothing is known to be on or in {carriers[0].label}" if carriers else ""
-            lines = [none or f"no {target.label} is in the map"]
-        first = carriers[0].iri.removeprefix(self._map.base) if carriers else ""
+        lines = lines or [f"nothing is known to be on or in {carriers[0].label}"]
+        first = carriers[0].iri.removeprefix(self._map.base)
         return self._made("related", lines, object=first)
+
+    def _named(self, words: str) -> list[KnownObject]:
+        """The things that words name; at least one."""
+        target, one = self._target(words)
+        found = [one] if one is not None else self._sure(target)
+        if not found:
+            raise QueryParameterError(f"no {target.label} is in the map for sure")
+        return found
+
+    def _held(self, carrier: KnownObject) -> list[Row]:
+        rows = self._map.query("related", object=carrier.iri).records()
+        return [row for row in rows if row["relation"] in ("on", "inside")]
 
     def _last_seen(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
@@ -288,7 +336,7 @@ class _Answerer:
         rows = self._map.query("objects").records()
         unnamed = counted_unnamed(self._map)
         more = f", and {unnamed}" if unnamed else ""
-        count = f"{len(rows)} object{'' if len(rows) == 1 else 's'}"
+        count = f"The map has {len(rows)} object{'' if len(rows) == 1 else 's'}"
         line = f"{count}: {counted_kinds(rows)}{more}" if rows else f"{count}{more}"
         return self._listed("objects", [line], rows)
 
@@ -320,15 +368,6 @@ class _Answerer:
         (target,) = resolve(self._map, (words,))
         return target, None
 
-    def _known_word(self, words: str) -> bool:
-        """Whether words name things; typing errors, as in a room that is unknown, do not count."""
-        if object_named(self._map, words):
-            return True
-        try:
-            return any_meaning(self._map.catalogue, words).how != "spelling"
-        except UnknownCategoryError:
-            return False
-
     def _sure(self, target: Target) -> list[KnownObject]:
         return [one for one in known_objects(self._map, target) if one.sure]
 
@@ -339,10 +378,7 @@ class _Answerer:
             if not doors:
                 raise QueryParameterError("the map has no doors")
             return doors
-        target, one = self._target(words)
-        things = [one] if one is not None else self._sure(target)
-        if not things:
-            raise QueryParameterError(f"no {target.label} is in the map for sure")
+        things = self._named(words)
         return [(t.label, (float(t.p_map[0]), float(t.p_map[1]))) for t in things]
 
     def _label_of(self, place: str) -> str:
@@ -363,7 +399,3 @@ class _Answerer:
         columns = tuple(rows[0]) if rows else ()
         table = tuple(tuple(row.values()) for row in rows)
         return PlainAnswer(self._question.kind, query, parameters, tuple(lines), columns, table)
-
-
-def _yes(found: Status) -> str:
-    return f"{_YES[found.value]} ({found.value}): {found.proof}"

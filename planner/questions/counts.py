@@ -1,10 +1,13 @@
-"""Counts of what a map holds, in words: objects by category, and things without a name."""
+"""Counts and sizes in words: objects by category, things without a name, boxes of things."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
@@ -37,6 +40,17 @@ def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
     labels = {one.iri: one.label or one.iri for one in semantic_map.places()}
     named = [f"{n} in {labels.get(iri or '', 'no place')}" for iri, n in where[:NAMED]]
     return f"{text} ({_listed(named, sum(n for _, n in where[NAMED:]))})"
+
+
+def sized(label: str, extent: NDArray[np.float64] | None) -> str:
+    """The size of a thing by its box, (3,) [m]; None if that is not known."""
+    if extent is None:
+        return f"The size of {label} is not known"
+    wide, deep, high = max(extent[:2]), min(extent[:2]), extent[2]
+    return (
+        f"{label} is about {wide:.2f} m wide, {deep:.2f} m deep and {high:.2f} m high, "
+        "as far as it was seen"
+    )
 
 
 def _listed(named: list[str], rest: int) -> str:

@@ -58,6 +58,16 @@ def instant(words: str, now: float) -> str:
         ) from None
 
 
+def past(words: str, now: float) -> float:
+    """The moment [s since 1970] that a state of the past is asked for: of a day, its last.
+
+    Raises HistoryError as `instant`.
+    """
+    begun, text = moment(instant(words, now)), words.casefold()
+    lasts = 43200.0 if text.endswith("morning") else 86400.0
+    return min(now, begun + lasts) if re.search(r"(?:day|night|morning)$", text) else begun
+
+
 def since(words: str, now: float) -> str:
     """As `instant`, after a preposition, too; the day before `now` for no words or ``lately``."""
     text = words.casefold()

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from planner.questions.german import in_english
+from planner.questions.wording import MAX_LENGTH, in_present, normalised, respelt
 
 Kind = Literal[
     "where",
@@ -27,21 +28,13 @@ Kind = Literal[
     "objects",
     "robot",
     "departed",
+    "distance",
+    "size",
 ]
 
 Known = Callable[[str], bool]
 
-MAX_LENGTH: Final = 300  # characters of a question
-
-_POLITE: Final = re.compile(
-    r"^(?:(?:hey|hi|hello|ok|okay|please|robot|so|and|well|excuse me)\b[ ,]*)*"
-    r"(?:(?:can|could|would|will) you (?:please )?(?:tell me|show me|say|find out|find)? ?"
-    r"|do you (?:know|remember) |(?:do you have )?any idea |(?:please )?(?:tell|show) me "
-    r"|i (?:want|would like|need) to know )?"
-)
-_BE: Final = "(?:is|are|'s|was|were)"
 _ARE: Final = "(?:is|are|'s)"
-_TRAILING: Final = re.compile(r"(?:,? (?:please|for me|anywhere|around here|now|at the moment))+$")
 _SEE: Final = "(?:you (?:see|know|have|find)|we have|i have|there (?:is|are)|are there|is there)"
 _IN: Final = "(?:in|inside|of|at|within)"
 _CLOSE: Final = "(?:near|beside|next to|close to|by|around|next)(?: to)?"
@@ -52,26 +45,31 @@ _LIST: Final = "(?:list|show|name|give me) (?:me )?"
 _EVENT: Final = "(?P<event>change|move|appear|disappear|gone|new|different|happen)(?:d|ed)?"
 _SPAN: Final = "(?:since|in the|during the|over the|within the|after) .+"
 _SINCE: Final = f"(?: (?P<when>{_SPAN}|today|lately|recently|yesterday))?"
-_ANYTHING: Final = "(?P<what>(?:some|any)thing to .+?)"
+_ANYTHING: Final = "(?P<what>(?:some|any)(?:thing|where) (?:to|(?:i|we|one) can) .+?)"
 _OWN: Final = r"(?P<what>(?:the|my|our|your|his|her|their|[a-z ]+ \d+).*?)"
 _SEARCHED: Final = (
-    "(?:find|locate|look for|search for|i (?:am|'m) (?:looking|searching) for|"
-    "i (?:need|want)|have you seen|did you see|go to)"
+    "(?:find(?: me)?|locate|look for|search for|i (?:am|'m) (?:looking|searching) for|"
+    "i (?:need|want)|have you seen|did you see)"
 )
 _ASKED_WHERE: Final = (
     f"(?:where {_ARE}|where (?:can|do|could|should|did) (?:i|we|you) "
     "(?:find|look for|search for|see|put|leave)|where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
     f"where to (?:find|look for)|wheres|what {_ARE} the (?:location|position|place) of)"
 )
+_ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|hand me|go to|pick up)"
+_HOW_LARGE: Final = "how (?:big|large|tall|high|wide|broad|long|deep)"
 _ROOM: Final = "(?:in |on )?(?:which|what) (?:room|place)s? (?:is|are|has|have|holds?|contains?)"
 
 #: kind and pattern of the whole normalised question, in the order in which they are tried
 _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("robot", f"where {_ARE} (?:you|the robot)(?: now)?|where am i"),
+    ("robot", "(?:in )?(?:which|what) (?:room|place) (?:are you|is the robot)(?: in)?"),
     ("places", f"(?:which|what) (?:rooms|places) (?:{_ARE} there|do {_SEE})"),
     ("places", f"(?:{_LIST})?(?:all |the )*(?:rooms|places)(?: {_ARE} there)?"),
     ("places", f"how many (?:rooms|places)(?: {_ARE} there| do {_SEE})?"),
     ("objects", f"{_LIST}(?:all |the |every)*(?:objects|things?)(?: you (?:know|see))?"),
+    ("objects", f"how many (?:objects|things)(?: {_ARE} there| do {_SEE})?|where is everything"),
+    ("in place", f"how many (?:objects|things) ?(?:{_ARE}|do)? ?(?:{_SEE} )?{_IN} (?P<where>.+)"),
     (
         "objects",
         "what (?:can|do) you (?:see|know)|what is (?:there|here|in (?:the|this) map)",
@@ -82,15 +80,29 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         f"(?:{_THINGS}|anything)(?: has| have| is| are)?(?: been)? {_EVENT}{_SINCE}",
     ),
     ("changed", f"(?:has|did) (?:anything|something) {_EVENT}{_SINCE}"),
+    ("last seen", f"when was the last time (?:you|we|i|anybody|anyone|somebody) saw {_WHAT}"),
     (
         "last seen",
         f"when (?:did|have|was|were|had) (?:you |we )?(?:last )?(?:see |seen )?{_WHAT}(?: "
         "last)?(?: seen)?(?: last| the last time)?",
     ),
     (
+        "last seen",
+        f"(?:was|were|have|has|did) (?:there|you|we|anybody|anyone) ever (?:been |seen? )?{_WHAT}",
+    ),
+    ("distance", f"how far (?:away )?{_ARE} {_WHAT}(?: away)? from (?P<other>.+)"),
+    ("size", f"{_HOW_LARGE} {_ARE} {_WHAT}|what {_ARE} the size of (?P<sized>.+)"),
+    ("count", f"how many {_WHAT} (?:{_ARE} )?(?:{_SEE} )?on(?: top of)? (?P<other>.+)"),
+    (
         "count",
         f"(?:how many|what is the number of|count) {_WHAT}(?: (?:do )?{_SEE})?{_WHERE}(?: {_SEE})?",
     ),
+    (
+        "near",
+        f"(?:(?:which|what|where|find|show)(?: {_ARE}| me)? )?(?:the )?(?:nearest|closest) {_WHAT} "
+        "to (?P<other>.+)",
+    ),
+    ("near", f"(?:which|what) {_WHAT} {_ARE} (?:the )?(?:nearest|closest) to (?P<other>.+)"),
     ("near", f"{_ARE} there {_WHAT} {_CLOSE} (?P<other>.+)"),
     (
         "near",
@@ -109,6 +121,11 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("where", f"{_ROOM} {_WHAT}(?: in)?"),
     (
         "status",
+        f"{_ARE} (?:there (?:still )?(?:any )?(?P<any>.+?)|{_OWN}) (?:still )?on(?: top of)? "
+        "(?P<other>(?!in ).+)",
+    ),
+    (
+        "status",
         f"{_ARE} there (?:still )?(?:any )?{_WHAT}(?: left)?(?: (?:in|inside|at) (?P<where"
         ">.+?))?(?: left)?",
     ),
@@ -121,6 +138,7 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("where", r"what (?:kind |sort )?(?:of )?(?:room |place )?is (?P<what>place \d+)"),
     ("where", f"{_ASKED_WHERE} {_WHAT}(?: now)?"),
     ("where", f"{_SEARCHED} {_WHAT}"),
+    ("where", f"{_ORDER} {_WHAT}"),
     ("where", _ANYTHING.replace("+?", "+")),
     (
         "where",
@@ -170,6 +188,9 @@ _QUALITIES: Final = frozenset(
         *("good", "favourite", "round", "square", "heavy", "open", "closed", "favorite"),
     )
 )
+_ARTICLE: Final = re.compile(r"\b(?:a|an|the|my|our|your|his|her|their)\b")
+_OF_SEVERAL: Final = ("where", "status", "count", "last seen")  # kinds that ask for A and B, too
+_TIMELESS: Final = ("changed", "last seen", "departed")  # kinds that the past has no answer to
 _LEADING: Final = frozenset(
     (
         *("a", "an", "the", "my", "our", "your", "his", "her", "their", "some", "any", "this"),
@@ -189,24 +210,20 @@ class Question:
     when: str = ""
     event: str = ""
     qualities: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()  # further things that the same is asked about
+    at: str = ""  # the moment in words that is asked about; "" for now
+    is_order: bool = False
+    read_as: str = ""  # the text with its small words corrected
 
     @property
     def notes(self) -> list[str]:
-        """A sentence on qualities that are not in the map."""
-        if not self.qualities:
-            return []
-        named = " and ".join(self.qualities)
-        return [f"The map does not keep what is {named}, so this is about all of them"]
-
-
-def normalised(text: str) -> str:
-    """Lower case, single spaces, straight apostrophes, without marks at the end and politeness."""
-    words = " ".join(text.replace("\u2019", "'").casefold().split())
-    words = re.sub(r"\b(where|what|who|there|it)'s\b", r"\1 is", words).strip(" ?!.,;:'\"")
-    stripped = _POLITE.sub("", words[:MAX_LENGTH], count=1)
-    stripped = _TRAILING.sub("", stripped)
-    asked = re.sub(r"^(where) (.+) (is|are)$", r"\1 \3 \2", stripped)
-    return re.sub(r"^(how many .+?) (?:there )?(?:are )(in .+)$", r"\1 \2", asked)
+        """Sentences on what the answer leaves out of the text, or corrects in it."""
+        notes = [f"This is read as '{self.read_as}'"] if self.read_as else []
+        notes += ["This answers questions and moves no robot"] * self.is_order
+        if self.qualities:
+            named = " and ".join(self.qualities)
+            notes.append(f"The map does not keep what is {named}, so this is about all of them")
+        return notes
 
 
 def parsed(text: str, known: Known = lambda name: False) -> Question | None:
@@ -214,42 +231,68 @@ def parsed(text: str, known: Known = lambda name: False) -> Question | None:
 
     `known` tells whether a category has that name; such names keep all their words.
     """
-    words = normalised(in_english(text[: MAX_LENGTH + 1]))
+    words, at = in_present(normalised(in_english(text[: MAX_LENGTH + 1])))
     if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]+", words):
         return None
+    found, read_as = _match(words), ""
+    if found is None and (again := respelt(words)) != words:
+        present, then = in_present(again)
+        if (found := _match(present)) is not None:
+            read_as, at = again, at or then
+    if found is None and 0 < len(_without(words, known)[0].split()) <= 3:
+        found = "where", {"what": words}
+    question = found and _question(*found, known)
+    if question is None or (at and question.kind in _TIMELESS):
+        return None
+    return replace(question, at=at, read_as=read_as)
+
+
+def _match(words: str) -> tuple[Kind, dict[str, str]] | None:
+    """Kind and gaps of the first pattern that matches, or None."""
     for kind, pattern in PATTERNS:
         if match := pattern.fullmatch(words):
-            return _question(kind, match.groupdict(""), known)
-    bare = _without(words, known)[0]
-    return _question("where", {"what": words}, known) if 0 < len(bare.split()) <= 3 else None
+            return kind, match.groupdict("")
+    return None
 
 
 def _question(kind: Kind, gaps: dict[str, str], known: Known) -> Question | None:
-    names = {gap: gaps.get(gap, "") for gap in ("what", "where", "other")}
-    if any(_REFUSED.search(_needless(words)) for words in names.values()):
+    thing = gaps.get("what") or gaps.get("any") or gaps.get("sized") or ""
+    parts = re.split(r",? and |, ", thing) if kind in _OF_SEVERAL and not known(thing) else [thing]
+    names = [*parts, gaps.get("where", ""), gaps.get("other", "")]
+    if any(_REFUSED.search(_needless(words)) for words in names):
         return None
-    what, qualities = _without(names["what"], known)
-    where, _ = _without(names["where"], known)
-    other, more = _without(names["other"], known)
-    if kind in ("status", "near", "count") and _AMOUNT.search(f"{what} "):
+    *things, (where, _), (other, more) = (_without(words, known) for words in names)
+    what, *also = (name for name, _ in things)
+    if kind in ("status", "near", "count") and any(_AMOUNT.search(f"{n} ") for n, _ in things):
         return None
-    if re.search(r"\b(?:a|an|the)\b", f"{what} {where} {other}"):
+    if any(_ARTICLE.search(name) and not known(name) for name in (what, *also, where, other)):
         return None
     what = f"something to {gaps['need']}" if gaps.get("need") else what
     what = _MEALS.get(what.partition("thing ")[2], what)
-    event, when = gaps.get("event", ""), gaps.get("when", "")
-    return Question(kind, what, where, other, when, event, (*qualities, *more))
+    return Question(
+        kind,
+        what,
+        where,
+        other,
+        gaps.get("when", ""),
+        gaps.get("event", ""),
+        (*(quality for _, some in things for quality in some), *more),
+        tuple(also),
+        is_order=bool(gaps.get("order")),
+    )
 
 
 def _needless(words: str) -> str:
     """Without the words of a need, which are looked up as a whole."""
-    return re.sub(r"^(?:some|any)thing (?:i|we|one) can\b", "something", words)
+    return re.sub(r"^(?:some|any)(?:thing|where) (?:i|we|one) can\b", "something", words)
 
 
 def _without(words: str, known: Known) -> tuple[str, tuple[str, ...]]:
     """A name without leading articles and qualities, and these qualities."""
     parts, qualities = words.split(), list[str]()
-    while len(parts) > 1 and parts[0] in _LEADING | _QUALITIES and not known(" ".join(parts)):
+    while len(parts) > 1 and not known(" ".join(parts)):
+        if parts[0] not in (_QUALITIES if qualities else _LEADING | _QUALITIES):
+            break
         first = parts.pop(0)
         qualities += [first] if first in _QUALITIES else []
     return " ".join(parts), tuple(qualities)

@@ -64,17 +64,17 @@ class _Answerer:
             "last seen": self._viewed,
             "near": self._next_to,
             "around": self._next_to,
+            "size": self._where,
+            "distance": self._no_distance,
         }
         if question.kind not in kinds:
             return []
         if question.what in _DOORS and question.kind in ("where", "status", "count"):
             return self._doors()
         rooms = self._named(question.what or question.other)
-        if rooms is None and question.kind == "near" and self._named(question.other):
-            raise QueryParameterError(
-                f"distances count from things and doors, and {question.other!r} is a place; "
-                f"'what is in the {question.other}' would work"
-            )
+        if rooms is None and question.kind in ("near", "distance"):
+            rooms = self._named(question.other)
+            return [] if rooms is None else self._no_distance(rooms)
         return [] if rooms is None else kinds[question.kind](rooms)
 
     def _named(self, words: str) -> _Rooms | None:
@@ -96,6 +96,12 @@ class _Answerer:
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]
         others.sort(key=lambda pair: -pair[1])
         return _Rooms(plain_place(category.label), sure, tuple(others))
+
+    def _no_distance(self, rooms: _Rooms) -> list[str]:
+        raise QueryParameterError(
+            f"distances count from things and doors, and {rooms.name!r} is a place; "
+            f"'what is in the {rooms.name}' would work"
+        )
 
     def _where(self, rooms: _Rooms) -> list[str]:
         lines = [_capital(self._described(place)) for place in rooms.sure[:_LISTED]]

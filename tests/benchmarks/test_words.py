@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from benchmarks.words import by_names, by_words, words
+from benchmarks.words import by_names, by_words, typing_errors, words
 from kg.knowledge.ontology.shipped import shipped_ontology
 
 CATALOGUE = shipped_ontology().catalogue
@@ -27,3 +27,10 @@ def test_words_are_understood_better_than_by_names_alone() -> None:
     after = Counter(word.verdict(resolve(word.text)) for word in listed)
     assert after["right"] > before["right"]
     assert after["wrong"] < before["wrong"]
+
+
+def test_a_typing_error_is_read_rightly_or_refused() -> None:
+    counts = typing_errors(CATALOGUE, seed=2)
+    total = sum((Counter(counted) for counted in counts.values()), Counter[str]())
+    assert total["right"] >= 0.85 * total.total()
+    assert total["wrong"] <= total.total() / 60

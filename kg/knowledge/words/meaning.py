@@ -104,6 +104,8 @@ class Meaning:
         if not labels or name_key(labels) in readings(own):
             return typed
         subject = f"{typed}, and {self.word}" if typed else f"'{self.text}'"
+        if self.how == "head" and self.relation == "narrower":
+            return f"{subject} is read as a kind of {labels}"
         return {
             "narrower": f"{subject} is a kind of {labels}",
             "may": f"{subject} may be detected as {labels}",
@@ -133,7 +135,10 @@ def understand(catalogue: Catalogue, text: str) -> Meaning:
     if known is not None and known.kind in _KINDS and not known.undetected:
         return Meaning(shown, known.label, "label", "same", (known,))  # needs no table
     reader = _Reader(catalogue, word_table())
-    found = reader.read(_words_of(text)) or reader.correct(_words_of(text))
+    words = _words_of(text)
+    found = reader.read(words)
+    if found is None or (found.how == "head" and len(words) > 1):
+        found = reader.correct(words) or found
     if found is None:
         raise UnknownCategoryError(reader.unknown(shown, text))
     return replace(found, text=shown)
@@ -176,27 +181,32 @@ class _Reader:
             split = words.index("of", 1)
             first, last = words[:split], words[split + 1 :]
             return self.read(last if " ".join(first).casefold() in _AMOUNTS else first)
-        plain = _PHRASES.isdisjoint(word.casefold() for word in words[1:])
+        plain = (_PHRASES | _ARTICLES).isdisjoint(word.casefold() for word in words[1:])
         if found is None and plain and _SEPARATORS.isdisjoint(" ".join(words)):
             found = self._head(words)
         return found
 
     def correct(self, words: list[str]) -> Meaning | None:
-        """The meaning of a name with typing errors, or None."""
+        """The meaning of a name with typing errors, or None.
+
+        A compound is corrected as a whole only where its head, or another word, is not known:
+        else it is a kind of its head that no name is for.
+        """
         names = self._names()
 
         def sense(key: str) -> str:
             found = self._name(names[key])
             return "" if found is None else listed(found.iris) or found.synset
 
-        key = None
-        if len(words) == 1 or self._name(words[-1]) is None:  # else: an unknown kind of its head
+        parts = {name_key(part) for name in names.values() for part in name.split()}
+        known_head = len(words) > 1 and self._name(words[-1]) is not None
+        if not known_head or any(name_key(word) not in parts for word in words):
             key = corrected(name_key(" ".join(words)), names, sense)
-        if key is not None and (found := self._name(names[key])) is not None:
-            return replace(found, how="spelling", word=names[key])
-        parts = [corrected(name_key(word), names, sense) for word in words[-1:]]
-        if len(words) > 1 and parts[0] is not None:
-            found = self.read([*words[:-1], names[parts[0]]])
+            if key is not None and (found := self._name(names[key])) is not None:
+                return replace(found, how="spelling", word=names[key])
+        head = None if known_head else corrected(name_key(words[-1]), names, sense)
+        if len(words) > 1 and head is not None:
+            found = self.read([*words[:-1], names[head]])
             return found and replace(found, how="spelling")
         return None
 

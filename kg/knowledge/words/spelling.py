@@ -58,7 +58,7 @@ def _distance(one: str, other: str, limit: float) -> float:
             insertion = _DOUBLED if j and other[j - 1] == wanted else 1.0
             cost = min(last[j] + (letter != wanted), last[j + 1] + removal, row[j] + insertion)
             if i and j and letter == other[j - 1] and one[i - 1] == wanted:
-                cost = min(cost, before[j - 1] + 1.0)
+                cost = min(cost, before[j - 1] + _DOUBLED)
             row.append(cost)
         if min(row) > limit:
             return min(row)

@@ -150,8 +150,8 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     rest = f", and more of {others} other places" if others else ""
     noticed = sum(one.noticed for one in places) / len(places)
     return (
-        f"no {label} was seen, and the robot viewed {', '.join(parts)}{rest}; "
-        f"one would have been noticed with probability {noticed:.2f}"
+        f"the robot viewed {', '.join(parts)}{rest}, and would have noticed one with probability "
+        f"{noticed:.2f}"
     )
 
 

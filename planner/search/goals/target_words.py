@@ -22,6 +22,7 @@ _UNCOUNTED = frozenset(
     )
 )
 _ALIKE = 3  # things that are said to look like a word
+_FEW = 3  # activities or rooms with a thing, below which its place is only named as possible
 _BELIEVED = 0.5  # least belief in the category of a place of the map that is named
 
 
@@ -49,7 +50,7 @@ class Undetectable:
             parts = listed(known.related)
             lines.append(f"{they} a part of a {parts}; search for that")
         if self.usual is not None:
-            lines.append(f"{they} usually {_where(self.usual)}")
+            lines.append(f"{they} {_how_often(self.usual)} {_where(self.usual)}")
         elif not known.related:
             lines.append(f"Nothing is known about where {'they' if plural else 'it'} usually "
                          f"{'are' if plural else 'is'}")  # fmt: skip
@@ -170,6 +171,16 @@ def _places_here(
     return tuple(found)
 
 
+def _how_often(usual: UsualPlaces) -> str:
+    """``usually`` for half of the cases or more, ``perhaps`` where few were counted."""
+    first = usual.places[0]
+    if first.probability is None:
+        return "usually"
+    if first.count < _FEW:
+        return "perhaps"
+    return "usually" if first.probability >= _BELIEVED else "most often"
+
+
 def _where(usual: UsualPlaces) -> str:
     """``on a table or on a hook in the corridor or kitchen (common knowledge, no counts)``."""
     supports = listed(usual.supports)
@@ -183,9 +194,8 @@ def _where(usual: UsualPlaces) -> str:
 
 
 def _counted(place: UsualPlace, unit: str) -> str:
-    """``kitchen (0.60; 7 of 7 rooms)``."""
-    label = plain_place(place.label)
-    return f"{label} ({place.probability:.2f}; {place.count} of {place.total} {unit})"
+    """``kitchen (0.60 of 7 rooms)``: the smoothed share."""
+    return f"{plain_place(place.label)} ({place.probability:.2f} of {place.total} {unit})"
 
 
 def _article(name: str) -> str:

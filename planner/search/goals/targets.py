@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
+from kg.knowledge.words.meaning import understand
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError, did_you_mean
 from planner.search.goals.place_names import object_named
@@ -48,6 +49,18 @@ def resolve(semantic_map: SemanticMap, texts: Sequence[str]) -> tuple[Target, ..
         target = _resolve(semantic_map, text)
         found.setdefault(target.queried, target)
     return tuple(found.values())
+
+
+def as_one(semantic_map: SemanticMap, texts: Sequence[str]) -> list[str]:
+    """Words that together are one name or one need, as that one: ``coffee`` ``mug``."""
+    whole = " ".join(texts)
+    if len(texts) < 2 or _need(semantic_map, whole):
+        return [whole] if texts else []
+    try:
+        is_name = understand(semantic_map.catalogue, whole).how in ("label", "word", "folded")
+    except UnknownCategoryError:
+        is_name = False
+    return [whole] if is_name else list(texts)
 
 
 def undetectable_target(semantic_map: SemanticMap, text: str) -> Undetectable | None:

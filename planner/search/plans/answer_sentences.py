@@ -81,7 +81,8 @@ def answer_lines(
 
 def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     p, kept = one.still_there(now), one.kept(now)
-    name = f"{one.label}, which may be no {one.category}," if one.doubted else one.label
+    is_no = "may be" if one.existence >= _PERHAPS else "is probably"
+    name = f"{one.label}, which {is_no} no {one.category}," if one.doubted else one.label
     if one.own is not None:
         name += f", which may be {with_article(one.category)},"
     seen = _sightings(one, now)
@@ -90,8 +91,10 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
         room = rooms.get(one.iri, 0.0)
         room_too = f"; in the same room {room:.2f}" if room >= p + _GUESS else ""
         return f"Probably no longer {one.where}: {name} {seen} ({p:.2f}{room_too}){_besides(one)}"
-    lead = "" if p >= _SURELY else "Probably" if p >= _PROBABLY and one.sure else "Perhaps"
-    where = f"{lead}{still} {one.where}".strip()
+    lead = "Probably" if p >= _PROBABLY and one.sure else "Perhaps"
+    if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
+        lead = ""
+    where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
     return f"{where[:1].upper()}{where[1:]}: {name} {seen} ({p:.2f}){_besides(one)}"
 
 

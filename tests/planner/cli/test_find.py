@@ -85,9 +85,7 @@ def test_a_plan_ends_where_looks_gain_too_little(says: Said) -> None:
 
 def test_what_is_not_known_is_said_with_what_was_viewed(says: Said) -> None:
     out, _ = says("apple")
-    assert out.startswith(
-        "No apple is in the map (never looked): no apple was seen, and the robot viewed "
-    )
+    assert out.startswith("No apple is in the map (never looked): the robot viewed ")
     assert "; the first place to look is place 1 (0." in out.splitlines()[0]
     assert "Where to look" in out
 
@@ -224,3 +222,12 @@ def test_a_thing_that_no_detector_sees_is_an_answer(says: Said) -> None:
     (keys,) = both["undetectable"]
     assert (keys["target"], keys["synset"], keys["source"]) == ("keys", "key.n.01", "stated")
     assert json.loads(says("wallet", "--json")[0])["targets"] == []
+
+
+def test_words_that_are_one_name_or_need_are_one_without_quotes(says: Said) -> None:
+    def targets(*words: str) -> object:
+        return json.loads(says(*words, "--json")[0])["targets"]
+
+    assert targets("coffee", "mug") == targets("coffee mug") == ["cup"]
+    assert targets("something", "to", "sit", "on") == targets("something to sit on")
+    assert targets("cup", "bed") == ["cup", "bed"]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from kg.serving.opening import in_memory_map
 from planner.questions.answers import answer_question
-from planner.questions.counts import counted_unnamed
+from planner.questions.counts import counted_unnamed, sized
 from tests.planner.flat import fill, with_unnamed
 
 
@@ -29,7 +30,7 @@ def test_they_are_counted_by_place() -> None:
         ("what is in place 3?", "No object is known in place 3, but 1 thing without a name"),
         (
             "list all objects",
-            "3 objects: a banana, a cup, a bed, and 3 things without a name "
+            "The map has 3 objects: a banana, a cup, a bed, and 3 things without a name "
             "(2 in place 1, 1 in place 3)",
         ),
         ("how many cups are there?", "cup: 1"),
@@ -38,3 +39,8 @@ def test_they_are_counted_by_place() -> None:
 def test_answers_count_them_beside_the_objects(question: str, line: str) -> None:
     with in_memory_map() as flat:
         assert answer_question(with_unnamed(flat), question).lines == (line,)
+
+
+def test_a_size_has_its_longer_side_first() -> None:
+    said = "table 1 is about 1.50 m wide, 0.60 m deep and 0.70 m high, as far as it was seen"
+    assert sized("table 1", np.array([0.6, 1.5, 0.7])) == said

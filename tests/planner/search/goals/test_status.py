@@ -76,7 +76,7 @@ def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
 def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) -> None:
     looked = status(semantic_map, "banana", "kitchen")
     assert looked.value == "looked, none seen"  # it never was there, so it is not gone
-    assert "one would have been noticed with probability 0.30" in looked.proof
+    assert "and would have noticed one with probability 0.30" in looked.proof
     assert status(semantic_map, "banana", "place/2").value == "never looked"
     assert status(semantic_map, "banana", "HALL").value == "hidden"
     found = status(semantic_map, "banana")
