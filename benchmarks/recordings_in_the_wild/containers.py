@@ -31,7 +31,9 @@ ROS2: Final = get_typestore(Stores.ROS2_JAZZY)
 ROS1: Final = get_typestore(Stores.ROS1_NOETIC)
 ROS2.register(
     {
-        **get_types_from_msg("std_msgs/Header header\nuint8[] data", "theora_image_transport/msg/Packet"),
+        **get_types_from_msg(
+            "std_msgs/Header header\nuint8[] data", "theora_image_transport/msg/Packet"
+        ),
         **get_types_from_msg(
             "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\n"
             "uint8 flags\nbool is_bigendian\nuint8[] data",
@@ -136,7 +138,9 @@ def other_storage(messages: Messages, folder: Path) -> Path:
     for name in ("metadata.yaml", *(p.name for p in path.glob("*.db3"))):
         file = path / name
         if name == "metadata.yaml":
-            file.write_text(file.read_text().replace("sqlite3", "zed_storage").replace("db3", "zed"))
+            file.write_text(
+                file.read_text().replace("sqlite3", "zed_storage").replace("db3", "zed")
+            )
         else:
             file.rename(file.with_suffix(".zed"))
     return path

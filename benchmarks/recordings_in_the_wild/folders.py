@@ -25,6 +25,9 @@ def in_units(scale: float) -> Depth:
     return lambda s: np.round(np.nan_to_num(s.depth) * scale).astype(np.uint16)
 
 
+MILLIMETRES: Final = in_units(1000)
+
+
 def thumbnails(depth: Depth, width: int, height: int) -> Depth:
     """Depth of another size."""
     return lambda s: cv2.resize(depth(s), (width, height), interpolation=cv2.INTER_NEAREST)
@@ -63,7 +66,9 @@ def write(path: Path, content: NDArray[Any] | str | bytes | dict[str, Any]) -> P
     elif path.suffix == ".npy":
         np.save(path, content)
     else:
-        bgr = content[:, :, [2, 1, 0, *range(3, content.shape[2])]] if content.ndim == 3 else content
+        bgr = (
+            content[:, :, [2, 1, 0, *range(3, content.shape[2])]] if content.ndim == 3 else content
+        )
         assert cv2.imwrite(str(path), np.ascontiguousarray(bgr))
     return path
 
@@ -78,7 +83,7 @@ def camera(shot: Shot, **more: Any) -> dict[str, Any]:
 def images(
     colour: str = "rgb/{n:06d}.png",
     depth: str = "depth/{n:06d}.png",
-    of_depth: Depth = in_units(1000),
+    of_depth: Depth = MILLIMETRES,
     of_colour: Callable[[Shot], NDArray[Any]] = lambda s: s.rgb,
     pose: str = "",
     more: Callable[[Sequence[Shot], Path], object] = lambda shots, folder: write(
@@ -100,6 +105,14 @@ def images(
         return folder
 
     return layout
+
+
+def open3d(shots: Sequence[Shot], folder: Path) -> None:
+    """The camera as Open3D's reader of Azure Kinect writes it."""
+    height, width = shots[0].depth.shape
+    matrix = shots[0].K.T.ravel().tolist()
+    card = {"width": width, "height": height, "intrinsic_matrix": matrix}
+    write(folder / "intrinsic.json", card)
 
 
 def scannet(shots: Sequence[Shot], folder: Path) -> None:
@@ -208,8 +221,9 @@ def video(shots: Sequence[Shot], scratch: Path) -> Path:
         str(folder / "rgb.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (width, height)
     )
     for i, s in enumerate(shots):
-        out.write(np.ascontiguousarray(s.rgb[:, :, ::-1]))
-        write(folder / f"depth/{i:06d}.png", millimetres(s.depth))
+        for _ in range(GRID):
+            out.write(np.ascontiguousarray(s.rgb[:, :, ::-1]))
+        write(folder / f"depth/{i * GRID:06d}.png", millimetres(s.depth))
     out.release()
     write(folder / "intrinsics.json", camera(shots[0]))
     return folder

@@ -111,9 +111,9 @@ def rectified(messages: Messages) -> Messages:
 
 def grey(messages: Messages) -> Messages:
     """Images of an infrared camera."""
-    return each(
-        COLOUR, lambda m: packed(m, cv2.cvtColor(rgb_of(m), cv2.COLOR_RGB2GRAY), "mono8")
-    )(messages)
+    return each(COLOUR, lambda m: packed(m, cv2.cvtColor(rgb_of(m), cv2.COLOR_RGB2GRAY), "mono8"))(
+        messages
+    )
 
 
 def only(type_: str, topic: str, *, of: str) -> Change:
@@ -193,7 +193,9 @@ def corrected(messages: Messages) -> Messages:
         else:  # the map's axes are turned by 0.6 rad
             place["x"] += off * float(np.cos(0.6))
             place["y"] += off * float(np.sin(0.6))
-        return changed(m, transforms=[one | {"transform": one["transform"] | {"translation": place}}])
+        return changed(
+            m, transforms=[one | {"transform": one["transform"] | {"translation": place}}]
+        )
 
     return [change(m) for m in messages]
 
@@ -231,8 +233,8 @@ def annotated(messages: Messages) -> Messages:
     for m in messages:
         if m.topic == COLOUR:
             m = replace(m, topic="/camera/image_raw")
-            drawn = packed(m, cv2.rectangle(rgb_of(m).copy(), (20, 20), (300, 220), (0, 255, 0), 60),
-                           "rgb8")  # fmt: skip
+            box = cv2.rectangle(rgb_of(m).copy(), (20, 20), (300, 220), (0, 255, 0), 60)
+            drawn = packed(m, np.asarray(box, np.uint8), "rgb8")
             out.append(replace(drawn, topic="/a_detector/image"))
         elif m.topic == INFO:
             m = replace(m, topic="/camera/camera_info")
@@ -262,7 +264,11 @@ def pictures_of_depth(messages: Messages) -> Messages:
         near = np.clip(depth_of(m) // 16, 0, 255).astype(np.uint8)
         drawn = np.asarray(cv2.applyColorMap(near, cv2.COLORMAP_JET), np.uint8)
         data = cv2.imencode(".jpg", drawn)[1].ravel()
-        fields = {"header": m.fields["header"], "format": "bgr8; jpeg compressed bgr8", "data": data}
+        fields = {
+            "header": m.fields["header"],
+            "format": "bgr8; jpeg compressed bgr8",
+            "data": data,
+        }
         return Message(m.time, f"{DEPTH}/compressed", COMPRESSED, fields)
 
     return each(DEPTH, change)(messages)

@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.recordings_in_the_wild.folders import GRID
-from benchmarks.recordings_in_the_wild.kinds import Kind
+from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import Shot, record
 from kg.model.errors import HereaboutsError
 from perception.camera.poses import Pose
