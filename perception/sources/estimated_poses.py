@@ -29,7 +29,7 @@ from perception.sources.recording_options import RecordingOptions
 HIGHEST: Final = 2.4  # [m] of a camera in a hand or on a robot, over the floor
 USUAL_HEIGHT: Final = 1.4  # [m]
 MIN_FRAMES: Final = 2  # frames with a pose that make a recording
-COLOUR_FRAMES: Final = 48  # whose colour is compared with depth where most frames are lost
+COLOUR_FRAMES: Final = 48  # whose colour is compared with depth
 OnEstimated = Callable[[int, int], None]  # frames done, frames in all
 
 _log = logging.getLogger(__name__)
@@ -88,9 +88,11 @@ def with_estimated_poses(
     if len(found) < MIN_FRAMES:
         raise RecordingError(f"{name}: {report.summary()}; {advice()}")
     _log.warning("%s: %s", name, report.summary())
-    fit = colour_fit_of(frame_at, len(entries)) if report.mostly_lost else None
-    if options.check and shows_two_scenes(fit):
+    fit = colour_fit_of(frame_at, len(entries)) if options.check else None
+    if shows_two_scenes(fit) and report.mostly_lost:
         raise RecordingError(f"{two_scenes(name, fit)}; --no-check maps it as it is")
+    if shows_two_scenes(fit):  # poses by depth alone may be right
+        _log.warning("%s", two_scenes(name, fit))
     if options.check and report.contradicts_itself:
         raise RecordingError(
             f"{name}: the estimated poses are wrong: depth contradicts {report.contradicting} of "

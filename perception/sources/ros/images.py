@@ -178,7 +178,7 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
     _check_size(width, height, where)
     if encoding in _PLANAR:
         return _planes(data, width, height, where)
-    if step < row and len(data) == row * height:  # some drivers leave it out, or count pixels
+    if step in (0, width) and len(data) == row * height:  # drivers leave it out, or count pixels
         step = row
     if step < row or len(data) < step * (height - 1) + row:
         raise RecordingError(
