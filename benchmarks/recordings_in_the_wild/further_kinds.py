@@ -14,7 +14,7 @@ from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import COLOUR, COMPRESSED, DEPTH, DEPTH_INFO, INFO
 
 DRIVERS: Final = (
-    Kind("depth of half the size", change=(d.resized_depth(160, 120),)),
+    Kind("depth of half the size", change=(d.resized_depth(160, 120),), holes=True),
     Kind("depth of a wider lens at the same place, by its CameraInfo", change=(d.wider_depth(0.8),),
          holes=True, said="own CameraInfo"),
     Kind("depth at half the rate of colour", change=(c.thinned(2, DEPTH, DEPTH_INFO),), holes=True),

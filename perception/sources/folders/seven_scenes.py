@@ -98,19 +98,20 @@ def _by_info(
     lines = (" ".join(words).partition("=") for _, words in rows(info))
     values = {key.strip(): value.split() for key, _, value in lines}
 
+    def numbers(key: str, count: int) -> list[float]:
+        found = floats(values.get(key, ()), f"{info}, {key}")
+        if len(found) != count or not np.isfinite(found).all():
+            raise RecordingError(f"{info}: {key} has {count} finite numbers, got {len(found)}")
+        return found
+
     def camera(which: str) -> Intrinsics:
-        key, size = f"m_calibration{which}Intrinsic", which.lower()
-        numbers = floats(values.get(key, ()), f"{info}, {key}")
-        if len(numbers) != 16:
-            raise RecordingError(f"{info}: {key} has 16 numbers, got {len(numbers)}")
-        K = np.array(numbers).reshape(4, 4)[:3, :3]
-        sides = floats((values.get(f"m_{size}{x}", ["0"])[0] for x in ("Width", "Height")), key)
-        width, height = (int(side) or None for side in sides)
+        K = np.array(numbers(f"m_calibration{which}Intrinsic", 16)).reshape(4, 4)[:3, :3]
+        width, height = (int(numbers(f"m_{which.lower()}{x}", 1)[0]) for x in ("Width", "Height"))
         return replace(intrinsics_from_matrix(K, str(info)), width=width, height=height)
 
     if not entries:
         raise RecordingError(f"{folder}: no frame has a pose")
-    scale = floats(values.get("m_depthShift", [str(DEPTH_SCALE)])[:1], f"{info}, m_depthShift")[0]
+    scale = numbers("m_depthShift", 1)[0]
     colour, depth = camera("Color"), camera("Depth")
     apart = None if np.allclose(colour.K, depth.K) else DepthCamera(depth, np.eye(4))
     return RecordingListing(entries, colour, scale, apart, no_poses=no_poses)

@@ -117,6 +117,10 @@ def _pairs(folder: Path) -> list[_Pair]:
         ]
     if not (folder / "rgb.txt").is_file():
         images = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), folder / "depth")
+        if not images:
+            raise RecordingError(
+                f"{folder} has no rgb.txt and depth.txt, and its images have no stamps as names"
+            )
         return [(s, str(a.relative_to(folder)), str(b.relative_to(folder))) for a, b, s in images]
     return _associate(_list(folder / "rgb.txt"), _list(folder / "depth.txt"), folder)
 

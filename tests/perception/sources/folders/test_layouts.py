@@ -141,13 +141,31 @@ def test_info_txt_has_the_cameras_of_bundle_fusion(room, room_views, ratio):
     deep[:2, :2] *= ratio
     (room / "info.txt").write_text(
         f"m_versionNumber = 4\nm_sensorName = StructureSensor\nm_colorWidth = {SIZE[0]}\n"
-        f"m_colorHeight = {SIZE[1]}\nm_depthShift = 1000\n"
+        f"m_colorHeight = {SIZE[1]}\nm_depthWidth = {SIZE[0]}\nm_depthHeight = {SIZE[1]}\n"
+        "m_depthShift = 1000\n"
         f"m_calibrationColorIntrinsic = {one_line(CAMERA)}\n"
         f"m_calibrationDepthIntrinsic = {one_line(deep)}\n"
     )
     read = open_recording(room, OPTIONS)
     check_poses(read, room_views[1:])
     assert (read.listing.depth_camera is None) == (ratio == 1.0)
+
+
+@pytest.mark.parametrize("line", ["m_depthShift = nan", "m_colorWidth =", "m_depthWidth = wide"])
+def test_malformed_info_txt_is_said(room, room_views, line):
+    for number, T in enumerate(room_views, 8):
+        (room / f"images/{number}.png").rename(room / f"frame-{number:06d}.color.png")
+        (room / f"depth/{number}.png").rename(room / f"frame-{number:06d}.depth.png")
+        (room / f"frame-{number:06d}.pose.txt").write_text(rows(T))
+    camera = one_line(CAMERA)
+    lines = {"m_colorWidth": "160", "m_colorHeight": "120", "m_depthWidth": "160",
+             "m_depthHeight": "120", "m_depthShift": "1000",
+             "m_calibrationColorIntrinsic": camera, "m_calibrationDepthIntrinsic": camera}  # fmt: skip
+    key, _, value = line.partition(" =")
+    text = "\n".join(f"{k} = {v}" for k, v in (lines | {key: value}).items())
+    (room / "info.txt").write_text(text)
+    with pytest.raises(RecordingError, match=rf"info\.txt.*{key}"):
+        open_recording(room, OPTIONS)
 
 
 def tum(room: Path, views: list[np.ndarray], name: str = "{stamp}.png", line: str = "\n") -> Path:
@@ -190,6 +208,14 @@ def test_poses_of_tum_without_lists_are_not_overlooked(room, room_views):
     read = open_recording(room, TUM_OPTIONS)
     assert read.format == "tum"
     check_poses(read, room_views)
+
+
+def test_poses_of_tum_beside_images_without_stamps_are_refused(room, room_views):
+    tum(room, room_views)
+    for number, file in enumerate(sorted((room / "rgb").iterdir())):
+        file.rename(room / f"rgb/{number}.png")
+    with pytest.raises(RecordingError, match="no stamps as names"):
+        open_recording(room, TUM_OPTIONS)
 
 
 def test_open3ds_intrinsic_json_is_found(room, room_views, write_json):
