@@ -53,7 +53,7 @@ CLOCKS_AND_TREES: Final = (
         d.moved_stamps(COLOUR, DEPTH, INFO, DEPTH_INFO, to=12.0),),
          remedy=("--poses", "estimate"), said="--poses estimate"),
     Kind("all by simulated time from 0", change=(d.moved_stamps(to=0.0),)),
-    Kind("all by stamps before 1970", change=(d.moved_stamps(to=-3.0),), said="before 1970"),
+    Kind("all by stamps that begin 3 s before zero", change=(d.moved_stamps(to=-3.0),)),
     Kind("two images of each stamp", change=(d.coarse_stamps,), holes=True),
     Kind("every fifth transform with nan", change=(d.bad_turns(
         lambda q, n: q | {"x": float("nan")} if n % 5 == 0 else q),), said="make no sense"),

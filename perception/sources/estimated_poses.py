@@ -19,6 +19,7 @@ from kg.model.errors import RecordingError
 from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
+from perception.odometry.frame_size import shrunk
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes
@@ -72,7 +73,7 @@ def with_estimated_poses(
 
     def frames() -> Iterator[Frame]:
         for number in range(len(entries)):
-            yield frame_at(number)
+            yield shrunk(frame_at(number))
             if on_estimated is not None:
                 on_estimated(number + 1, len(entries))
 
@@ -121,7 +122,9 @@ def _check_intrinsics(
     """Check intrinsics by the frames that were found, or by key frames where most were lost."""
     known = [(number, T) for number, T in enumerate(poses) if T is not None]
     if 2 * len(known) < len(poses):
-        check_views(name, [key.features for key in odometry.keys], frame_at(0).K)
+        first = frame_at(0)
+        if shrunk(first) is first:  # else the line would name other intrinsics than those given
+            check_views(name, [key.features for key in odometry.keys], first.K)
         return
     numbers = [number for number, _ in known]
     check_intrinsics(name, [T for _, T in known], lambda place: frame_at(numbers[place]))
@@ -160,6 +163,6 @@ def _up(listing: RecordingListing, first: FrameEntry, T_now: Pose) -> NDArray[np
     """
     if listing.up_of_first_camera is not None and first is listing.entries[0]:
         return T_now[:3, :3] @ listing.up_of_first_camera
-    if listing.up is None or listing.no_poses:
-        return None
+    if listing.up is None or listing.no_poses or listing.unused_poses:
+        return None  # the entries have no poses by which it would be seen
     return T_now[:3, :3] @ first.T_world_cam[:3, :3].T @ listing.up

@@ -211,7 +211,13 @@ def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
         del stream.times[:], stream.stamps[:]
         index.restarts += 1
     stream.times.append(raw.time)
-    stream.stamps.append(stamp or (raw.time if raw.time > MIN_TIME else 0))
+    known = stamp or raw.time <= MIN_TIME or _is_simulated(stream)
+    stream.stamps.append(stamp if known else raw.time)
+
+
+def _is_simulated(stream: Stream) -> bool:
+    """Whether the last stamp was that of a simulation, so that a stamp of zero is one, too."""
+    return bool(stream.stamps) and abs(stream.stamps[-1]) < SIMULATED <= stream.times[-1]
 
 
 def _begins_at_zero(stream: Stream, stamp: int) -> bool:

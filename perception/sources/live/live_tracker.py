@@ -20,6 +20,7 @@ import numpy as np
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.camera.rigid_motions import inverse
 from perception.frames import Frame
+from perception.odometry.frame_size import shrunk
 from perception.odometry.tracking import Odometry
 
 MAX_IMAGES: Final = 250  # key frames that keep their image, 0.4 MB each at 640 x 480
@@ -162,7 +163,7 @@ class LiveTracker:
     def _track(self, image: Frame) -> None:
         before = time.thread_time()
         with self._graph:
-            self.odometry.add(image)
+            self.odometry.add(shrunk(image))
             if len(self.odometry.edges) != self._edges:
                 self._edges, self.moved = len(self.odometry.edges), self._moved()
             followed = self.odometry.followed()

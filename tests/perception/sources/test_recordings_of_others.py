@@ -17,7 +17,7 @@ from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.sources.listing import Streams
 from perception.sources.recording import FolderRecording, open_recording
-from perception.sources.recording_options import RecordingOptions
+from perception.sources.recording_options import RecordingOptions, Selection
 from tests.perception.conftest import SIZE, K, room_depth
 
 pytest.importorskip("rosbags")
@@ -445,12 +445,15 @@ def test_images_of_video_are_no_colour_images_and_are_named(tmp_path: Path) -> N
         opened(tmp_path / "robot")
 
 
-def test_a_simulation_may_begin_at_zero(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("first", [0.0, -2.0])
+def test_stamps_may_begin_at_zero_or_pass_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, first: float
+) -> None:
     made = Bag(tmp_path / "robot")
     for i, (_, stamp, T, rgb, mm) in enumerate(views()):
         made.now = stamp
-        made.tf("/tf", i / 10, "odom", "lens", T)
-        images(made, "/cam", i / 10, rgb, mm)
+        made.tf("/tf", first + i, "odom", "lens", T)
+        images(made, "/cam", first + i, rgb, mm)
     made.bag.close()
     read = opened(tmp_path / "robot")
     assert same_poses(read)
@@ -462,3 +465,21 @@ def test_another_storage_plugin_is_named_with_the_way_to_convert_it(tmp_path: Pa
     path.write_text(path.read_text().replace("sqlite3", "their_storage"))
     with pytest.raises(RecordingError, match=r"'their_storage' not supported; .*ros2 bag convert"):
         opened(path.parent)
+
+
+def test_up_of_estimated_poses_is_that_of_floor_and_walls_where_the_poses_are_of_another_time(
+    shared: Callable[[str], Path], tmp_path: Path
+) -> None:
+    room = open_recording(
+        shared("data/rgbd/icl_livingroom"), RecordingOptions(selection=Selection(limit=6))
+    )
+    made = Bag(tmp_path / "robot")
+    for i, frame in enumerate(room.frames()):
+        made.tf("/tf", 5000.0 + i, "map", "lens", frame.T_map_cam)
+        made.image("/cam/rgb/image_raw", 1.0 + i, frame.rgb, "rgb8", "lens")
+        made.image("/cam/depth/image_raw", 1.0 + i, frame.depth, "32FC1", "lens")
+    made.bag.close()
+    options = RecordingOptions(intrinsics=room.rectifier.camera, estimate_poses=True)
+    read = open_recording(tmp_path / "robot", options)
+    # heights of the camera's axes
+    assert read.frame(0).T_map_cam[2, :3] @ room.frame(0).T_map_cam[2, :3] > np.cos(np.radians(3))

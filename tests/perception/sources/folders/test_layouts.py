@@ -160,7 +160,8 @@ def test_malformed_info_txt_is_said(room, room_views, line):
     camera = one_line(CAMERA)
     lines = {"m_colorWidth": "160", "m_colorHeight": "120", "m_depthWidth": "160",
              "m_depthHeight": "120", "m_depthShift": "1000",
-             "m_calibrationColorIntrinsic": camera, "m_calibrationDepthIntrinsic": camera}  # fmt: skip
+             "m_calibrationColorIntrinsic": camera,
+             "m_calibrationDepthIntrinsic": camera}  # fmt: skip
     key, _, value = line.partition(" =")
     text = "\n".join(f"{k} = {v}" for k, v in (lines | {key: value}).items())
     (room / "info.txt").write_text(text)
