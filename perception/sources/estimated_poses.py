@@ -29,6 +29,7 @@ from perception.sources.recording_options import RecordingOptions
 
 HIGHEST: Final = 2.4  # [m] of a camera in a hand or on a robot, over the floor
 USUAL_HEIGHT: Final = 1.4  # [m]
+ALIKE: Final = np.cos(np.radians(5.0))  # length of the mean of directions that are one
 MIN_FRAMES: Final = 2  # frames with a pose that make a recording
 COLOUR_FRAMES: Final = 48  # whose colour is compared with depth
 OnEstimated = Callable[[int, int], None]  # frames done, frames in all
@@ -100,7 +101,7 @@ def with_estimated_poses(
             f"{report.compared} pairs of views; {advice()}, --no-check maps it as it is"
         )
     posed = tuple(replace(entry, T_world_cam=gridded_pose(T)) for entry, T in found)
-    up = _up(listing, *found[0])
+    up = _up(listing, found)
     selected = options.selection.thinned.of(posed, name)
     return EstimatedPoses(
         replace(listing, entries=selected, no_poses="", up=None, T_map_world=None), report, up
@@ -156,13 +157,19 @@ def advice() -> str:
     )
 
 
-def _up(listing: RecordingListing, first: FrameEntry, T_now: Pose) -> NDArray[np.float64] | None:
-    """Up in the estimated world, from an IMU or the recording's own poses.
+def _up(
+    listing: RecordingListing, found: Sequence[tuple[FrameEntry, Pose]]
+) -> NDArray[np.float64] | None:
+    """Up in the estimated world, from an IMU or the recording's own poses where they turn alike.
 
-    `first` is the first frame whose pose `T_now` (4, 4) was found.
+    `found` has the frames whose pose (4, 4) was found.
     """
+    first, T_first = found[0]
     if listing.up_of_first_camera is not None and first is listing.entries[0]:
-        return T_now[:3, :3] @ listing.up_of_first_camera
+        return T_first[:3, :3] @ listing.up_of_first_camera
     if listing.up is None or listing.no_poses or listing.unused_poses:
         return None  # the entries have no poses by which it would be seen
-    return T_now[:3, :3] @ first.T_world_cam[:3, :3].T @ listing.up
+    ups = [T[:3, :3] @ entry.T_world_cam[:3, :3].T @ listing.up for entry, T in found]
+    mean: NDArray[np.float64] = np.mean(ups, axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > ALIKE else None

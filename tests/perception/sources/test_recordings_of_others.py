@@ -467,15 +467,17 @@ def test_another_storage_plugin_is_named_with_the_way_to_convert_it(tmp_path: Pa
         opened(path.parent)
 
 
-def test_up_of_estimated_poses_is_that_of_floor_and_walls_where_the_poses_are_of_another_time(
-    shared: Callable[[str], Path], tmp_path: Path
+@pytest.mark.parametrize("clock", [5000.0, 1.0])
+def test_up_of_estimated_poses_is_that_of_floor_and_walls_where_given_poses_turn_otherwise(
+    shared: Callable[[str], Path], tmp_path: Path, clock: float
 ) -> None:
+    """By another clock, or those of a head whose robot moves."""
     room = open_recording(
         shared("data/rgbd/icl_livingroom"), RecordingOptions(selection=Selection(limit=6))
     )
     made = Bag(tmp_path / "robot")
     for i, frame in enumerate(room.frames()):
-        made.tf("/tf", 5000.0 + i, "map", "lens", frame.T_map_cam)
+        made.tf("/tf", clock + i, "map", "lens", frame.T_map_cam if clock > 1 else np.eye(4))
         made.image("/cam/rgb/image_raw", 1.0 + i, frame.rgb, "rgb8", "lens")
         made.image("/cam/depth/image_raw", 1.0 + i, frame.depth, "32FC1", "lens")
     made.bag.close()
