@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from perception.camera.poses import Pose, motion
 from perception.frames import Frame
 from perception.odometry.frame_size import shrunk
+from perception.odometry.frozen_depth import FrozenDepth
 from perception.odometry.tracking import tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes
@@ -68,7 +69,7 @@ class Accuracy:
 def accuracy(frames: Sequence[Frame]) -> Accuracy:
     """Track frames and compare their poses with the true ones, `T_map_cam`."""
     before = time.process_time()
-    odometry = tracked(lambda: map(shrunk, frames))
+    odometry = tracked(lambda: FrozenDepth().without(map(shrunk, frames)))
     poses, report = odometry.poses(), odometry.report()
     seconds = time.process_time() - before
     found = [(p, f.T_map_cam) for p, f in zip(poses, frames, strict=True) if p is not None]

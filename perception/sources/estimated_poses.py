@@ -20,6 +20,7 @@ from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
 from perception.odometry.frame_size import shrunk
+from perception.odometry.frozen_depth import FrozenDepth
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes
@@ -70,7 +71,7 @@ def with_estimated_poses(
     """
     because = listing.no_poses or f"{name}: as asked"
     _log.warning("%s; its poses are estimated from its images, and drift", because)
-    entries = listing.entries
+    entries, frozen = listing.entries, FrozenDepth()
 
     def frames() -> Iterator[Frame]:
         for number in range(len(entries)):
@@ -78,8 +79,15 @@ def with_estimated_poses(
             if on_estimated is not None:
                 on_estimated(number + 1, len(entries))
 
-    odometry = tracked(frames)
+    odometry = tracked(lambda: frozen.without(frames()))
     poses, report = odometry.poses(), odometry.report()
+    if frozen.count:
+        _log.warning(
+            "%s: %d depth images are copies of earlier ones while colour goes on; these frames are "
+            "left out",
+            name,
+            frozen.count,
+        )
     if options.check:
         _check_intrinsics(name, odometry, poses, frame_at)
     found = [

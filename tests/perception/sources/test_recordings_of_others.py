@@ -473,7 +473,7 @@ def test_up_of_estimated_poses_is_that_of_floor_and_walls_where_given_poses_turn
 ) -> None:
     """By another clock, or those of a head whose robot moves."""
     room = open_recording(
-        shared("data/rgbd/icl_livingroom"), RecordingOptions(selection=Selection(limit=6))
+        shared("data/rgbd/icl_livingroom"), RecordingOptions(selection=Selection(every=4, limit=14))
     )
     made = Bag(tmp_path / "robot")
     for i, frame in enumerate(room.frames()):
