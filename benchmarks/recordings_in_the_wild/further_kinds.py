@@ -51,7 +51,7 @@ DRIVERS: Final = (
 CLOCKS_AND_TREES: Final = (
     Kind("images by simulated time, tf by Unix time", change=(
         d.moved_stamps(COLOUR, DEPTH, INFO, DEPTH_INFO, to=12.0),),
-         remedy=("--poses", "estimate"), said="--poses estimate"),
+         remedy=("--poses", "estimate"), said="--poses estimate", holes=True),
     Kind("all by simulated time from 0", change=(d.moved_stamps(to=0.0),)),
     Kind("all by stamps that begin 3 s before zero", change=(d.moved_stamps(to=-3.0),)),
     Kind("two images of each stamp", change=(d.coarse_stamps,), holes=True),

@@ -217,7 +217,7 @@ BODY: Final = (
     Kind("tf of a head on base_link, without odometry", change=(
         c.without("/tf"), c.without_link("camera_link"),
         c.with_links(("base_link", "camera_link", T_BASE_BODY))),
-        remedy=("--poses", "estimate"), said="does not fit.*--poses estimate"),
+        remedy=("--poses", "estimate"), said="does not fit.*--poses estimate", holes=True),
     Kind("Odometry of base_link, tf_static",
          poses=c.other_poses(c.odometry_of("base_link", c.base_pose))),
     Kind("Odometry of base_link beside tf of a head", poses=beside_head),
