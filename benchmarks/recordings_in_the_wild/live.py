@@ -70,7 +70,7 @@ def _sent(encoding: str, messages: Messages, into: Path, words: list[str]) -> tu
     import foxglove
 
     server = foxglove.start_server(host="127.0.0.1", port=0, context=(c := foxglove.Context()))
-    send = _Sender(encoding, c)
+    send = Sender(encoding, c)
     ended = threading.Event()
 
     def play() -> None:
@@ -98,7 +98,7 @@ def _sent(encoding: str, messages: Messages, into: Path, words: list[str]) -> tu
         server.stop()
 
 
-class _Sender:
+class Sender:
     """Channels of a server, by topic."""
 
     def __init__(self, encoding: str, context: Any) -> None:

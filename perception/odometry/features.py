@@ -1,11 +1,14 @@
-"""Features of an RGB-D image: ORB corners with depth, and their matches.
+"""Features of an RGB-D image: corners with depth, and their matches.
 
-ORB: Rublee et al., ICCV 2011.
+ORB corners (Rublee et al., ICCV 2011) cost a tenth of SIFT's (Lowe, IJCV 60, 2004), which match
+between views that are farther apart. SIFT's descriptors are compared by the square roots of their
+parts (Arandjelovic and Zisserman, CVPR 2012).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -21,11 +24,13 @@ MAX_FEATURES: Final = 1000
 MAX_RANGE: Final = 8.0  # [m] of depth that is used
 MIN_RANGE: Final = 0.1  # [m]
 CELLS: Final = (12, 9)  # parts of the image, across and down, that corners are spread over
+ORB_BYTES: Final = 32  # of a descriptor
 MAX_HAMMING: Final = 64  # bits of 256 that differ between the descriptors of one corner
 RATIO: Final = 0.85  # of the distances of the best and the second-best match
 _EDGE: Final = 0.05  # relative change of depth around a corner that lies on an edge
 _MIN_AROUND: Final = 6  # of 9 pixels around a corner that have depth
 _CORNERS: Final = 12  # grey levels by which a corner differs from its surroundings
+_CONTRAST: Final = 0.015  # of a corner of SIFT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +65,7 @@ class Features:
     samples: DepthSamples
     pixels: Floats  # (n, 2) [px]
     points: Floats  # (n, 3) [m] camera frame
-    descriptors: NDArray[np.uint8]  # (n, 32)
+    descriptors: NDArray[np.uint8]  # (n, 32) of ORB, or (n, 128) of SIFT
 
     def __len__(self) -> int:
         return len(self.pixels)
@@ -88,28 +93,42 @@ class FeatureDetector:
     def features(self, image: Image) -> Features:
         """Features of an image."""
         corners, descriptors = self._orb.detectAndCompute(image.grey, None)
+        return _with_depth(image, corners, np.asarray(descriptors))
+
+
+class ScaleFeatureDetector:
+    """SIFT corners spread over the image."""
+
+    def __init__(self) -> None:
+        self._sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=_CONTRAST)
+
+    def features(self, image: Image) -> Features:
+        """Features of an image."""
+        corners, descriptors = self._sift.detectAndCompute(image.grey, None)
         if not corners:
-            return Features(
-                image.grey,
-                image.samples,
-                np.zeros((0, 2)),
-                np.zeros((0, 3)),
-                np.zeros((0, 32), np.uint8),
-            )
-        pixels = np.array([corner.pt for corner in corners])
-        strength = np.array([corner.response for corner in corners])
-        z = depth_at(image.depth, pixels)
-        good = np.flatnonzero(np.isfinite(z))
-        good = good[_spread(pixels[good], strength[good], image.grey.shape)]
-        pixels, K = pixels[good], image.K
-        rays = np.column_stack([(pixels - K[:2, 2]) / K[[0, 1], [0, 1]], np.ones(len(good))])
-        return Features(
-            image.grey,
-            image.samples,
-            pixels,
-            rays * z[good, None],
-            np.asarray(descriptors, np.uint8)[good],
-        )
+            return _with_depth(image, corners, np.zeros((0, 128)))
+        whole = np.maximum(np.asarray(descriptors).sum(axis=1, keepdims=True), 1.0)
+        return _with_depth(image, corners, np.rint(255 * np.sqrt(descriptors / whole)))
+
+
+def _with_depth(
+    image: Image, corners: Sequence[cv2.KeyPoint], descriptors: NDArray[np.generic]
+) -> Features:
+    """Features of the corners that have depth."""
+    if not corners:
+        none = Features.none()
+        return replace(none, grey=image.grey, samples=image.samples)
+    pixels = np.array([corner.pt for corner in corners])
+    strength = np.array([corner.response for corner in corners])
+    z = depth_at(image.depth, pixels)
+    good = np.flatnonzero(np.isfinite(z))
+    good = good[_spread(pixels[good], strength[good], image.grey.shape)]
+    pixels, K = pixels[good], image.K
+    rays = np.column_stack([(pixels - K[:2, 2]) / K[[0, 1], [0, 1]], np.ones(len(good))])
+    return Features(
+        image.grey, image.samples, pixels, rays * z[good, None],
+        np.asarray(descriptors, np.uint8)[good],
+    )  # fmt: skip
 
 
 def _spread(pixels: Floats, strength: Floats, shape: tuple[int, ...]) -> NDArray[np.intp]:
@@ -144,15 +163,24 @@ def matched(first: Features, second: Features) -> tuple[NDArray[np.intp], NDArra
     none = np.zeros(0, np.intp)
     if len(first) < 2 or len(second) < 2:
         return none, none
-    found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(second.descriptors, first.descriptors, k=2)
     table = np.array(
         [
             (a.trainIdx, a.queryIdx, a.distance, b.distance)
-            for a, b in found
-            if a.distance <= MAX_HAMMING
+            for a, b in _nearest_two(second.descriptors, first.descriptors)
         ]
     ).reshape(-1, 4)
     table = table[table[:, 2] < RATIO * table[:, 3]]
     table = table[np.argsort(table[:, 2], kind="stable")]
     table = table[np.unique(table[:, 0], return_index=True)[1]]
     return table[:, 0].astype(np.intp), table[:, 1].astype(np.intp)
+
+
+def _nearest_two(
+    asked: NDArray[np.uint8], stored: NDArray[np.uint8]
+) -> Iterable[tuple[cv2.DMatch, cv2.DMatch]]:
+    """The two nearest stored descriptors of each one that may have a match."""
+    if asked.shape[1] != ORB_BYTES:
+        floats = asked.astype(np.float32), stored.astype(np.float32)
+        return [(a, b) for a, b in cv2.BFMatcher(cv2.NORM_L2).knnMatch(*floats, k=2)]
+    found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(asked, stored, k=2)
+    return [(a, b) for a, b in found if a.distance <= MAX_HAMMING]

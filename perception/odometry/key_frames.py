@@ -1,13 +1,19 @@
-"""Key frames: images whose features stay, and the choice of those that may lose theirs."""
+"""Key frames: images whose features stay, which of them may show the same, and which may go."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Final
 
-from perception.camera.poses import Pose
+from perception.camera.poses import Pose, motion
+from perception.camera.rigid_motions import inverse
 from perception.odometry.features import Features
 from perception.odometry.spread_poses import spare
+
+REACH: Final = 4.0  # [m] between two views of which depth shows a common part
+DRIFT: Final = (0.25, 0.03)  # [m], and share of the way, by which a loop may move the camera
 
 
 @dataclass(slots=True)
@@ -18,6 +24,19 @@ class KeyFrame:
     pose: Pose  # camera to world of its piece
     piece: int
     way: float  # [m] of the camera up to here
+    frame: int  # number of the image
+
+    def is_in_reach(self, other: KeyFrame) -> bool:
+        """Whether drift lets two key frames of a piece show the same."""
+        return math.dist(self.pose[:3, 3], other.pose[:3, 3]) < REACH + self._drift(other)
+
+    def makes_loop(self, other: KeyFrame, T: Pose) -> bool:
+        """Whether drift explains a motion `T` to another key frame: else two places look alike."""
+        off, _ = motion(other.pose, self.pose @ inverse(T))
+        return off < self._drift(other)
+
+    def _drift(self, other: KeyFrame) -> float:
+        return DRIFT[0] + DRIFT[1] * abs(other.way - self.way)
 
 
 def spare_image(

@@ -181,7 +181,7 @@ def linearised(
     return np.stack([u, v, disparity], axis=1), to_p @ moved
 
 
-def with_depth(measured: Motion, first: Features, second: Image) -> Motion:
+def with_depth(measured: Motion, first: Features, second: Image | Features) -> Motion:
     """The motion that fits both the measured one and the surfaces of two depth images best.
 
     Iterative closest points from point to plane, with the features' motion as a prior.

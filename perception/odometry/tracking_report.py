@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -98,7 +99,7 @@ def tracking_report(
         tracked=sum(key is not None for key in used),
         pieces=len({keys[key].piece for key in tracks if key is not None}),
         loops=loops,
-        way=max((key.way for key in keys if key.piece == main), default=0.0),
+        way=sum(motion(a.pose, b.pose)[0] for a, b in pairwise(used_keys)),
         deviation=tuple(None if k is None else START + DRIFT_SHARE * float(ways[k]) for k in used),
         compared=compared,
         contradicting=contradicting,

@@ -133,7 +133,7 @@ def _check_intrinsics(
     if 2 * len(known) < len(poses):
         first = frame_at(0)
         if shrunk(first) is first:  # else the line would name other intrinsics than those given
-            check_views(name, [key.features for key in odometry.keys], first.K)
+            check_views(name, [key.features for key in odometry.graph.keys], first.K)
         return
     numbers = [number for number, _ in known]
     check_intrinsics(name, [T for _, T in known], lambda place: frame_at(numbers[place]))

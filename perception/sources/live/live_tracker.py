@@ -116,11 +116,11 @@ class LiveTracker:
     @property
     def given(self) -> int | None:
         """The piece of the last image that was given; None: there was none."""
-        return self.odometry.keys[self._key].piece if self._tracks else None
+        return self.odometry.graph.keys[self._key].piece if self._tracks else None
 
     def hold(self) -> None:
         """Give only images of the last given one's piece: others were not recognised in it yet."""
-        keys = self.odometry.keys
+        keys = self.odometry.graph.keys
         with self._graph:
             if self._tracks:
                 piece = keys[self._key].piece
@@ -136,7 +136,7 @@ class LiveTracker:
 
     def _pose(self, number: int, in_key: Pose) -> Pose:
         """Pose of an image by its key frame, where the anchor is where it was."""
-        keys = self.odometry.keys
+        keys = self.odometry.graph.keys
         T = keys[number].pose @ in_key
         if self._anchor is None or np.array_equal(keys[self._anchor[0]].pose, self._anchor[1]):
             return BODY_FROM_CAMERA @ T
@@ -164,8 +164,8 @@ class LiveTracker:
         before = time.thread_time()
         with self._graph:
             self.odometry.add(shrunk(image))
-            if len(self.odometry.edges) != self._edges:
-                self._edges, self.moved = len(self.odometry.edges), self._moved()
+            if len(self.odometry.graph.edges) != self._edges:
+                self._edges, self.moved = len(self.odometry.graph.edges), self._moved()
             followed = self.odometry.followed()
             usable = followed is not None and self._is_mapped(followed[0])
             T = self._pose(*followed) if followed is not None and usable else None
@@ -180,7 +180,7 @@ class LiveTracker:
 
     def _is_mapped(self, number: int) -> bool:
         """Whether a key frame is of the piece that is mapped."""
-        keys = self.odometry.keys
+        keys = self.odometry.graph.keys
         return self._anchor is None or keys[number].piece == keys[self._anchor[0]].piece
 
     def _say(self, *, usable: bool) -> None:

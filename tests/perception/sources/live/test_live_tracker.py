@@ -224,11 +224,11 @@ def test_the_images_of_key_frames_are_bounded(images):
     for frame in [*room, *reversed(room)]:
         bounded.add(frame)
         whole.add(frame)
-    assert len(whole.keys) > 30
-    assert sum(len(key.features) > 0 for key in bounded.keys) <= 30
+    assert len(whole.graph.keys) > 30
+    assert sum(len(key.features) > 0 for key in bounded.graph.keys) <= 30
     (at, in_key), pose = bounded.followed() or (0, np.eye(4)), whole.poses()[-1]
     assert pose is not None
-    assert motion(pose, bounded.keys[at].pose @ in_key)[0] < 0.05
+    assert motion(pose, bounded.graph.keys[at].pose @ in_key)[0] < 0.05
 
 
 def test_a_live_camera_finds_itself_in_a_map_or_is_refused(shared, images, tmp_path):
