@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from perception.camera.poses import Pose, motion
 from perception.frames import Frame
 from perception.odometry.frame_size import shrunk
-from perception.odometry.frozen_depth import FrozenDepth
+from perception.odometry.frozen_images import FrozenImages
 from perception.odometry.tracking import tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes
@@ -69,8 +69,9 @@ class Accuracy:
 def accuracy(frames: Sequence[Frame]) -> Accuracy:
     """Track frames and compare their poses with the true ones, `T_map_cam`."""
     before = time.process_time()
-    odometry = tracked(lambda: FrozenDepth().without(map(shrunk, frames)))
-    poses, report = odometry.poses(), odometry.report()
+    frozen = FrozenImages()
+    odometry = tracked(lambda: frozen.without(map(shrunk, frames)))
+    poses, report = frozen.poses(odometry.poses()), odometry.report()
     seconds = time.process_time() - before
     found = [(p, f.T_map_cam) for p, f in zip(poses, frames, strict=True) if p is not None]
     errors = _errors(found) if len(found) > 2 else np.zeros(1)

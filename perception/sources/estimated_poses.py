@@ -20,7 +20,7 @@ from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
 from perception.odometry.frame_size import shrunk
-from perception.odometry.frozen_depth import FrozenDepth
+from perception.odometry.frozen_images import FrozenImages
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes
@@ -71,7 +71,7 @@ def with_estimated_poses(
     """
     because = listing.no_poses or f"{name}: as asked"
     _log.warning("%s; its poses are estimated from its images, and drift", because)
-    entries, frozen = listing.entries, FrozenDepth()
+    entries, frozen = listing.entries, FrozenImages()
 
     def frames() -> Iterator[Frame]:
         for number in range(len(entries)):
@@ -80,13 +80,13 @@ def with_estimated_poses(
                 on_estimated(number + 1, len(entries))
 
     odometry = tracked(lambda: frozen.without(frames()))
-    poses, report = odometry.poses(), odometry.report()
-    if frozen.count:
+    poses, report = frozen.poses(odometry.poses()), odometry.report()
+    if frozen.numbers:
         _log.warning(
-            "%s: %d depth images are copies of earlier ones while colour goes on; these frames are "
-            "left out",
+            "%s: in %d frames colour or depth is a copy of an earlier image while the other goes "
+            "on; they are left out",
             name,
-            frozen.count,
+            len(frozen.numbers),
         )
     if options.check:
         _check_intrinsics(name, odometry, poses, frame_at)
