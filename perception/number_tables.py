@@ -18,7 +18,7 @@ def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     Commas separate like white space. Raises RecordingError where the file cannot be read as text.
     """
     try:
-        text = read_text(path)
+        text = read_text(path, "utf-8-sig")  # programs of Windows begin with a mark
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -10,6 +10,7 @@ python -m benchmarks.odometry --houses 1 --alike
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -68,12 +69,14 @@ def _print_cases(title: str, frames: list[Frame], given: argparse.Namespace) -> 
 
 def _cases(
     frames: list[Frame], faults: bool, only: list[str] | None
-) -> list[tuple[str, list[Frame]]]:
-    if not faults:
-        rates = RATES | {"backwards": BACKWARDS}
-        return [(name, frames[rates[name]]) for name in rates if only is None or name in only]
-    chosen = [fault for fault in FAULTS if only is None or fault.__name__ in only]
-    return [(fault.__name__, fault(list(frames), np.random.default_rng(1))) for fault in chosen]
+) -> Iterator[tuple[str, list[Frame]]]:
+    rates = {} if faults else RATES | {"backwards": BACKWARDS}
+    for name in rates:
+        if only is None or name in only:
+            yield name, frames[rates[name]]
+    for fault in FAULTS if faults else ():
+        if only is None or fault.__name__ in only:
+            yield fault.__name__, fault(list(frames), np.random.default_rng(1))
 
 
 if __name__ == "__main__":

@@ -29,13 +29,18 @@ class Accuracy:
     ate: float  # [m] root mean square of positions, after the best rigid alignment
     worst: float  # [m]
     relative: float  # [m] median error of the motion over a metre of way
-    colour_fit: float | None  # where most images are lost
+    colour_fit: float | None
     milliseconds: float  # of a core, a frame
 
     @property
     def silently_wrong(self) -> bool:
         """Whether a wrong pose would be mapped, and nothing says so."""
-        return not self.refused and self.worst > max(WRONG, self.report.error)
+        return not self.told and self.worst > max(WRONG, self.report.error)
+
+    @property
+    def told(self) -> bool:
+        """Whether a line tells that something is wrong, or the recording is refused."""
+        return self.refused or shows_two_scenes(self.colour_fit)
 
     @property
     def refused(self) -> bool:
@@ -44,13 +49,14 @@ class Accuracy:
         return (
             report.tracked < MIN_FRAMES
             or report.contradicts_itself
-            or shows_two_scenes(self.colour_fit)
+            or (report.mostly_lost and shows_two_scenes(self.colour_fit))
         )
 
     def row(self) -> str:
         """One line of a table."""
         r = self.report
-        state = "refused" if self.refused else "WRONG" if self.silently_wrong else "right"
+        wrong = "told" if self.told else "WRONG" if self.silently_wrong else "right"
+        state = "refused" if self.refused else wrong
         return (
             f"{r.tracked:4d}/{r.frames:4d} {r.way:6.1f} m  ATE {self.ate:.3f}  worst "
             f"{self.worst:.3f}  a metre {self.relative:.3f}  expected {r.error:.2f}  "
@@ -71,7 +77,7 @@ def accuracy(frames: Sequence[Frame]) -> Accuracy:
         float(np.sqrt((errors**2).mean())),
         float(errors.max()),
         _relative(found),
-        colour_fit_of(frames.__getitem__, len(frames)) if report.mostly_lost else None,
+        colour_fit_of(frames.__getitem__, len(frames)),
         1000 * seconds / max(len(frames), 1),
     )
 

@@ -213,9 +213,155 @@ def dirty_lens(frames: Frames, _: np.random.Generator) -> Frames:
     return [_colour(f, np.where(big[:, :, None], 20, f.rgb)) for f in frames]
 
 
+def still(frames: Frames, random: np.random.Generator) -> Frames:
+    """The camera never moves; images and depth have noise."""
+    first = frames[0]
+
+    def seen(f: Frame) -> Frame:
+        rgb = np.clip(first.rgb + random.normal(0, 3, first.rgb.shape), 0, 255).astype(np.uint8)
+        z = first.depth * random.normal(1, 0.005, first.depth.shape)
+        return replace(f, rgb=rgb, depth=z.astype(np.float32), T_map_cam=first.T_map_cam)
+
+    return [seen(f) for f in frames]
+
+
+def duplicates(frames: Frames, _: np.random.Generator) -> Frames:
+    """Each frame comes four times, as from a camera of 15 Hz recorded at 60 Hz."""
+    return [f for f in frames for _ in range(4)]
+
+
+def three_frames(frames: Frames, _: np.random.Generator) -> Frames:
+    """Nothing but three frames, far apart."""
+    return frames[:: max(len(frames) // 3, 1)][:3]
+
+
+def _resized(frame: Frame, scale: float) -> Frame:
+    size = tuple(round(scale * n) for n in frame.depth.shape[::-1])
+    K = frame.K.copy()
+    K[:2] *= scale
+    rgb = cv2.resize(frame.rgb, size, interpolation=cv2.INTER_AREA if scale < 1 else 1)
+    depth = cv2.resize(frame.depth, size, interpolation=cv2.INTER_NEAREST)
+    return replace(frame, rgb=np.asarray(rgb, np.uint8), depth=np.asarray(depth, np.float32), K=K)
+
+
+def tiny(frames: Frames, _: np.random.Generator) -> Frames:
+    """Images 160 wide."""
+    return [_resized(f, 160 / f.depth.shape[1]) for f in frames]
+
+
+def huge(frames: Frames, _: np.random.Generator) -> Frames:
+    """Images 2560 wide, of few frames."""
+    return [_resized(f, 2560 / f.depth.shape[1]) for f in frames[:20]]
+
+
+def portrait(frames: Frames, _: np.random.Generator) -> Frames:
+    """The camera is held upright: images lie on their side."""
+
+    def change(f: Frame) -> Frame:
+        (height, _), K = f.depth.shape, f.K
+        M = np.array([[K[1, 1], 0, height - 1 - K[1, 2]], [0, K[0, 0], K[0, 2]], [0, 0, 1.0]])
+        T = np.array([[0, 1.0, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+        rgb, z = (np.ascontiguousarray(np.rot90(x, -1)) for x in (f.rgb, f.depth))
+        return replace(f, rgb=rgb, depth=z, K=M, T_map_cam=f.T_map_cam @ T)
+
+    return [change(f) for f in frames]
+
+
+def frozen_depth(frames: Frames, _: np.random.Generator) -> Frames:
+    """The driver repeats one depth image for a while; colour goes on."""
+    first = frames[int(SOME[0] * len(frames))]
+    return _changed(frames, lambda f, n: replace(f, depth=first.depth))
+
+
+def flicker(frames: Frames, _: np.random.Generator) -> Frames:
+    """Every second image is dark, as of a lamp or an emitter that blinks."""
+    return [_colour(f, f.rgb * (0.15 if n % 2 else 1)) for n, f in enumerate(frames)]
+
+
+def overexposed(frames: Frames, _: np.random.Generator) -> Frames:
+    """Most of all images is white."""
+    return [_colour(f, np.clip(f.rgb * 4.0, 0, 255)) for f in frames]
+
+
+def subtitles(frames: Frames, _: np.random.Generator) -> Frames:
+    """A driver writes text into the colour images."""
+
+    def change(f: Frame) -> Frame:
+        rgb = np.ascontiguousarray(f.rgb)
+        for row in range(3):
+            place = (10, rgb.shape[0] - 12 - 30 * row)
+            cv2.putText(rgb, "REC 2026-11-24 CAM 1 30 FPS", place, 0, 0.9, (255, 255, 0), 2)
+        return replace(f, rgb=rgb)
+
+    return [change(replace(f, rgb=f.rgb.copy())) for f in frames]
+
+
+def rolling(frames: Frames, _: np.random.Generator) -> Frames:
+    """Rows are read one after the other while the camera shakes: they are shifted."""
+
+    def change(f: Frame, n: int) -> Frame:
+        height, width = f.depth.shape
+        shift = 0.02 * width * np.sin(n * 1.3 + 3 * np.arange(height) / height)
+        x = np.arange(width)[None] + shift[:, None]
+        y = np.repeat(np.arange(height)[:, None], width, 1)
+        maps = (x.astype(np.float32), y.astype(np.float32))
+        return _colour(f, cv2.remap(f.rgb, *maps, cv2.INTER_LINEAR))
+
+    return [change(f, n) for n, f in enumerate(frames)]
+
+
+def coarse_depth(frames: Frames, _: np.random.Generator) -> Frames:
+    """Depth in steps, as of stereo: 6 cm at 2 m."""
+
+    def change(f: Frame) -> Frame:
+        return replace(f, depth=(60.0 / np.round(60.0 / f.depth)).astype(np.float32))
+
+    return [change(f) for f in frames]
+
+
+def filled_depth(frames: Frames, _: np.random.Generator) -> Frames:
+    """Depth that is missing is filled with one far value."""
+    return [
+        replace(f, depth=np.where(np.isfinite(f.depth), f.depth, np.float32(8))) for f in frames
+    ]
+
+
+def near_depth(frames: Frames, _: np.random.Generator) -> Frames:
+    """Depth beyond 1.5 m is missing."""
+    return [replace(f, depth=np.where(f.depth < 1.5, f.depth, np.float32(np.nan))) for f in frames]
+
+
+def zoom(frames: Frames, _: np.random.Generator) -> Frames:
+    """The lens zooms in half-way, colour and depth by a fifth."""
+
+    def change(f: Frame) -> Frame:
+        height, width = f.depth.shape
+        part = (slice(height // 12, -height // 12), slice(width // 12, -width // 12))
+        rgb = cv2.resize(f.rgb[part], (width, height))
+        depth = cv2.resize(f.depth[part], (width, height), interpolation=cv2.INTER_NEAREST)
+        return replace(f, rgb=np.asarray(rgb, np.uint8), depth=np.asarray(depth, np.float32))
+
+    half = len(frames) // 2
+    return frames[:half] + [change(f) for f in frames[half:]]
+
+
+def two_cameras(frames: Frames, _: np.random.Generator) -> Frames:
+    """Frames of two cameras in turn: every second one is of half the recording later."""
+    half = len(frames) // 2
+    return [frames[n % half + (half if n % 2 else 0)] for n in range(2 * half)]
+
+
+def late_light(frames: Frames, _: np.random.Generator) -> Frames:
+    """The light goes out for the second half, and depth goes on."""
+    half = len(frames) // 2
+    return frames[:half] + [_colour(f, f.rgb * 0.01) for f in frames[half:]]
+
+
 FAULTS: Final[Sequence[Fault]] = (
     blur, dark, black, exposure, noise, white_wall, hand, near_hand, gripper, passer_by, crowd,
     no_depth, little_depth, noisy_depth, depth_late, depth_very_late, out_of_order, shuffled,
     backwards_half, gap, frozen, frozen_colour, intrinsics, other_colour, mirrored, turned,
-    dirty_lens,
+    dirty_lens, still, duplicates, three_frames, tiny, huge, portrait, frozen_depth, flicker,
+    overexposed, subtitles, rolling, coarse_depth, filled_depth, near_depth, zoom, two_cameras,
+    late_light,
 )  # fmt: skip

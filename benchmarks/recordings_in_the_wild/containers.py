@@ -29,6 +29,22 @@ from benchmarks.recordings_in_the_wild.robot import (
 Container = Callable[[Messages, Path], Path]
 ROS2: Final = get_typestore(Stores.ROS2_JAZZY)
 ROS1: Final = get_typestore(Stores.ROS1_NOETIC)
+ROS2.register(
+    {
+        **get_types_from_msg(
+            "std_msgs/Header header\nuint8[] data", "theora_image_transport/msg/Packet"
+        ),
+        **get_types_from_msg(
+            "std_msgs/Header header\nint32 width\nint32 height\nstring encoding\nuint64 pts\n"
+            "uint8 flags\nbool is_bigendian\nuint8[] data",
+            "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+        ),
+        **get_types_from_msg(
+            "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format",
+            "foxglove_msgs/msg/CompressedVideo",
+        ),
+    }
+)
 ROS1.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", TF))
 SYSTEM_PYTHON: Final = "/usr/bin/python3"
 #: rewrites a bag with ROS' own rosbag: arguments are source, compression, then the new files;
@@ -114,6 +130,25 @@ def rosbag(compression: str = "none", parts: int = 1, *, crash: bool = False) ->
         return out if parts > 1 else names[0]
 
     return write
+
+
+def other_storage(messages: Messages, folder: Path) -> Path:
+    """A ROS 2 bag whose storage plugin is none of ROS' own."""
+    path = ros2()(messages, folder)
+    for name in ("metadata.yaml", *(p.name for p in path.glob("*.db3"))):
+        file = path / name
+        if name == "metadata.yaml":
+            file.write_text(
+                file.read_text().replace("sqlite3", "zed_storage").replace("db3", "zed")
+            )
+        else:
+            file.rename(file.with_suffix(".zed"))
+    return path
+
+
+def without_definitions(messages: Messages, folder: Path) -> Path:
+    """An MCAP file whose recorder did not find the definitions of messages."""
+    return mcap("ros2", "cdr", definitions=False)(messages, folder)
 
 
 def cut(container: Container, share: float = 0.9) -> Container:
@@ -213,6 +248,7 @@ def mcap(
     *,
     compression: CompressionType = CompressionType.ZSTD,
     name: str = "robot.mcap",
+    definitions: bool = True,
     **options: Any,
 ) -> Container:
     """An MCAP file by mcap's own writer, its channels in ROS' encodings."""
@@ -228,7 +264,8 @@ def mcap(
                     version = 1 if encoding == "ros1" else 2
                     text, _ = types.generate_msgdef(message.type, ros_version=version)
                     kind = message.type.replace("/msg/", "/") if version == 1 else message.type
-                    schema = writer.register_schema(kind, f"ros{version}msg", text.encode())
+                    known = text.encode() if definitions else b""
+                    schema = writer.register_schema(kind, f"ros{version}msg", known)
                     channels[message.topic] = writer.register_channel(
                         message.topic, encoding, schema
                     )

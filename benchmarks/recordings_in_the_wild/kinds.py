@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
@@ -13,6 +12,8 @@ from mcap.writer import CompressionType, IndexType
 from benchmarks.recordings_in_the_wild import changes as c
 from benchmarks.recordings_in_the_wild import containers as to
 from benchmarks.recordings_in_the_wild import image_changes as i
+from benchmarks.recordings_in_the_wild.further_kinds import CLOCKS_AND_TREES, DRIVERS, FOLDERS
+from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import (
     COLOUR,
     DEPTH,
@@ -26,36 +27,6 @@ from benchmarks.recordings_in_the_wild.robot import (
     Shot,
 )
 from perception.camera.poses import Pose
-
-OfShots = Callable[[Sequence[Shot]], Change]
-
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """A kind of recording."""
-
-    name: str
-    container: to.Container = to.mcap_ros2
-    change: tuple[Change, ...] = ()
-    poses: OfShots | None = None  # in place of tf
-    remedy: tuple[str, ...] = ()  # options that make a refused one work; {folder} is the plain one
-    said: str = ""  # what its line must say (a regular expression); default: the remedy's options
-    colour_as_is: bool = True  # whether colour is that of the plain recording
-    turned: bool = False  # images are turned, so their pixels are not compared
-    holes: bool = False  # depth has fewer pixels, so things may be elsewhere
-    first: int = 0  # frame that is its first, where its stamps count from zero
-    hopeless: bool = False  # nothing but other data can help; a line must say so
-    live: str = ""  # encoding in which a Foxglove server sends it, for `live`
-
-    @property
-    def frames_only(self) -> bool:
-        """Whether only the frames are compared."""
-        return self.turned or self.holes
-
-    @property
-    def line(self) -> str:
-        """Regular expression of its line."""
-        return self.said or ".*".join(word for word in self.remedy if word.startswith("--"))
 
 
 def same(T: Pose) -> Pose:
@@ -246,7 +217,7 @@ BODY: Final = (
     Kind("tf of a head on base_link, without odometry", change=(
         c.without("/tf"), c.without_link("camera_link"),
         c.with_links(("base_link", "camera_link", T_BASE_BODY))),
-        said="does not fit", hopeless=True),
+        remedy=("--poses", "estimate"), said="does not fit.*--poses estimate", holes=True),
     Kind("Odometry of base_link, tf_static",
          poses=c.other_poses(c.odometry_of("base_link", c.base_pose))),
     Kind("Odometry of base_link beside tf of a head", poses=beside_head),
@@ -321,4 +292,5 @@ LIVE: Final = tuple(
 
 def kinds() -> list[Kind]:
     """All kinds."""
-    return [*CONTAINERS, *IMAGES, *CAMERAS, *BODY, *RARE, *LIVE]
+    bags = (*CONTAINERS, *IMAGES, *CAMERAS, *BODY, *RARE, *DRIVERS, *CLOCKS_AND_TREES)
+    return [*bags, *FOLDERS, *LIVE]

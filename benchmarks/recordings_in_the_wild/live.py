@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.recordings_in_the_wild import containers as to
-from benchmarks.recordings_in_the_wild.kinds import Kind
+from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import COLOUR, Message, Messages, record
 from benchmarks.recordings_in_the_wild.trial import (
     BELIEVED,

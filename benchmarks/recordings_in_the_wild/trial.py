@@ -16,7 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.recordings_in_the_wild.kinds import Kind
+from benchmarks.recordings_in_the_wild.folders import GRID
+from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import Shot, record
 from kg.model.errors import HereaboutsError
 from perception.camera.poses import Pose
@@ -135,8 +136,10 @@ def detections_file(
 
 
 def _place(recording: FolderRecording, index: int, shots: Sequence[Shot], start: int = 0) -> int:
-    """Index of the shot that a frame shows, by its stamp."""
+    """Index of the shot that a frame shows, by its stamp, or by the number in an image's name."""
     stamp = recording.listing.entries[index].stamp
+    if stamp < 1e8 and recording.format != "bag":
+        return int(re.findall(r"\d+", recording.listing.entries[index].id)[-1]) // GRID
     first = shots[start].stamp / 1e9
     stamp = stamp if stamp > 1e8 else first + stamp - recording.listing.entries[0].stamp
     return min(range(len(shots)), key=lambda i: abs(shots[i].stamp / 1e9 - stamp))
@@ -229,14 +232,21 @@ def last_line(said: str) -> str:
     return lines[-1] if lines else ""
 
 
-def trial(kind: Kind, true: Plain, scratch: Path) -> Outcome:
-    """Write the kind, map it, and by its remedy where it is refused."""
-    messages = record(true.shots)
+def written(kind: Kind, shots: Sequence[Shot], scratch: Path) -> Path:
+    """The kind's file or folder."""
+    if kind.folder is not None:
+        return kind.folder(shots, scratch)
+    messages = record(shots)
     if kind.poses is not None:
-        messages = kind.poses(true.shots)(messages)
+        messages = kind.poses(shots)(messages)
     for change in kind.change:
         messages = change(messages)
-    path = kind.container(messages, scratch)
+    return kind.container(messages, scratch)
+
+
+def trial(kind: Kind, true: Plain, scratch: Path) -> Outcome:
+    """Write the kind, map it, and by its remedy where it is refused."""
+    path = written(kind, true.shots, scratch)
     code, said, wrong = attempt(kind, path, (), true, scratch)
     told = re.search(kind.line, said) if kind.line else None
     if code == 0:

@@ -18,8 +18,11 @@ JSON_NAMES = (
     "camera_intrinsic.json",
     "camera_intrinsics.json",
     "camera-intrinsics.json",
+    "intrinsic.json",
+    "cam_params.json",
 )
-TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt")
+TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt", "intrinsic/intrinsic_color.txt")
+_SHORT = {"w": "width", "h": "height", "scale": "depth_scale"}  # of NICE-SLAM
 WIDEST, NARROWEST = 160.0, 1.0  # [deg] field of view that a pinhole camera can have
 ASPECT_TOLERANCE = 0.01  # relative; a crop or a wrong camera is off by far more
 FISHEYE = ("equidistant", "fisheye", "kannala_brandt4")  # names of one model of distortion
@@ -119,12 +122,14 @@ def load_intrinsics(path: Path) -> Intrinsics:
     """Intrinsics from a file.
 
     JSON: fx fy cx cy, optionally width height dist distortion_model depth_scale; or Open3D's
-    `intrinsic_matrix` (nine numbers, column by column). Text: a 3x3 matrix, or `fx fy cx cy
-    [depth_factor [width height]]`. Raises RecordingError for anything else.
+    `intrinsic_matrix` (nine numbers, column by column), or NICE-SLAM's `camera`. Text: a 3x3 or 4x4
+    matrix, or `fx fy cx cy [depth_factor [width height]]`. Raises RecordingError for anything else.
     """
     if path.suffix == ".json":
         return _from_json(path)
     numbers = all_numbers(path)
+    if numbers.size == 16:
+        numbers = numbers.reshape(4, 4)[:3, :3].ravel()
     if numbers.size == 9:
         return intrinsics_from_matrix(numbers.reshape(3, 3), str(path))
     if numbers.size not in (4, 5, 7):
@@ -148,6 +153,9 @@ def _from_json(path: Path) -> Intrinsics:
         raise RecordingError(f"{path}: expected {wanted}: {error}") from error
     if not isinstance(card, dict):
         raise RecordingError(f"{path}: expected {wanted}")
+    inner = card.get("camera")
+    if isinstance(inner, dict):
+        card = inner | {_SHORT[key]: value for key, value in inner.items() if key in _SHORT}
     # programs write null for what they do not know
     card = {key: value for key, value in card.items() if value is not None}
     try:

@@ -88,10 +88,21 @@ def read_pose(path: Path) -> Pose:
     return checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, str(path))
 
 
+def read_found_pose(path: Path) -> Pose | None:
+    """The pose of a file as of `read_pose`; None where it is not finite: tracking was lost."""
+    numbers = all_numbers(path)
+    return read_pose(path) if numbers.size != 16 or np.isfinite(numbers).all() else None
+
+
 def read_pose_rows(path: Path) -> list[Pose]:
-    """One pose a line, 16 numbers row by row."""
-    poses = []
-    for where, words in rows(path):
+    """One pose a line, 16 numbers row by row; or four lines a pose, a row each."""
+    poses, lines = [], list(rows(path))
+    if lines and all(len(words) == 4 for _, words in lines) and len(lines) % 4 == 0:
+        lines = [
+            (lines[at][0], [word for _, words in lines[at : at + 4] for word in words])
+            for at in range(0, len(lines), 4)
+        ]
+    for where, words in lines:
         numbers = np.array(floats(words, where))
         poses.append(checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
     return poses

@@ -22,6 +22,8 @@ from perception.camera.poses import Pose, motion
 from perception.camera.rigid_motions import inverse
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector, Features, Image
+from perception.odometry.frame_size import shrunk
+from perception.odometry.frozen_images import FrozenImages
 from perception.odometry.key_frames import KeyFrame
 from perception.odometry.key_graph import APART, RECENT, KeyGraph
 from perception.odometry.relative_motion import (
@@ -75,6 +77,7 @@ class Odometry:
     still: NDArray[np.bool_] | None = None  # (H, W) pixels that move with the camera
     max_images: int | None = None  # key frames that keep their image, so that memory is bounded
     graph: KeyGraph = field(default_factory=KeyGraph)
+    frozen: FrozenImages = field(default_factory=FrozenImages)
     _tracks: list[_Track | None] = field(default_factory=list)
     _detector: FeatureDetector = field(default_factory=FeatureDetector)
     _last: tuple[_Track, Image, int] | None = None  # with the number of the image
@@ -86,12 +89,13 @@ class Odometry:
 
     def add(self, frame: Frame) -> bool:
         """Track an image; returns whether it is followed. The pose in `frame` is not read."""
-        image = Image.of(frame, self.still)
         self._added += 1
-        self._parts.add(frame.depth)
-        if self._is_frozen(image):
+        if self.frozen.add(frame):
             self._tracks.append(None)
             return False
+        frame = shrunk(frame)
+        image = Image.of(frame, self.still)
+        self._parts.add(frame.depth)
         self._image = image
         last = next((track for track in reversed(self._tracks) if track is not None), None)
         track = None if last is None else self._followed(image, last)
@@ -114,15 +118,6 @@ class Odometry:
         if self.still is not None or self._image is None:
             return None
         return self._parts.found(self._image.depth.shape)
-
-    def _is_frozen(self, image: Image) -> bool:
-        """Whether the driver repeats the last colour image, though depth goes on."""
-        last = self._image
-        return (
-            last is not None
-            and np.array_equal(last.grey, image.grey)
-            and not np.array_equal(last.depth, image.depth, equal_nan=True)
-        )
 
     def poses(self) -> list[Pose | None]:
         """The pose (camera to world) of each image added so far; None where it was lost."""
@@ -343,7 +338,7 @@ class Odometry:
             number = chosen.get(at)
             if number is None:
                 continue
-            image = Image.of(frame, self.still)
+            image = Image.of(shrunk(frame), self.still)
             for other in self.graph.elsewhere(number):
                 found = wide.motion(other, image)
                 if found is not None and keys[other].piece != keys[number].piece:

@@ -141,8 +141,8 @@ def depth_findings(
         error = _another_scale(name, pairs, convention, depth_scale) or (
             f"{name}: depth does not fit the poses: {share:.0%} of the points that two frames "
             f"share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps are "
-            "wrong, or much of the scene moves; --poses FILE gives other poses, --no-check maps it "
-            "as it is"
+            "wrong, or much of the scene moves; --poses FILE gives other poses, --poses estimate "
+            "finds some in the images, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     # the first few, of all parts of the recording, may be enough

@@ -19,6 +19,7 @@ from kg.model.errors import RecordingError
 from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
+from perception.odometry.frame_size import shrunk
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes
@@ -28,8 +29,9 @@ from perception.sources.recording_options import RecordingOptions
 
 HIGHEST: Final = 2.4  # [m] of a camera in a hand or on a robot, over the floor
 USUAL_HEIGHT: Final = 1.4  # [m]
+ALIKE: Final = np.cos(np.radians(5.0))  # length of the mean of directions that are one
 MIN_FRAMES: Final = 2  # frames with a pose that make a recording
-COLOUR_FRAMES: Final = 48  # whose colour is compared with depth where most frames are lost
+COLOUR_FRAMES: Final = 48  # whose colour is compared with depth
 OnEstimated = Callable[[int, int], None]  # frames done, frames in all
 
 _log = logging.getLogger(__name__)
@@ -78,6 +80,13 @@ def with_estimated_poses(
 
     odometry = tracked(frames)
     poses, report = odometry.poses(), odometry.report()
+    if odometry.frozen.count:
+        _log.warning(
+            "%s: in %d frames colour or depth is a copy of an earlier image while the other goes "
+            "on; they are left out",
+            name,
+            odometry.frozen.count,
+        )
     if options.check:
         _check_intrinsics(name, odometry, poses, frame_at)
     found = [
@@ -88,16 +97,18 @@ def with_estimated_poses(
     if len(found) < MIN_FRAMES:
         raise RecordingError(f"{name}: {report.summary()}; {advice()}")
     _log.warning("%s: %s", name, report.summary())
-    fit = colour_fit_of(frame_at, len(entries)) if report.mostly_lost else None
-    if options.check and shows_two_scenes(fit):
+    fit = colour_fit_of(frame_at, len(entries)) if options.check else None
+    if shows_two_scenes(fit) and report.mostly_lost:
         raise RecordingError(f"{two_scenes(name, fit)}; --no-check maps it as it is")
+    if shows_two_scenes(fit):  # poses by depth alone may be right
+        _log.warning("%s", two_scenes(name, fit))
     if options.check and report.contradicts_itself:
         raise RecordingError(
             f"{name}: the estimated poses are wrong: depth contradicts {report.contradicting} of "
             f"{report.compared} pairs of views; {advice()}, --no-check maps it as it is"
         )
     posed = tuple(replace(entry, T_world_cam=gridded_pose(T)) for entry, T in found)
-    up = _up(listing, *found[0])
+    up = _up(listing, found)
     selected = options.selection.thinned.of(posed, name)
     return EstimatedPoses(
         replace(listing, entries=selected, no_poses="", up=None, T_map_world=None), report, up
@@ -119,7 +130,9 @@ def _check_intrinsics(
     """Check intrinsics by the frames that were found, or by key frames where most were lost."""
     known = [(number, T) for number, T in enumerate(poses) if T is not None]
     if 2 * len(known) < len(poses):
-        check_views(name, [key.features for key in odometry.graph.keys], frame_at(0).K)
+        first = frame_at(0)
+        if shrunk(first) is first:  # else the line would name other intrinsics than those given
+            check_views(name, [key.features for key in odometry.graph.keys], first.K)
         return
     numbers = [number for number, _ in known]
     check_intrinsics(name, [T for _, T in known], lambda place: frame_at(numbers[place]))
@@ -151,13 +164,19 @@ def advice() -> str:
     )
 
 
-def _up(listing: RecordingListing, first: FrameEntry, T_now: Pose) -> NDArray[np.float64] | None:
-    """Up in the estimated world, from an IMU or the recording's own poses.
+def _up(
+    listing: RecordingListing, found: Sequence[tuple[FrameEntry, Pose]]
+) -> NDArray[np.float64] | None:
+    """Up in the estimated world, from an IMU or the recording's own poses where they turn alike.
 
-    `first` is the first frame whose pose `T_now` (4, 4) was found.
+    `found` has the frames whose pose (4, 4) was found.
     """
+    first, T_first = found[0]
     if listing.up_of_first_camera is not None and first is listing.entries[0]:
-        return T_now[:3, :3] @ listing.up_of_first_camera
-    if listing.up is None or listing.no_poses:
-        return None
-    return T_now[:3, :3] @ first.T_world_cam[:3, :3].T @ listing.up
+        return T_first[:3, :3] @ listing.up_of_first_camera
+    if listing.up is None or listing.no_poses or listing.unused_poses:
+        return None  # the entries have no poses by which it would be seen
+    ups = [T[:3, :3] @ entry.T_world_cam[:3, :3].T @ listing.up for entry, T in found]
+    mean: NDArray[np.float64] = np.mean(ups, axis=0)
+    length = float(np.linalg.norm(mean))
+    return mean / length if length > ALIKE else None

@@ -48,6 +48,7 @@ from perception.sources.folders import (
     transforms_json,
     tum,
 )
+from perception.sources.folders.unread import hint_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import Format, FrameEntry, RecordingListing
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
@@ -58,6 +59,8 @@ FORMATS: tuple[Format, ...] = (
     tum.FORMAT,
     numbered_images.TRAJECTORY_LOG,
     numbered_images.HOLOLENS,
+    numbered_images.POSE_FILES,
+    numbered_images.REPLICA,
     stray_scanner.FORMAT,
     record3d.FORMAT,
     transforms_json.TRANSFORMS,
@@ -333,8 +336,10 @@ def format_of(path: Path, name: str = "auto") -> Format:
             named = name == candidate.name and path.is_dir()
             if named or candidate.matches(path):
                 return candidate
+    hint = _nested(path) or hint_of(path)
     raise RecordingError(
-        f"{path} is no recording of a known format{_nested(path)}; known are {_known_formats()}"
+        f"{path} is no recording of a known format"
+        + (f"; {hint}" if hint else f"; known are {_known_formats()}")
     )
 
 
@@ -346,7 +351,7 @@ def _nested(folder: Path) -> str:
     """A hint where the recordings lie one folder deeper."""
     inner = [p for p in sorted(folder.iterdir()) if p.is_dir()] if folder.is_dir() else []
     found = [p.name for p in inner if any(known.matches(p) for known in all_formats())]
-    return f", but its folder {found[0]} is: open {folder / found[0]}" if found else ""
+    return f"its folder {found[0]} is one: open {folder / found[0]}" if found else ""
 
 
 @functools.lru_cache(maxsize=4)

@@ -133,13 +133,20 @@ def _connection(source: str) -> Connection | None:
 
 
 def require_ros(source: str, package: str, extra: str = "ros") -> None:
-    """Raise RecordingError if the package that `source` needs is missing."""
-    from importlib.util import find_spec
+    """Raise RecordingError if the package that `source` needs is missing, or does not load."""
+    from importlib import import_module
 
-    if find_spec(package) is None:
+    try:
+        import_module(package)
+    except ModuleNotFoundError as error:
         raise RecordingError(
             f"{source} needs the package {package}: pip install 'hereabouts[{extra}]'"
-        )
+        ) from error
+    except ImportError as error:  # pyrealsense2 needs libusb of the system
+        raise RecordingError(
+            f"{source} needs the package {package}, which does not load: {error}; the system's "
+            "package of that library would work (libusb-1.0-0 in Debian and Ubuntu)"
+        ) from error
 
 
 @contextmanager

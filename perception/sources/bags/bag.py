@@ -38,11 +38,12 @@ from perception.sources.listing import (
     RecordingListing,
     Streams,
 )
-from perception.sources.ros.camera_info import intrinsics_of, is_calibrated
+from perception.sources.ros.camera_info import intrinsics_of, is_calibrated, view_of
 from perception.sources.ros.headers import NANOSECONDS
 from perception.sources.ros.transform_tree import TransformTree
 
 SUFFIXES: Final = ".bag, .mcap, .db3"
+OTHER_LENS: Final = 0.03  # by which the views of two lenses differ
 MAX_TOLERANCE: Final = 0.5  # [s] that is advised between colour and depth
 
 _log = logging.getLogger(__name__)
@@ -60,7 +61,7 @@ class Choice:
     poses: PoseSource | None  # None: no poses reach the camera ...
     no_poses: str  # ... for this reason, ...
     posed_elsewhere: bool  # ... though there are poses of something else
-    depth_apart: bool  # whether depth lies in another frame than colour, and is registered
+    depth_apart: bool  # whether depth has another frame or view than colour, and is registered
 
     @property
     def pose_topic(self) -> Stream | None:
@@ -149,7 +150,9 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
     camera = camera_topic(index, colour, streams.camera)
     robot = index.trees.get(index.robot(colour.topic), index.tree)
     tree = robot if poses is None else poses.tree
-    apart = _is_apart(index, tree, colour, depth)
+    apart = _is_apart(index, tree, colour, depth) or _has_own_lens(
+        index, camera, depth_camera, (colour, depth)
+    )
     return Choice(colour, depth, camera, depth_camera, tree, poses, missing, elsewhere, apart)
 
 
@@ -165,6 +168,30 @@ def _is_apart(index: BagIndex, tree: TransformTree, colour: Stream, depth: Strea
             error,
         )
         return False
+    return True
+
+
+def _has_own_lens(
+    index: BagIndex,
+    camera: Stream | None,
+    depth_camera: Stream | None,
+    images: tuple[Stream, Stream],
+) -> bool:
+    """Whether depth is in colour's frame, but has another view by its own CameraInfo."""
+    same_frame = images[0].frame == images[1].frame
+    if not same_frame or camera is None or depth_camera is None:
+        return False
+    if not is_calibrated(camera.first) or not is_calibrated(depth_camera.first):
+        return False
+    views = [view_of(one.first) for one in (camera, depth_camera)]
+    if np.abs(views[1] / views[0] - 1).max() < OTHER_LENS:
+        return False
+    _log.warning(
+        "%s: depth has another field of view than colour by its own CameraInfo, %s, and is "
+        "projected into colour's",
+        index.path,
+        depth_camera.topic,
+    )
     return True
 
 

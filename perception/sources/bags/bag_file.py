@@ -268,6 +268,11 @@ def _errors(path: Path | str, what: str = "") -> Iterator[None]:
         raise
     except Exception as error:  # rosbags parses hostile bytes and asserts much
         reason = " ".join(str(error).split()) or type(error).__name__
+        if "Storage plugin" in reason:  # of rosbags
+            reason = (
+                f"{reason.partition(';')[0]}; sqlite3 and mcap are read, which `ros2 bag convert` "
+                "writes where that plugin is installed"
+            )
         where = f"{path}: {what}" if what else str(path)
         raise RecordingError(f"{where} cannot be read: {reason[:300]}") from error
 

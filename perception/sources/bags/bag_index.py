@@ -35,6 +35,7 @@ TF_NAMES: Final = ("tf", "tf_static")
 STRING: Final = "std_msgs/msg/String"
 WANTED: Final = frozenset((*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES, PATH))
 MIN_TIME: Final = 1  # [ns] when a message may be recorded; `rosbag play` leaves out those at 0
+SIMULATED: Final = 10**17  # [ns] stamps below count from the start of a simulation
 SMALL: Final = 512  # [bytes] of a message of an image; smaller ones may have no pixels
 NOTE_TOPIC: Final = "/hereabouts/recording"  # what `hereabouts convert` adds to ROS' own messages
 _log = logging.getLogger(__name__)
@@ -203,12 +204,26 @@ def _add_stamped(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
     if is_pose:
         _add_poses(index, raw.topic, message)
     stamp = nanoseconds(message.header) if message else stamp_of(bag, raw, index.path)
+    if _begins_at_zero(stream, stamp):
+        stream.stamps[0] = 0
     back = bool(stamp and stream.stamps) and stamp < stream.stamps[-1] - NANOSECONDS
     if back and raw.type in IMAGES:  # a simulation was started again: its last run counts
         del stream.times[:], stream.stamps[:]
         index.restarts += 1
     stream.times.append(raw.time)
-    stream.stamps.append(stamp or (raw.time if raw.time > MIN_TIME else 0))
+    known = stamp or raw.time <= MIN_TIME or _is_simulated(stream)
+    stream.stamps.append(stamp if known else raw.time)
+
+
+def _is_simulated(stream: Stream) -> bool:
+    """Whether the last stamp was that of a simulation, so that a stamp of zero is one, too."""
+    return bool(stream.stamps) and abs(stream.stamps[-1]) < SIMULATED <= stream.times[-1]
+
+
+def _begins_at_zero(stream: Stream, stamp: int) -> bool:
+    """Whether the first stamp was zero as the time of a simulation, not for lack of a stamp."""
+    first = stream.stamps[0] if len(stream.stamps) == 1 else 0
+    return 0 < stamp < SIMULATED <= first == stream.times[0]
 
 
 def _add_poses(index: BagIndex, topic: str, message: Any) -> None:

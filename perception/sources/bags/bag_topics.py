@@ -24,6 +24,17 @@ from perception.sources.ros.headers import frame_name
 _TRANSPORTS: Final = ("compressed", "compressedDepth", "theora")
 _COLOUR: Final = re.compile("colou?r|rgb")
 _REGISTERED: Final = re.compile("aligned|registered|hw_registered")
+_PICTURES: Final = "colour images"
+_DEPTH: Final = "depth images"
+#: topics and types that are not read, the images sought in them, and what would work
+_UNREAD: Final = (
+    (re.compile("[Vv]ideo|Packet"), _PICTURES, "video is not decoded here; `ros2 run "
+     "image_transport republish` makes images of it, to be recorded anew"),
+    (re.compile("DisparityImage"), _DEPTH, "stereo_image_proc or the camera's driver makes depth "
+     "images of them, to be recorded anew"),
+    (re.compile("PointCloud2"), _DEPTH, "clouds are not read; the depth image that the camera's "
+     "driver publishes beside would work"),
+)  # fmt: skip
 _OTHER: Final = re.compile("disparity|confidence|label|mask|infra|/ir/|debug|detection|overlay")
 
 
@@ -45,8 +56,9 @@ def colour_topic(index: BagIndex, streams: Streams) -> Stream:
         )
 
     found = [s for s in _images(index) if s.kind is not None and not s.kind.is_depth]
+    found = [s for s in found if s.kind is not None and s.kind.compression != "video"]
     found = [framed(s, streams) for s in found if "depth" not in s.topic.rpartition("depth_to_")[2]]
-    return _best(found, rank, index, "colour images", "--color-topic")
+    return _best(found, rank, index, _PICTURES, "--color-topic")
 
 
 def framed(images: Stream, streams: Streams) -> Stream:
@@ -77,7 +89,7 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
         if s.kind is not None
         and (s.kind.is_depth or ("depth" in s.topic and s.kind.compression == "png"))
     ]
-    return _best(found, rank, index, "depth images", "--depth-topic")
+    return _best(found, rank, index, _DEPTH, "--depth-topic")
 
 
 def camera_topic(index: BagIndex, images: Stream, given: str | None = None) -> Stream | None:
@@ -135,6 +147,18 @@ def _best(
     if not found:
         images = ", ".join(sorted(s.topic for s in _images(index))) or "none"
         raise RecordingError(
-            f"{index.path} has no {what}; image topics are: {images} ({option} names one)"
+            f"{index.path} has no {what}{_unread(index, what)}; image topics are: {images} "
+            f"({option} names one)"
         )
     return max(sorted(found, key=lambda s: s.topic, reverse=True), key=rank)
+
+
+def _unread(index: BagIndex, what: str) -> str:
+    """Topics that may hold the images sought in a form that is not read, and what would work."""
+    types = {topic: kind for topic, (kind, _) in index.others.items()}
+    types |= {s.topic: "video" for s in _images(index) if s.kind and s.kind.compression == "video"}
+    for like, wanted, advice in _UNREAD:
+        found = [f"{t} ({kind})" for t, kind in types.items() if like.search(f"{t} {kind}")]
+        if found and wanted == what:
+            return f", but {', '.join(found[:3])}: {advice}"
+    return ""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import cv2
@@ -16,17 +18,24 @@ from kg.model.regular_files import read_bytes
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
+DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff")
+_NPY = b"\x93NUMPY"
+_TIFF = (b"II*\0", b"MM\0*")
+_MAX_HEADER = 10_000  # [bytes] of an NPY file
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
 
 
 def check_image_file(path: Path) -> None:
     """Raise RecordingError for a missing, truncated or damaged PNG or JPEG, without decoding it.
 
-    A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker.
+    A PNG carries a checksum with each of its chunks; a JPEG has only its end-of-image marker. TIFF
+    and NPY have neither.
     """
     data = _bytes_of(path).tobytes()
     if data.startswith(PNG):
         check_png(data, str(path))
+    elif data.startswith((_NPY, *_TIFF)) and path.suffix.lower() in DEPTH_SUFFIXES:
+        return
     elif not data.startswith(b"\xff\xd8"):
         raise RecordingError(f"{path} is neither PNG nor JPEG ({len(data)} bytes)")
     elif b"\xff\xd9" not in data[-_TAIL:]:
@@ -74,24 +83,43 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
 
 
 def read_depth(path: Path, depth_scale: float) -> NDArray[np.float32]:
-    """(H, W) [m], nan = no return, from a 16-bit image with `depth_scale` units a metre."""
-    raw = decoded(path, cv2.IMREAD_UNCHANGED)
-    if raw.ndim != 2 or raw.dtype != np.uint16:
+    """(H, W) [m], nan = no return, from 16 bits with `depth_scale` units a metre, or floats."""
+    raw = _array(path) if path.suffix == ".npy" else decoded(path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim != 2 or raw.dtype not in (np.uint16, np.float32, np.float64):
         raise RecordingError(
-            f"{path}: depth must be one 16-bit channel, got {raw.dtype} of shape {raw.shape}"
+            f"{path}: depth must be one 16-bit channel, or floats in metres (NPY, TIFF), got "
+            f"{raw.dtype} of shape {raw.shape}"
         )
     return metres(raw, depth_scale)
 
 
-def images_by_number(folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES) -> dict[int, Path]:
+def _array(path: Path) -> NDArray[Any]:
+    """The one array of an NPY file, without pickles; raises RecordingError."""
+    data = _bytes_of(path)
+    file = io.BytesIO(data[:_MAX_HEADER].tobytes())
+    try:
+        version = np.lib.format.read_magic(file)
+        read = {(1, 0): np.lib.format.read_array_header_1_0}[version]
+        shape, fortran, kind = read(file, max_header_size=_MAX_HEADER)
+        values = data[file.tell() :].view(kind)  # as many as there are, whatever the header says
+        return values.reshape(shape, order="F" if fortran else "C").squeeze()
+    except (ValueError, TypeError, SyntaxError, KeyError, TokenError) as error:
+        raise RecordingError(f"{path} is no NPY file of depth: {error}") from error
+
+
+def images_by_number(
+    folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES, prefix: str = ""
+) -> dict[int, Path]:
     """Images of `folder` keyed by the last number in their name, in numeric order.
+
+    Those whose name begins with `prefix`.
 
     Raises RecordingError where there is no image, a name without number, or one number twice.
     """
     found: dict[int, Path] = {}
     wanted = tuple(suffixes)
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() not in wanted:
+        if path.suffix.lower() not in wanted or not path.name.startswith(prefix):
             continue
         digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()
         if not digits:
@@ -100,5 +128,9 @@ def images_by_number(folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES) ->
             raise RecordingError(f"{path} and {found[int(digits[-1])].name} have the same number")
         found[int(digits[-1])] = path
     if not found:
-        raise RecordingError(f"no images ({', '.join(wanted)}) in {folder}")
+        others = sorted({p.suffix for p in folder.iterdir() if p.suffix})
+        beside = f", but {', '.join(others[:5])} files" if others else ""
+        depth = "; depth is read from 16-bit PNG in millimetres, or NPY or TIFF of floats in metres"
+        hint = depth if wanted == DEPTH_SUFFIXES else ""
+        raise RecordingError(f"no images ({', '.join(wanted)}) in {folder}{beside}{hint}")
     return dict(sorted(found.items()))

@@ -7,23 +7,35 @@ number of the image, or its place in the order of numbers.
 HoloLens exporters: poses.txt has a camera -> world matrix of 16 numbers a line (row by row), in the
 order of the images' numbers; K.txt has the 3x3 matrix of the colour camera.
 
+Pose files, as ScanNet's exporter and many programs write them: pose/ has a file with the 4x4 matrix
+for each image of colour and depth.
+
+Replica, as NICE-SLAM renders it: results/ has frameN.jpg and depthN.png, traj.txt a matrix a line.
+
 Images alone: the same two folders without a file of poses. The numbers of a pair of images are the
 same, or they are the stamps [s] in their names, or the folders have as many images each.
 """
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
-from perception.camera.poses import Pose, read_pose_log, read_pose_rows
+from perception.camera.poses import Pose, read_found_pose, read_pose_log, read_pose_rows
 from perception.sources.association import TOLERANCE, nearest_pairs
-from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile, images_by_number
+from perception.sources.folders.image_files import (
+    COLOUR_SUFFIXES,
+    DEPTH_SUFFIXES,
+    ImageFile,
+    images_by_number,
+)
 from perception.sources.listing import (
     Format,
     FrameEntry,
@@ -34,8 +46,12 @@ from perception.sources.listing import (
 )
 
 DEPTH_SCALE = 1000.0
+REPLICA_SCALE = 6553.5
+POSE_FOLDERS = ("pose", "poses")
 COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
 STAMP = re.compile(r"\d{9,10}\.\d+")  # [s] since 1970, in a name
+
+_log = logging.getLogger(__name__)
 
 
 def _read_log(folder: Path, streams: Streams) -> RecordingListing:
@@ -64,6 +80,12 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
         raise RecordingError(f"{folder} has no poses: poses.txt is missing")
     poses = read_pose_rows(folder / "poses.txt")
     colour, depth = _images(folder, "images", "rgb")
+    return _by_place(folder, colour, depth, poses)
+
+
+def _by_place(
+    folder: Path, colour: dict[int, Path], depth: dict[int, Path], poses: list[Pose]
+) -> RecordingListing:
     if not len(colour) == len(depth) == len(poses):
         raise RecordingError(
             f"{folder}: {len(colour)} colour images, {len(depth)} depth images and "
@@ -72,6 +94,44 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     _check_gaps(folder, list(colour), list(depth))
     places = range(len(poses))
     return _listing(folder, zip(colour.values(), depth.values(), poses, places, strict=True))
+
+
+def _read_replica(folder: Path, streams: Streams) -> RecordingListing:
+    """As `_read_rows`, of images in one folder; the camera may lie beside the recording's folder.
+
+    Raises RecordingError as it does.
+    """
+    if not _is_replica(folder):
+        raise RecordingError(f"{folder} has no traj.txt beside results/")
+    colour = images_by_number(folder / "results", prefix="frame")
+    depth = images_by_number(folder / "results", (".png",), prefix="depth")
+    listing = _by_place(folder, colour, depth, read_pose_rows(folder / "traj.txt"))
+    camera = listing.camera or find_intrinsics(folder.resolve().parent)
+    return replace(listing, camera=camera, depth_scale=REPLICA_SCALE)
+
+
+def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
+    """All images of `folder` that have a depth image and a pose; warns of those that have none.
+
+    Raises RecordingError where none has both, or a pose is no rigid matrix.
+    """
+    alone = _read_alone(folder, streams)
+    poses = subfolder(folder, *POSE_FOLDERS)
+    files = {path.stem: path for path in sorted(poses.glob("*.txt"))}
+    if set(files).isdisjoint(entry.id for entry in alone.entries):
+        numbers = images_by_number(poses, (".txt",))
+        ids = images_by_number(subfolder(folder, *COLOUR_FOLDERS))
+        files = {path.stem: numbers[number] for number, path in ids.items() if number in numbers}
+    found = [(e, read_found_pose(files[e.id])) for e in alone.entries if e.id in files]
+    posed = tuple(replace(e, T_world_cam=T) for e, T in found if T is not None)
+    if not posed:
+        raise RecordingError(f"{folder}: no image has a pose of its name in {poses.name}/")
+    if len(posed) < len(alone.entries):
+        lost = len(alone.entries) - len(posed)
+        _log.warning(
+            "%s: %d of %d images have no pose and are skipped", folder, lost, len(alone.entries)
+        )
+    return replace(alone, entries=posed, no_poses="")
 
 
 def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
@@ -83,20 +143,21 @@ def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
     depth = subfolder(folder, "depth")
     entries = [
         FrameEntry(a.stem, ImageFile(a), ImageFile(b), np.eye(4), stamp)
-        for a, b, stamp in _by_stamp(colour, depth) or _by_number(colour, depth)
+        for a, b, stamp in pairs_by_stamp(colour, depth) or _by_number(colour, depth)
     ]
     return RecordingListing(
         tuple(entries),
         find_intrinsics(folder),
         DEPTH_SCALE,
-        no_poses=f"{folder} has no poses: no trajectory.log, poses.txt or transforms.json",
+        no_poses=f"{folder} has no poses: no groundtruth.txt, trajectory.log, poses.txt, "
+        "transforms.json or pose/",
     )
 
 
-def _by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
+def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
     """Pairs of images by the stamps in their names; empty where a name has none."""
     found = []
-    for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, (".png",))):
+    for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, DEPTH_SUFFIXES)):
         paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
         stamps = [STAMP.search(path.stem) for path in paths]
         if not paths or not all(stamps):
@@ -111,7 +172,7 @@ def _by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
 
 def _by_number(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
     """Pairs of images by their numbers, else by their order where there are as many of both."""
-    a, b = images_by_number(colour), images_by_number(depth, (".png",))
+    a, b = images_by_number(colour), images_by_number(depth, DEPTH_SUFFIXES)
     both = [number for number in a if number in b]
     if 2 * len(both) >= min(len(a), len(b)):
         return [(a[number], b[number], stamp_of_number(number)) for number in both]
@@ -128,10 +189,19 @@ def _has_images(folder: Path) -> bool:
     return (folder / "depth").is_dir() and any((folder / n).is_dir() for n in COLOUR_FOLDERS)
 
 
+def _has_pose_files(folder: Path) -> bool:
+    poses = next((folder / n for n in POSE_FOLDERS if (folder / n).is_dir()), None)
+    return poses is not None and _has_images(folder) and any(poses.glob("*.txt"))
+
+
+def _is_replica(folder: Path) -> bool:
+    return (folder / "results").is_dir() and (folder / "traj.txt").is_file()
+
+
 def _images(folder: Path, *names: str) -> tuple[dict[int, Path], dict[int, Path]]:
     """Colour images of the first of the named folders, and depth images, by number."""
     colour = images_by_number(subfolder(folder, *names))
-    return colour, images_by_number(subfolder(folder, "depth"), (".png",))
+    return colour, images_by_number(subfolder(folder, "depth"), DEPTH_SUFFIXES)
 
 
 def _listing(folder: Path, images: Iterable[tuple[Path, Path, Pose, int]]) -> RecordingListing:
@@ -184,6 +254,10 @@ TRAJECTORY_LOG = Format(
     _read_log,
 )
 HOLOLENS = Format("hololens", "images|rgb/, depth/, poses.txt and K.txt", _has_rows, _read_rows)
+POSE_FILES = Format(
+    "pose-files", "rgb|color|image|images/, depth/ and pose/", _has_pose_files, _read_pose_files
+)
+REPLICA = Format("replica", "results/, traj.txt and cam_params.json", _is_replica, _read_replica)
 IMAGES = Format(
     "images", "rgb|color|image|images/, depth/ and intrinsics.json", _has_images, _read_alone
 )

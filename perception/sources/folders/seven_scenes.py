@@ -3,17 +3,27 @@
 Where a folder also holds depth registered to the colour camera (frame-N.depthreg.png) and that
 camera's poses (frame-N.posecolor.txt), these are read. The original files hold depth and poses of
 the depth camera only; depth is then registered to the colour camera on reading.
+
+BundleFusion and ScanNet's SensReader write the same names and info.txt, which has the cameras of
+colour and depth and the unit of depth; poses that were lost are -inf.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from kg.model.errors import RecordingError
-from perception.camera.intrinsics import Intrinsics, find_intrinsics, load_intrinsics
-from perception.camera.poses import read_pose
+from perception.camera.intrinsics import (
+    Intrinsics,
+    find_intrinsics,
+    intrinsics_from_matrix,
+    load_intrinsics,
+)
+from perception.camera.poses import read_found_pose, read_pose
+from perception.number_tables import floats, rows
 from perception.sources.folders.image_files import ImageFile
 from perception.sources.listing import (
     DepthCamera,
@@ -25,6 +35,7 @@ from perception.sources.listing import (
 )
 
 DEPTH_SCALE = 1000.0
+INFO = ("info.txt", "_info.txt")
 #: Kinect v1 of the data set: focal length 585 px for depth; the colour camera sits 14 mm to its
 #: right with a focal length 0.903 times as long (edges of depth and colour aligned on redkitchen).
 DEPTH_CAMERA = Intrinsics(585.0, 585.0, 320.0, 240.0, source="7-Scenes depth camera")
@@ -48,10 +59,11 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     if not colours:
         raise RecordingError(f"no frame-N.color.png or frame-N.color.jpg in {folder}")
     stems = {path: path.name.split(".")[0] for path in colours}
+    info = next((folder / n for n in INFO if (folder / n).is_file()), None)
     registered = any((folder / f"{stem}.depthreg.png").is_file() for stem in stems.values())
     depth, pose = (".depthreg.png", ".posecolor.txt") if registered else (".depth.png", ".pose.txt")
     T_depth_colour = np.eye(4)
-    if not registered:
+    if not registered and info is None:
         T_depth_colour[0, 3] = COLOUR_OFFSET
     posed = any((folder / f"{stem}{pose}").is_file() for stem in stems.values())
     no_poses = "" if posed else f"{folder} has no poses: files frame-N{pose} are missing"
@@ -59,10 +71,15 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     for path in sorted(colours, key=lambda p: _number(stems[p], p)):
         stem = stems[path]
         _require(folder, stem, depth, pose if posed else depth)
-        T = read_pose(folder / (stem + pose)) @ T_depth_colour if posed else np.eye(4)
+        T = read_found_pose(folder / (stem + pose)) if posed else np.eye(4)
+        if T is None and info is not None:
+            continue
+        T = read_pose(folder / (stem + pose)) if T is None else T
         stamp = stamp_of_number(_number(stem, path))
         at_depth = ImageFile(folder / (stem + depth))
-        entries.append(FrameEntry(stem, ImageFile(path), at_depth, T, stamp))
+        entries.append(FrameEntry(stem, ImageFile(path), at_depth, T @ T_depth_colour, stamp))
+    if info is not None:
+        return _by_info(folder, info, tuple(entries), no_poses)
     if registered:
         return RecordingListing(
             tuple(entries), _colour_camera(folder), DEPTH_SCALE, no_poses=no_poses
@@ -72,6 +89,32 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     return RecordingListing(
         tuple(entries), _colour_camera(folder), DEPTH_SCALE, depth_camera, no_poses=no_poses
     )
+
+
+def _by_info(
+    folder: Path, info: Path, entries: tuple[FrameEntry, ...], no_poses: str
+) -> RecordingListing:
+    """Listing by the cameras of an info.txt; raises RecordingError where they are missing."""
+    lines = (" ".join(words).partition("=") for _, words in rows(info))
+    values = {key.strip(): value.split() for key, _, value in lines}
+
+    def numbers(key: str, count: int) -> list[float]:
+        found = floats(values.get(key, ()), f"{info}, {key}")
+        if len(found) != count or not np.isfinite(found).all():
+            raise RecordingError(f"{info}: {key} has {count} finite numbers, got {len(found)}")
+        return found
+
+    def camera(which: str) -> Intrinsics:
+        K = np.array(numbers(f"m_calibration{which}Intrinsic", 16)).reshape(4, 4)[:3, :3]
+        width, height = (int(numbers(f"m_{which.lower()}{x}", 1)[0]) for x in ("Width", "Height"))
+        return replace(intrinsics_from_matrix(K, str(info)), width=width, height=height)
+
+    if not entries:
+        raise RecordingError(f"{folder}: no frame has a pose")
+    scale = numbers("m_depthShift", 1)[0]
+    colour, depth = camera("Color"), camera("Depth")
+    apart = None if np.allclose(colour.K, depth.K) else DepthCamera(depth, np.eye(4))
+    return RecordingListing(entries, colour, scale, apart, no_poses=no_poses)
 
 
 def _require(folder: Path, stem: str, depth: str, pose: str) -> None:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
-from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
+from perception.camera.intrinsics import Intrinsics, find_intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, pose_from_quaternion
 from perception.camera.turns import turned_camera, turned_image, turned_poses, upright_turns
 from perception.number_tables import all_numbers, floats
@@ -128,7 +128,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
         )
         for number in numbers
     )
-    camera = _turned_camera(folder / "camera_matrix.csv", video, turns)
+    camera = _turned_camera(folder, video, turns)
     return RecordingListing(
         entries,
         camera,
@@ -179,8 +179,11 @@ def _cell(row: Mapping[str, str | None], name: str, where: str) -> str:
     return value
 
 
-def _turned_camera(path: Path, video: Video, turns: int) -> Intrinsics:
+def _turned_camera(folder: Path, video: Video, turns: int) -> Intrinsics:
     """Intrinsics of the turned frames; raises RecordingError for what is no camera matrix."""
+    path, given = folder / "camera_matrix.csv", find_intrinsics(folder)
+    if given is not None and not path.is_file():
+        return turned_camera(given.fitted(*video.size), turns)
     if not path.is_file():
         raise RecordingError(f"{path.parent} has no camera matrix: {path.name} is missing")
     K = all_numbers(path)

@@ -9,6 +9,7 @@ cy, width, height and t_00 to t_23, in a world with y up. Depth is in millimetre
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +35,9 @@ from perception.sources.listing import (
 DEPTH_SCALE: Final = 1000.0
 FILE: Final = "transforms.json"
 CAMERA: Final = ("fl_x", "fl_y", "cx", "cy")
+MODELS: Final = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL",
+                 "PERSPECTIVE")  # fmt: skip
+_log = logging.getLogger(__name__)
 _IMAGES: Final = ("corrected_images", "images")
 _CAMERAS: Final = ("corrected_cameras", "cameras")
 
@@ -55,7 +59,7 @@ def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
             "would work"
         )
     posed = [one for one in deep if "transform_matrix" in one]
-    used = posed or deep
+    used = _present(folder, posed or deep)
     entries = tuple(
         FrameEntry(
             Path(str(one.get("file_path"))).stem,
@@ -126,6 +130,21 @@ def _card(path: Path) -> dict[str, Any]:
     return card
 
 
+def _present(folder: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Frames whose images are there; who deletes blurred ones seldom edits the list."""
+    keys = ("file_path", "depth_file_path")
+    found = [one for one in frames if all(_image(folder, one, key).is_file() for key in keys)]
+    if 0 < len(found) < len(frames):
+        lost = len(frames) - len(found)
+        _log.warning(
+            "%s: images of %d of %d frames are missing; these are skipped",
+            folder,
+            lost,
+            len(frames),
+        )
+    return found or frames
+
+
 def _number(card: Mapping[str, Any], key: str, where: str) -> float:
     try:
         return float(card[key])
@@ -165,7 +184,12 @@ def _camera(card: Mapping[str, Any], frames: Sequence[Mapping[str, Any]], path: 
     fx, fy, cx, cy = (float(x) for x in np.median(numbers, axis=0))
     first = of_frames[0]
     size = [int(_number(first, key, str(path))) if key in first else None for key in ("w", "h")]
-    fisheye = "FISHEYE" in str(first.get("camera_model", ""))
+    model = str(first.get("camera_model", "OPENCV")).upper()
+    if model not in MODELS:
+        raise RecordingError(
+            f"{path}: images of camera_model {model} are not read; known are {', '.join(MODELS)}"
+        )
+    fisheye = model == "OPENCV_FISHEYE"
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     dist = tuple(_number(first, key, str(path)) if key in first else 0.0 for key in names)
     assert not fisheye or len(dist) == FISHEYE_COEFFICIENTS

@@ -3,7 +3,8 @@
 Sturm et al., "A benchmark for the evaluation of RGB-D SLAM systems" (IROS 2012), and its page on
 file formats: rgb.txt and depth.txt (`stamp file`), groundtruth.txt (`stamp tx ty tz qx qy qz qw`,
 pose of the colour camera), associations.txt (`stamp file stamp file`), 16-bit depth with 5000 units
-a metre.
+a metre. ICL-NUIM has depth first in associations.txt, and *.gt.freiburg. Without lists, images have
+their stamps as names.
 """
 
 from __future__ import annotations
@@ -20,7 +21,14 @@ from perception.camera.poses import Pose, read_trajectory
 from perception.number_tables import floats, rows
 from perception.sources.association import TOLERANCE, nearest_pairs
 from perception.sources.folders.image_files import ImageFile
-from perception.sources.listing import Format, FrameEntry, RecordingListing, Streams
+from perception.sources.folders.numbered_images import COLOUR_FOLDERS, pairs_by_stamp
+from perception.sources.listing import (
+    Format,
+    FrameEntry,
+    RecordingListing,
+    Streams,
+    subfolder,
+)
 
 DEPTH_FACTOR = 5000.0
 POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt")  # the second: already at colour's stamps
@@ -43,8 +51,14 @@ _Pair = tuple[float, str, str]  # colour stamp, colour file, depth file
 
 
 def matches(folder: Path) -> bool:
-    """Whether `folder` holds rgb.txt or associations.txt."""
-    return (folder / "rgb.txt").is_file() or (folder / "associations.txt").is_file()
+    """Whether `folder` holds rgb.txt or associations.txt, or depth/ and poses of the benchmark."""
+    lists = any((folder / name).is_file() for name in ("rgb.txt", "associations.txt"))
+    return lists or ((folder / "depth").is_dir() and _poses(folder) is not None)
+
+
+def _poses(folder: Path) -> Path | None:
+    found = [*(folder / name for name in POSES), *sorted(folder.glob("*.gt.freiburg"))]
+    return next((path for path in found if path.is_file()), None)
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
@@ -54,7 +68,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     missing, lists or poses malformed, or nothing fits together.
     """
     pairs = sorted(_pairs(folder))
-    poses = next((folder / name for name in POSES if (folder / name).is_file()), None)
+    poses = _poses(folder)
     if poses is None:
         unposed = tuple(_entry(folder, pair, np.eye(4)) for pair in pairs)
         missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
@@ -94,17 +108,34 @@ def _camera(folder: Path) -> Intrinsics | None:
 def _pairs(folder: Path) -> list[_Pair]:
     associations = folder / "associations.txt"
     if associations.is_file():
+        rows = _checked(associations, 4, "stamp file stamp file")
+        swapped = all("depth" in a and "depth" not in b for _, (_, a, _, b, *_) in rows)
+        colour, depth = (2, 0) if swapped else (0, 2)
         return [
-            (floats(words[:1], where)[0], words[1], words[3])
-            for where, words in _checked(associations, 4, "stamp file stamp file")
+            (floats(words[colour : colour + 1], where)[0], words[colour + 1], words[depth + 1])
+            for where, words in rows
         ]
+    if not (folder / "rgb.txt").is_file():
+        images = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), folder / "depth")
+        if not images:
+            raise RecordingError(
+                f"{folder} has no rgb.txt and depth.txt, and its images have no stamps as names"
+            )
+        return [(s, str(a.relative_to(folder)), str(b.relative_to(folder))) for a, b, s in images]
     return _associate(_list(folder / "rgb.txt"), _list(folder / "depth.txt"), folder)
 
 
 def _list(path: Path) -> list[tuple[float, str]]:
     return [
-        (floats(words[:1], where)[0], words[1]) for where, words in _checked(path, 2, "stamp file")
+        (floats(words[:1], where)[0], _file(path.parent, words[1:]))
+        for where, words in _checked(path, 2, "stamp file")
     ]
+
+
+def _file(folder: Path, words: list[str]) -> str:
+    """The file named by the first word, or by all, where its name has spaces."""
+    whole = " ".join(words)
+    return whole if len(words) > 1 and (folder / whole).is_file() else words[0]
 
 
 def _checked(path: Path, columns: int, meaning: str) -> list[tuple[str, list[str]]]:

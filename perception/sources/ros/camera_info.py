@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import FISHEYE, FISHEYE_COEFFICIENTS, Intrinsics
@@ -51,6 +52,12 @@ def is_calibrated(message: Any) -> bool:
     """Whether a CameraInfo has a camera matrix."""
     K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
     return len(K) == 9 and bool(K[0])
+
+
+def view_of(message: Any) -> NDArray[np.float64]:
+    """(2,) tangents of the field of view of a calibrated CameraInfo, across and down."""
+    K = np.asarray(_field(message, "k"), np.float64).reshape(3, 3)
+    return np.array([message.width / K[0, 0], message.height / K[1, 1]])
 
 
 def _distortion(message: Any, fisheye: bool, where: str) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ colour by bilinear interpolation.
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from typing import Any, Final
@@ -77,6 +78,7 @@ _TO_RGB: Final = {
 }
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
 _SIZE: Final = struct.Struct("<II")  # width, height of RVL depth
+_VIDEO: Final = re.compile("h\\.?26[45]|hevc|avc|av1|vp[89]|theora|mpeg")
 _PNG: Final = b"\x89PNG"
 
 
@@ -85,7 +87,7 @@ class ImageKind:
     """Content of a message, by its fields."""
 
     encoding: str  # of ENCODINGS, where it is raw or compressedDepth; "" if its bytes say it
-    compression: str  # "" (raw), "jpeg", "png", "compressedDepth"
+    compression: str  # "" (raw), "jpeg", "png", "compressedDepth", "video"
     size: tuple[int, int] | None  # (W, H) [px]; None where only its bytes say it
 
     @property
@@ -103,6 +105,8 @@ def image_kind(message: Any) -> ImageKind:
     encoding = given.split(";")[0].strip() if ";" in given else ""
     if "compressedDepth" in given:
         return ImageKind(encoding, "compressedDepth", None)
+    if _VIDEO.search(given.lower()):
+        return ImageKind("", "video", None)
     return ImageKind(encoding, "png" if "png" in given.lower() else "jpeg", None)
 
 
@@ -174,6 +178,8 @@ def _raw_image(message: Any, where: str) -> NDArray[Any]:
     _check_size(width, height, where)
     if encoding in _PLANAR:
         return _planes(data, width, height, where)
+    if step in (0, width) and len(data) == row * height:  # drivers leave it out, or count pixels
+        step = row
     if step < row or len(data) < step * (height - 1) + row:
         raise RecordingError(
             f"{where}: {len(data)} bytes in rows of {step} are no {width}x{height} image of "

@@ -1,7 +1,8 @@
 """Tree of coordinate frames over time, as tf2 has it: any frame as seen from any other.
 
 Transforms between two stamps are interpolated (linear, and spherical for the rotation); static ones
-hold for all times.
+hold for all times. So do those of `odom` in its parent, where odometry moves the camera below it:
+they correct a drift (REP 105), and some localisations send them seldom, or once.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still in
 MAX_LINKS: Final = 10_000  # in a tree
 MAX_DEPTH: Final = 100  # links between a frame and its root
 MAX_TRANSFORMS: Final = 1_000  # in a message
+CORRECTED: Final = "odom"  # frame whose transform in its parent corrects odometry
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -205,8 +207,11 @@ class TransformTree:
     def _chain(self, children: list[str], stamp: float) -> Pose | None:
         """Transform (4, 4) of the first of `children` to the last one's parent."""
         T: Pose | None = None
+        moving = [child for child in children if not self._link(child).static]
         for child in reversed(children):
             step = self._link(child).at(stamp)
+            if step is None and _is_odom(child) and child != moving[0]:
+                step = self._link(child).held(stamp, 0.0 if self._kept is None else MAX_GAP)
             if step is None:
                 return None
             T = step if T is None else T @ step
@@ -222,6 +227,11 @@ class TransformTree:
             f"no transforms link {source!r} (in the tree of {up[-1]!r}) to {target!r} (in the "
             f"tree of {down[-1]!r})"
         )
+
+
+def _is_odom(frame: str) -> bool:
+    """Whether a frame is that of odometry, of any robot."""
+    return frame.rpartition("/")[2] == CORRECTED
 
 
 class _Link:
@@ -279,3 +289,10 @@ class _Link:
         if self.static:
             return pose_from_quaternion(trajectory.t[0], trajectory.q[0], "static transform")
         return trajectory.at(stamp, TOLERANCE, MAX_GAP)
+
+    def held(self, stamp: float, wait: float) -> Pose | None:
+        """Pose at any stamp, that of the ends beyond them; None up to `wait` [s] after the last."""
+        first, last = self.trajectory().stamp[[0, -1]]
+        if last < stamp <= last + wait:
+            return None
+        return self.trajectory().at(float(np.clip(stamp, first, last)), np.inf, np.inf)

@@ -17,8 +17,8 @@ from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.sources.listing import Streams
 from perception.sources.recording import FolderRecording, open_recording
-from perception.sources.recording_options import RecordingOptions
-from tests.perception.conftest import SIZE, K
+from perception.sources.recording_options import RecordingOptions, Selection
+from tests.perception.conftest import SIZE, K, room_depth
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -412,3 +412,76 @@ def test_messages_beside_an_sqlite_file_are_not_left_out(tmp_path: Path) -> None
     (path / "robot.db3-wal").write_bytes(b"pages")
     with pytest.raises(RecordingError, match=r"robot.db3-wal holds messages .* wal_checkpoint"):
         opened(path)
+
+
+def test_depth_of_another_lens_at_the_same_place_is_projected(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    made, wide = Bag(tmp_path / "robot"), K.copy()
+    wide[0, 0] = wide[1, 1] = 100.0
+    for _, stamp, T, rgb, _ in views():
+        made.tf("/tf", stamp, "map", "lens", T)
+        made.camera("/c/color/camera_info", stamp, "lens")
+        made.camera("/c/depth/camera_info", stamp, "lens", focal=100.0)
+        made.image("/c/color/image_raw", stamp, rgb, "rgb8", "lens")
+        depth = room_depth(T, wide, SIZE).astype(np.float32)
+        made.image("/c/depth/image_raw", stamp, depth, "32FC1", "lens")
+    made.bag.close()
+    frame = opened(tmp_path / "robot").frame(3)
+    off = np.abs(frame.depth - room_depth(list(views())[3][2], K, SIZE))
+    assert np.nanmedian(off) < 0.01
+    assert "another field of view than colour by its own CameraInfo" in caplog.text
+
+
+def test_images_of_video_are_no_colour_images_and_are_named(tmp_path: Path) -> None:
+    made = Bag(tmp_path / "robot")
+    for _, stamp, T, _, mm in views():
+        made.tf("/tf", stamp, "map", "lens", T)
+        made.camera("/cam/rgb/camera_info", stamp, "lens")
+        made.compressed("/cam/rgb/image_raw/compressed", stamp, bytes(600), "h264", "lens")
+        made.image("/cam/depth/image_raw", stamp, mm, "16UC1", "lens")
+    made.bag.close()
+    with pytest.raises(RecordingError, match=r"no colour images, but /cam/rgb.* video .*republish"):
+        opened(tmp_path / "robot")
+
+
+@pytest.mark.parametrize("first", [0.0, -2.0])
+def test_stamps_may_begin_at_zero_or_pass_it(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, first: float
+) -> None:
+    made = Bag(tmp_path / "robot")
+    for i, (_, stamp, T, rgb, mm) in enumerate(views()):
+        made.now = stamp
+        made.tf("/tf", first + i, "odom", "lens", T)
+        images(made, "/cam", first + i, rgb, mm)
+    made.bag.close()
+    read = opened(tmp_path / "robot")
+    assert same_poses(read)
+    assert "started again" not in caplog.text
+
+
+def test_another_storage_plugin_is_named_with_the_way_to_convert_it(tmp_path: Path) -> None:
+    path = robot_bag(tmp_path / "robot", mcap=False) / "metadata.yaml"
+    path.write_text(path.read_text().replace("sqlite3", "their_storage"))
+    with pytest.raises(RecordingError, match=r"'their_storage' not supported; .*ros2 bag convert"):
+        opened(path.parent)
+
+
+@pytest.mark.parametrize("clock", [5000.0, 1.0])
+def test_up_of_estimated_poses_is_that_of_floor_and_walls_where_given_poses_turn_otherwise(
+    shared: Callable[[str], Path], tmp_path: Path, clock: float
+) -> None:
+    """By another clock, or those of a head whose robot moves."""
+    room = open_recording(
+        shared("data/rgbd/icl_livingroom"), RecordingOptions(selection=Selection(every=4, limit=14))
+    )
+    made = Bag(tmp_path / "robot")
+    for i, frame in enumerate(room.frames()):
+        made.tf("/tf", clock + i, "map", "lens", frame.T_map_cam if clock > 1 else np.eye(4))
+        made.image("/cam/rgb/image_raw", 1.0 + i, frame.rgb, "rgb8", "lens")
+        made.image("/cam/depth/image_raw", 1.0 + i, frame.depth, "32FC1", "lens")
+    made.bag.close()
+    options = RecordingOptions(intrinsics=room.rectifier.camera, estimate_poses=True)
+    read = open_recording(tmp_path / "robot", options)
+    # heights of the camera's axes
+    assert read.frame(0).T_map_cam[2, :3] @ room.frame(0).T_map_cam[2, :3] > np.cos(np.radians(3))

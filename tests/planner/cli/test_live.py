@@ -34,6 +34,17 @@ def objects(prints: Prints, path: Path) -> list[object]:
     return list(json.loads(prints("ask", path, "-e", rows, "--format", "json")))
 
 
+def test_a_package_that_does_not_load_is_said_with_the_library_it_lacks(
+    fails: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "pyrealsense2.py"
+    package.write_text('raise ImportError("libusb-1.0.so.0: cannot open shared object file")')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "pyrealsense2", raising=False)
+    said = fails("live", "realsense", "--into", tmp_path / "new.map")
+    assert "pyrealsense2, which does not load: libusb-1.0.so.0" in said
+
+
 def test_a_camera_without_a_driver_is_refused_with_what_works(
     fails: Callable[..., str], tmp_path: Path
 ) -> None:

@@ -134,3 +134,20 @@ def test_a_raw_export_of_polycam_is_read_and_turned_upright(truth, tmp_path):
         file.write_text(json.dumps(card))
     with pytest.raises(RecordingError, match=r"has no poses: no t_00 to t_23 in cameras/"):
         open_recording(tmp_path / "scan", RecordingOptions(estimate_poses=False))
+
+
+def test_frames_whose_images_were_deleted_are_left_out(truth, tmp_path, caplog):
+    folder = tmp_path / "nerf"
+    card = transforms(truth, folder)
+    (folder / "transforms.json").write_text(json.dumps(card))
+    (folder / card["frames"][1]["file_path"]).unlink()
+    assert len(open_recording(folder, OPTIONS)) == FEW - 1
+    assert f"images of 1 of {FEW} frames are missing" in caplog.text
+
+
+def test_a_lens_that_is_no_pinhole_is_refused(truth, tmp_path):
+    folder = tmp_path / "nerf"
+    card = transforms(truth, folder) | {"camera_model": "EQUIRECTANGULAR"}
+    (folder / "transforms.json").write_text(json.dumps(card))
+    with pytest.raises(RecordingError, match="camera_model EQUIRECTANGULAR are not read"):
+        open_recording(folder, OPTIONS)

@@ -33,6 +33,20 @@ def test_colour_of_every_encoding(encoding: str, stored: np.ndarray, padding: in
     assert np.array_equal(colour_image(image(stored, encoding, padding=padding), "here"), RGB)
 
 
+@pytest.mark.parametrize("step", [0, 5])
+def test_rows_whose_length_is_left_out_or_counted_in_pixels(step: int) -> None:
+    message = image(RGB, "rgb8")
+    message.step = step
+    assert np.array_equal(colour_image(message, "here"), RGB)
+
+
+@pytest.mark.parametrize(
+    ("form", "compression"), [("h264", "video"), ("hevc", "video"), ("mjpeg", "jpeg")]
+)
+def test_video_in_a_compressed_image_is_no_jpeg(form: str, compression: str) -> None:
+    assert image_kind(Message(format=form)).compression == compression
+
+
 def test_grey_is_colour_three_times() -> None:
     grey = RGB[:, :, 0]
     assert np.array_equal(colour_image(image(grey, "mono8"), "here"), np.dstack([grey] * 3))
@@ -182,7 +196,7 @@ def test_rvl_gives_back_every_pixel(depth: np.ndarray) -> None:
         ({"height": 2**32 - 1, "width": 2**32 - 1}, "4294967295x4294967295 pixels"),
         ({"width": 4000}, "no 4000x6 image"),
         ({"height": 60}, "no 5x60 image"),
-        ({"step": 0}, "rows of 0"),
+        ({"step": 0, "data": RGB.tobytes() + b"\0"}, "rows of 0"),
         ({"step": 14}, "rows of 14"),
         ({"data": b""}, "0 bytes"),
         ({"encoding": "nv24"}, "'nv24' is not read as colour; known are rgb8"),

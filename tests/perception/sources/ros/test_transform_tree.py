@@ -79,6 +79,36 @@ def test_no_pose_before_the_first_after_the_last_and_in_a_long_gap(stamp: float)
     assert made.at("map", "camera", 4.01) is not None  # within the tolerance
 
 
+@pytest.mark.parametrize("stamps", [(5.0,), (1.0, 9.0)])
+def test_corrections_of_odometry_hold_however_seldom_they_come(stamps: tuple[float, ...]) -> None:
+    odometry = [transform("odom", "base", t / 10, (t / 10, 0, 0)) for t in range(100)]
+    corrections = [transform("map", "odom", t, (0, 2, 0)) for t in stamps]
+    made = tree(*odometry, *corrections)
+    for stamp in (0.5, 5.5, 9.5):
+        T = made.at("map", "base", stamp)
+        assert T is not None
+        assert np.allclose(T[:3, 3], (stamp, 2, 0))
+
+
+def test_only_corrections_of_odometry_hold() -> None:
+    head = [transform("base", "head", t / 10, (0, 0, 1)) for t in range(100)]
+    made = tree(*head, transform("map", "base", 1.0, (0, 0, 0)))
+    assert made.at("map", "head", 5.0) is None, "a lost robot is nowhere"
+    assert tree(transform("map", "odom", 1.0, (0, 0, 0))).at("map", "odom", 5.0) is None
+
+
+def test_live_the_next_correction_is_waited_for_as_long_as_others_are_a_second_apart() -> None:
+    made = TransformTree(kept=100)
+    made.add_message(Message(transforms=[transform("map", "odom", 1.0, (0, 2, 0))]), static=False)
+    for stamp in (1.0, 1.5, 2.0, 2.5):
+        link = transform("odom", "base", stamp, (stamp, 0, 0))
+        made.add_message(Message(transforms=[link]), static=False)
+    assert made.at("map", "base", 1.5) is None
+    T = made.at("map", "base", 2.5)
+    assert T is not None
+    assert np.allclose(T[:3, 3], (2.5, 2, 0))
+
+
 def test_static_transforms_hold_for_ever() -> None:
     made = tree(static=(transform("map", "camera", 5.0, (1, 2, 3)),))
     for stamp in (0.0, 5.0, 1e10):

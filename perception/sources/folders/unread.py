@@ -1,0 +1,48 @@
+"""Recordings of other programs that are not read, and the way to files that are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+from perception.sources.folders.numbered_images import COLOUR_FOLDERS
+
+#: names of files, in a folder or the recording itself, and advice
+_FILES: Final = (
+    (("*.sens",), "a recording of ScanNet; reader.py of its SensReader with --export_color_images "
+     "--export_depth_images --export_poses --export_intrinsics writes a folder that is read"),
+    (("*.mkv",), "a video as Azure Kinect records it; Open3D's azure_kinect_mkv_reader.py writes "
+     "color/, depth/ and intrinsic.json, which are read"),
+    (("*.svo", "*.svo2"), "a recording of ZED; its ROS wrapper plays it, and a bag that "
+     "`ros2 bag record` makes of that is read"),
+    (("*.klg",), "a log of ElasticFusion or Kintinuous; its images as rgb/ and depth/ (16-bit PNG, "
+     "millimetres) and intrinsics.json are read"),
+    (("*.oni",), "a recording of OpenNI; its images as rgb/ and depth/ (16-bit PNG, millimetres) "
+     "and intrinsics.json are read"),
+    (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst"), "an archive; unpack it first"),
+    (("lowres_wide.traj",), "a recording of ARKitScenes; its images as rgb/ and depth/, the 4x4 "
+     "camera to world matrix of each image in pose/, and intrinsics.json are read"),
+    (("EXR_RGBD",), "an export of Record3D; its .r3d file is read"),
+    (("pose_intrinsic_imu.json",), "a recording of ScanNet++; its images as rgb/ and depth/, the "
+     "4x4 camera to world matrix of each image in pose/, and intrinsics.json are read"),
+    (("*.ply", "*.pcd", "*.obj", "*.glb", "*.usdz", "*.las", "*.e57"), "a model of surfaces and "
+     "has no images; the colour and depth images that it was made of would work"),
+    (("*.mp4", "*.mov", "*.avi", "*.webm"), "a video and has no depth; rgb.mp4 beside depth/ and "
+     "intrinsics.json in a folder would work"),
+)  # fmt: skip
+
+
+def hint_of(path: Path) -> str:
+    """What a path that is no recording seems to be, and what would work; "" where that is unknown.
+
+    Files in a folder count where the folder has no other layout.
+    """
+    for names, advice in _FILES:
+        for name in names:
+            found = [path] if path.match(name) else sorted(path.glob(name)) if path.is_dir() else []
+            if found:
+                return f"{found[0].name} is {advice}"
+    colour = next((name for name in COLOUR_FOLDERS if (path / name).is_dir()), None)
+    if colour is not None and not (path / "depth").is_dir():
+        return f"it has {colour}/, but no depth/ beside it; images without depth are not mapped"
+    return ""
