@@ -14,8 +14,8 @@ from kg.model.oriented_boxes import OrientedBox, along, along_nearest_axes
 from kg.model.records import ObjectRecord
 from mapping.objects.extents.walls import Walls
 from mapping.things.agreement import AgreedPart, SeenPart, agreed_parts
-from mapping.things.depth_image import DepthImage
 from mapping.things.view_parts import LARGEST, parts_of
+from perception.depth_image import DepthImage
 from perception.frames import Frame
 
 SMALLEST: Final = 0.08  # [m] longest side of a thing, at least; at most LARGEST

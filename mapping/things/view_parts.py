@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.things.depth_image import DepthImage
 from perception.binary_masks import connected_components
+from perception.depth_image import DepthImage
 
 LARGEST: Final = 1.0  # [m] longest side of a thing, at most
 _SMALLEST: Final = 0.06  # [m] of a part that a view shows

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,6 +51,8 @@ class DepthImage:
 
 def _sampled(depth: NDArray[np.float32], step: int) -> Floats:
     """Depth of every `step`-th pixel without single holes and outliers; 0 where it is unknown."""
+    import cv2  # as late as possible: commands that need no depth start faster
+
     known = np.nan_to_num(depth, nan=0.0, posinf=0.0).astype(np.float32)
     filled = np.where(known > 0, known, cv2.dilate(known, np.ones((3, 3))))
     z = cv2.medianBlur(filled, 5)[step // 2 :: step, step // 2 :: step].astype(np.float64)
@@ -60,6 +61,8 @@ def _sampled(depth: NDArray[np.float32], step: int) -> Floats:
 
 def _normals(z: Floats, rays: Floats) -> Floats:
     """(h, w, 3) normals in the camera's axes: of planes, along which 1/z is linear in the image."""
+    import cv2
+
     side, known = 2 * _HALF + 1, (z > 0).astype(np.float64)
     x, y = rays[:, :, 0], rays[:, :, 1]
     q = known / np.where(z > 0, z, 1.0)
