@@ -98,7 +98,7 @@ _SURFACE_EXISTENCE: Final = f"n / (n + 3), where n is {_SURFACE_FRAMES}"
 _SURFACE_VIEW: Final = "the view in which most of the thing is in the open, and large"
 #: Rules for things without a name, where these differ from those for detections.
 _SURFACE_RULES: Final[dict[str, str]] = {
-    v.RDF_TYPE.value: "found in the depth of several views: it stands out of what is around it "
+    v.RDF_TYPE.value: "found in the depth of several views: it stands out of its surroundings "
     "and on something level, is 8 cm to 1 m long, and lies in no box of an object with a name",
     **dict.fromkeys((v.X, v.Y, v.Z), f"the middle of {_SURFACE_BOX}"),
     **dict.fromkeys((v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.YAW), _SURFACE_BOX),
