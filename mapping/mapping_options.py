@@ -38,7 +38,7 @@ class MappingOptions:
         surface: side [m] of the voxels that keep the surface of the room beside the map
             (`mapping.surface`), without people; None: no surface. A map that has voxels keeps
             their side. A map on a server keeps none.
-        things: whether things without a name are found in the surface at the end
+        things: whether things without a name are found, which needs the surface
             (`mapping.things`); only the Bayes mapper does so.
     """
 

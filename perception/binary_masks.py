@@ -37,19 +37,6 @@ def with_neighbours(mask: Mask) -> Mask:
     return cv2.dilate(mask.astype(np.uint8), cross).astype(np.bool_)
 
 
-def broad_parts(mask: Mask, width: int, share: float) -> Mask:
-    """The cells of `mask` near ones around which it fills `share` of a square `width` cells wide.
-
-    Lines are no broad parts.
-    """
-    import cv2
-
-    square = (width, width)
-    around = cv2.boxFilter(mask.astype(np.float32), -1, square, borderType=cv2.BORDER_CONSTANT)
-    core = (mask & (around >= share)).astype(np.uint8)
-    return mask & cv2.dilate(core, np.ones(square, np.uint8)).astype(np.bool_)
-
-
 def runs(mask: Mask) -> NDArray[np.intp]:
     """(n, 3) row, first cell and end of each run of True in the rows of `mask`, in order."""
     edges = np.diff(np.pad(mask, ((0, 0), (1, 1))).astype(np.int8), axis=1)

@@ -170,7 +170,7 @@ class SemanticMap(ABC):
         return tuple(record for record in found if record.existence >= min_existence)
 
     def unnamed_things(self) -> tuple[ObjectRecord, ...]:
-        """Things that stand out of the surface and that nobody named, oldest first.
+        """Things that stand out of their surroundings and that nobody named, oldest first.
 
         `objects` leaves them out, as all lists of objects do.
         """

@@ -1,1 +1,1 @@
-"""Things without a name: what stands out of the surface and is no known object."""
+"""Things without a name: what stands out of its surroundings and is no known object."""

@@ -63,11 +63,11 @@ class RecentViews:
         self._pictures = pictures
         self._views = dict[Viewpoint, SeenView]()
 
-    def add(self, frame: Frame, people: NDArray[np.float32]) -> None:
-        """Keep a frame, if none is kept from there."""
+    def add(self, frame: Frame, people: NDArray[np.float32]) -> bool:
+        """Keep a frame, if none is kept from there; whether it is kept."""
         key = viewpoint(frame.T_map_cam)
         if key in self._views:
-            return
+            return False
         height, width = frame.depth.shape
         jpeg = encode_jpeg(frame.rgb, 85) if self._pictures else b""
         depth = np.nan_to_num(frame.depth[::_STEP, ::_STEP], nan=np.inf)
@@ -77,6 +77,13 @@ class RecentViews:
         )
         if len(self._views) > MAX_VIEWS:
             del self._views[next(iter(self._views))]
+        return True
+
+    def number(self, points: Floats) -> int:
+        """Number of the views that show most of `points` (n, 3) [m]."""
+        some = points[:: max(1, len(points) // _POINTS)]
+        shown = (view.shows(some) for view in self._views.values())
+        return sum(one is not None and one[0] >= _LEAST for one in shown)
 
     def best(self, points: Floats) -> tuple[SeenView, float, tuple[float, ...]] | None:
         """The view that shows most of `points` (n, 3) [m], large, with the share and the box."""

@@ -92,28 +92,27 @@ EVIDENT: Final = frozenset(
         *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN),
     )
 )
-_SURFACE_BOX: Final = "the box, along the walls, around the thing's part of the surface"
-_SURFACE_FRAMES: Final = "the middle of the numbers of frames that showed each part of its surface"
+_SURFACE_BOX: Final = "the box, along the walls, around the thing in the middle of its views"
+_SURFACE_FRAMES: Final = "the number of viewpoints from which it was seen whole"
 _SURFACE_EXISTENCE: Final = f"n / (n + 3), where n is {_SURFACE_FRAMES}"
 _SURFACE_VIEW: Final = "the view in which most of the thing is in the open, and large"
-#: Rules for things that were found in the surface, where these differ from those for detections.
+#: Rules for things without a name, where these differ from those for detections.
 _SURFACE_RULES: Final[dict[str, str]] = {
-    v.RDF_TYPE.value: "found in the surface at the end of a mapping: it stands out of the large "
-    "flat parts, stands on one or hangs before one, is 8 cm to 1 m long, and lies in no "
-    "box of an object with a name",
+    v.RDF_TYPE.value: "found in the depth of several views: it stands out of its surroundings "
+    "and on something level, is 8 cm to 1 m long, and lies in no box of an object with a name",
     **dict.fromkeys((v.X, v.Y, v.Z), f"the middle of {_SURFACE_BOX}"),
     **dict.fromkeys((v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.YAW), _SURFACE_BOX),
     **dict.fromkeys((v.EXISTENCE, v.CONFIDENCE), _SURFACE_EXISTENCE),
     v.OBSERVATION_COUNT: _SURFACE_FRAMES,
     v.FIRST_SEEN: "the time of the frame that shows it best, or of the latest one, if earlier",
-    v.LAST_SEEN: "the time of the latest frame that showed its surface",
+    v.LAST_SEEN: "the time of the latest frame that showed it",
     **dict.fromkeys((v.EXPLAINED_BY, v.FRAME), _SURFACE_VIEW),
     v.SCORE: f"the share of its points in the open in {_SURFACE_VIEW}",
     v.BOX: f"the box around its points in {_SURFACE_VIEW}",
 }
 REMOVAL_OF_UNNAMED: Final = (
-    "a thing without a name leaves the map when the surface no longer shows it, or when it lies in "
-    "the box of an object with a name"
+    "a thing without a name leaves the map when the surface no longer shows it, when views of its "
+    "place do not show it, or when it lies in the box of an object with a name"
 )
 _PLACE_TYPE: Final = (
     "the category with the highest belief, once views of the place or objects in it are evidence"

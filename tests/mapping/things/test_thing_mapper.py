@@ -1,4 +1,4 @@
-"""Things without a name: found in the surface, hidden in lists, kept once a person names them."""
+"""Things without a name: found in several views, hidden in lists, kept once a person names them."""
 
 from __future__ import annotations
 
@@ -10,26 +10,51 @@ from kg.maps.surface.voxels import Surface
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from mapping.places.place_registry import PlaceRegistry
-from mapping.things.thing_mapper import ThingMapper, things_of
+from mapping.things.thing_finder import FoundThing, ThingFinder
+from mapping.things.thing_mapper import ThingMapper
+from perception.frames import Frame
+from tests.perception.conftest import look_at
 
 VOXEL = 0.025
+Solid = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+FLOOR: Solid = ((-2, -2, -0.1), (2, 2, 0))
+WALL: Solid = ((-2, 2, 0), (2, 2.1, 2))
+TABLE: Solid = ((-0.6, -0.4, 0.7), (0.6, 0.4, 0.75))
+KETTLE: Solid = ((-0.1, -0.1, 0.75), (0.1, 0.1, 1.0))
+JAR: Solid = ((0.1, -0.05, 0.75), (0.22, 0.05, 0.9))  # touches the kettle
+BOX: Solid = ((1.0, 1.0, 0), (1.3, 1.3, 0.4))
+FLYING: Solid = ((-0.5, -0.1, 1.1), (-0.3, 0.1, 1.25))
+NOBODY = np.empty((0, 4), np.float32)
+EYES = ((-0.8, -1.7, 1.6), (-0.3, -1.8, 1.7), (0.2, -1.8, 1.6), (0.7, -1.7, 1.7))
 
 
-def block(low: tuple[float, float, float], high: tuple[float, float, float]) -> np.ndarray:
-    """(n, 3) [m] voxels of a solid."""
-    axes = [np.arange(a, b, VOXEL) + VOXEL / 2 for a, b in zip(low, high, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), 3).reshape(-1, 3)
+def view(number: int, *solids: Solid, noise: float = 0.001) -> Frame:
+    """What a camera in the eye of that number sees of `solids`, looking at the table."""
+    eye = np.array(EYES[number])
+    T = look_at(EYES[number], (0.2, 0.2, 0.7))
+    K = np.array([[290.0, 0, 160], [0, 290, 120], [0, 0, 1]])
+    v, u = np.mgrid[:240, :320]
+    rays = np.stack([(u - 160) / 290, (v - 120) / 290, np.ones(u.shape)], -1) @ T[:3, :3].T
+    depth = np.full(u.shape, np.inf)
+    for low, high in solids:
+        with np.errstate(divide="ignore"):
+            ends = np.stack([(np.array(corner) - eye) / rays for corner in (low, high)])
+        near, far = ends.min(0).max(-1), ends.max(0).min(-1)
+        depth = np.where((near < far) & (near > 0), np.minimum(depth, near), depth)
+    depth = np.where(np.isfinite(depth), depth, 0)
+    depth += np.random.default_rng(number).normal(0, noise, depth.shape) * depth**2
+    depth = depth.astype(np.float32)
+    rgb = np.zeros((*depth.shape, 3), np.uint8)
+    return Frame(f"frame-{number:06d}", rgb, depth, K, T, 100.0 + number)
 
 
-FLOOR = block((-2, -2, -0.025), (2, 2, 0))
-WALL = block((-2, 2, 0), (2, 2.05, 2))
-TABLE = block((-0.6, -0.4, 0.7), (0.6, 0.4, 0.75))
-KETTLE = block((-0.1, -0.1, 0.75), (0.1, 0.1, 1.0))
-BOX = block((1.0, 1.0, 0), (1.3, 1.3, 0.4))
-
-
-def surface(*parts: np.ndarray) -> Surface:
-    points = np.concatenate(parts).astype(np.float32)
+def surface(*solids: Solid) -> Surface:
+    blocks = []
+    for low, high in solids:
+        axes = [np.arange(a, b, VOXEL) + VOXEL / 2 for a, b in zip(low, high, strict=True)]
+        blocks.append(np.stack(np.meshgrid(*axes, indexing="ij"), 3).reshape(-1, 3))
+    points = np.concatenate(blocks).astype(np.float32)
     n = len(points)
     return Surface(
         VOXEL,
@@ -40,17 +65,49 @@ def surface(*parts: np.ndarray) -> Surface:
     )
 
 
-def test_what_stands_on_a_table_and_on_the_floor_is_found() -> None:
-    found = things_of(surface(FLOOR, WALL, TABLE, KETTLE, BOX))
-    centres = sorted(tuple(one.box.centre.round(1)) for one in found)
-    assert len(found) == 2
-    np.testing.assert_allclose(centres, [(0.0, 0.0, 0.9), (1.2, 1.2, 0.2)], atol=0.11)
-    assert {one.frames for one in found} == {9}
+def found(*solids: Solid, noise: float = 0.001) -> list[FoundThing]:
+    finder = ThingFinder()
+    for number in range(len(EYES)):
+        finder.add(view(number, *solids, noise=noise), NOBODY)
+    return finder.found(surface(*solids))
+
+
+@pytest.mark.parametrize("noise", [0.0005, 0.002])
+def test_what_stands_on_a_table_and_on_the_floor_is_found(noise: float) -> None:
+    things = found(FLOOR, WALL, TABLE, KETTLE, BOX, noise=noise)
+    centres = sorted(tuple(one.box.centre.round(2)) for one in things)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, 0.88), (1.15, 1.15, 0.2)], atol=0.08)
+    assert all(2 <= one.views <= len(EYES) and one.last_seen >= 101 for one in things)
 
 
 def test_floors_walls_and_furniture_are_no_things() -> None:
-    assert things_of(surface(FLOOR, WALL, TABLE)) == []
-    assert things_of(Surface.empty()) == []
+    assert found(FLOOR, WALL, TABLE) == []
+    assert ThingFinder().found(Surface.empty()) == []
+    assert ThingFinder().found(surface(FLOOR)) == []
+
+
+def test_things_that_touch_are_two() -> None:
+    things = found(FLOOR, WALL, TABLE, KETTLE, JAR)
+    centres = sorted(tuple(one.box.centre.round(2)) for one in things)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, 0.88), (0.16, 0.0, 0.83)], atol=0.06)
+
+
+def test_a_thing_stands_on_something_level() -> None:
+    (kettle,) = found(FLOOR, WALL, TABLE, KETTLE, FLYING)
+    np.testing.assert_allclose(kettle.box.centre, (0, 0, 0.88), atol=0.08)
+
+
+def test_a_single_view_is_not_enough() -> None:
+    finder = ThingFinder()
+    finder.add(view(1, FLOOR, WALL, TABLE, KETTLE), NOBODY)
+    assert finder.found(surface(FLOOR, WALL, TABLE, KETTLE)) == []
+
+
+def test_people_are_no_things() -> None:
+    finder, everything = ThingFinder(), np.array([[0, 0, 320, 240]], np.float32)
+    for number in range(len(EYES)):
+        finder.add(view(number, FLOOR, TABLE, KETTLE), everything)
+    assert finder.found(surface(FLOOR, TABLE, KETTLE)) == []
 
 
 @pytest.fixture
@@ -58,15 +115,17 @@ def flat() -> SemanticMap:
     return in_memory_map(base="http://example.org/flat/")
 
 
-def written(flat: SemanticMap, shown: Surface) -> None:
+def written(flat: SemanticMap, *solids: Solid, views: int = len(EYES)) -> None:
+    """Map what cameras see of `solids`, as a recording of its own."""
     mapper = ThingMapper(flat, PlaceRegistry(flat, None, recording="r"), "r", pictures=False)
-    changes = mapper.changes(shown, flat.objects())
+    for number in range(views):
+        mapper.add(view(number, *solids), NOBODY)
+    changes = mapper.changes(surface(*solids), flat.objects())
     flat.apply(MapUpdate(changes.updated, changes.removed))
 
 
 def test_things_are_in_no_list_of_objects_until_they_are_named(flat) -> None:
-    shown = surface(FLOOR, TABLE, KETTLE)
-    written(flat, shown)
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
     (thing,) = flat.unnamed_things()
     assert flat.objects() == () and flat.objects(near=(0, 0)) == ()
     assert not flat.query("objects", least=0.0).rows
@@ -74,22 +133,31 @@ def test_things_are_in_no_list_of_objects_until_they_are_named(flat) -> None:
     assert [one.iri for one in flat.objects("bottle")] == [thing.iri]
     assert flat.unnamed_things() == () and flat.assertions.conflicts() == ()
     sequence = flat.sequence
-    written(flat, shown)
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
     assert [one.iri for one in flat.objects("bottle")] == [thing.iri]
-    assert flat.sequence == sequence  # the same surface, the same facts
-    written(flat, surface(FLOOR, TABLE))
+    assert flat.sequence == sequence  # the same views, the same facts
+    written(flat, FLOOR, WALL, TABLE)
     assert [one.iri for one in flat.objects("bottle")] == [thing.iri]
     flat.assertions.retract(thing.iri, "category", by="ann")
     assert [one.iri for one in flat.unnamed_things()] == [thing.iri]
 
 
 def test_a_thing_leaves_the_map_once_it_is_gone(flat) -> None:
-    written(flat, surface(FLOOR, TABLE, KETTLE))
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
     (thing,) = flat.unnamed_things()
-    moved = KETTLE + np.array([0.01, 0, 0])
-    written(flat, surface(FLOOR, TABLE, moved))
+    moved = ((-0.09, -0.1, 0.75), (0.11, 0.1, 1.0))
+    written(flat, FLOOR, WALL, TABLE, moved)
     assert [one.iri for one in flat.unnamed_things()] == [thing.iri]
-    written(flat, surface(FLOOR, TABLE))
+    written(flat, FLOOR, WALL, TABLE)
+    assert flat.unnamed_things() == ()
+
+
+def test_a_thing_stays_where_few_views_show_its_place(flat) -> None:
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
+    (thing,) = flat.unnamed_things()
+    written(flat, FLOOR, WALL, TABLE, KETTLE, views=1)
+    assert [one.iri for one in flat.unnamed_things()] == [thing.iri]
+    written(flat, FLOOR, WALL, TABLE, views=1)
     assert flat.unnamed_things() == ()
 
 
@@ -106,20 +174,20 @@ def test_what_is_a_named_object_is_no_thing(flat) -> None:
         extent=np.array([0.2, 0.2, 0.25]),
     )
     flat.apply(MapUpdate((cup,)))
-    written(flat, surface(FLOOR, TABLE, KETTLE))
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
     assert flat.unnamed_things() == ()
 
 
 def test_why_tells_that_the_surface_shows_a_thing(flat) -> None:
-    written(flat, surface(FLOOR, TABLE, KETTLE))
+    written(flat, FLOOR, WALL, TABLE, KETTLE)
     (thing,) = flat.unnamed_things()
-    assert rules(flat, thing.iri) == ["found in the surface at the end of a mapping"]
+    assert rules(flat, thing.iri) == ["found in the depth of several views"]
     assert rules(flat, f"{thing.iri} here:x")[0].startswith("the middle of the box")
     assert rules(flat, f"{thing.iri} here:existence")[0].startswith("n / (n + 3), where n")
     flat.assertions.add(thing.iri, "category", "bottle", by="ann")
     assert all("detector" not in rule for rule in rules(flat, thing.iri))
     flat.assertions.retract(thing.iri, "category", by="ann")
-    written(flat, surface(FLOOR, TABLE))
+    written(flat, FLOOR, WALL, TABLE)
     assert rules(flat, thing.iri)[0].startswith("a thing without a name leaves the map when")
 
 
