@@ -37,7 +37,7 @@ _LOW: Final = 0.03  # [m] ... or this, in which the outline may touch what carri
 _LEVEL: Final = 0.05  # [m] ... whose height differs by so much at most ...
 _NEAR: Final = 0.15  # [m] ... and which is so near
 _KEPT: Final = 200  # points of a part
-_POINTS: Final = np.array([1, 99])  # percentiles between which a part lies
+_OUTSIDE: Final = 0.01  # share of a part's points that lie outside of it, on either side
 _AXES: Final = np.array(
     [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5**0.5, 0.5**0.5, 0), (0.5**0.5, -(0.5**0.5), 0)]
 ).T
@@ -118,8 +118,15 @@ def _is_background(image: DepthImage, mine: Members) -> bool:
 
 def _length(points: Floats) -> float:
     """Longest side [m] of the box around points (n, 3), along x, y and z or between x and y."""
-    low, high = np.percentile(points @ _AXES, _POINTS, axis=0)
+    low, high = _ends(points @ _AXES)
     return float((high - low).max())
+
+
+def _ends(values: Floats) -> Floats:
+    """The lowest and the highest of values (n, ...), without the _OUTSIDE share of them."""
+    low = int(_OUTSIDE * len(values))
+    ends = (low, len(values) - 1 - low)
+    return np.partition(values, ends, axis=0)[list(ends)]
 
 
 def _contacts(
@@ -203,7 +210,7 @@ class _Outlines:
         points = self._points[mine]
         if not _SMALLEST <= _length(points) <= LARGEST:
             return None
-        low, high = np.percentile(points[:, 2], _POINTS)
+        low, high = _ends(points[:, 2])
         self._inside[mine] = True
         stands_out, carried = self._beside(mine, low, high)
         self._inside[mine] = False

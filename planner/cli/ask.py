@@ -119,13 +119,18 @@ def _note_frames(semantic_map: SemanticMap) -> None:
 
 
 def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
-    """Whether the query is a plain question; one word only if it is a known name."""
+    """Whether the query is a plain question; one word unless it is like a query's name."""
+    from difflib import get_close_matches
+
+    from kg.maps.query.query_files import shipped_queries
     from planner.questions.recognition import is_known_word, is_plain
 
     text = arguments.question
     if text is None or arguments.parameter or not is_plain(text):
         return False
-    return len(text.split()) != 1 or is_known_word(semantic_map, text)
+    if len(text.split()) != 1 or is_known_word(semantic_map, text):
+        return True
+    return not get_close_matches(text, [query.name for query in shipped_queries()])
 
 
 def _answer_plainly(

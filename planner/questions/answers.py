@@ -33,7 +33,8 @@ from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import answer_lines, find_sentences
 from planner.search.plans.report import empty_answer, find_answer
 
-_NEAR: Final = 2.0  # [m] over the floor
+_NEAR: Final = 2.0  # [m] in a straight line
+_PROBABLY: Final = 0.5  # probability from which on an object is said to be there still
 _YES: Final[Mapping[Value, str]] = {
     "present": "Yes",
     "gone": "Not any more",
@@ -198,10 +199,16 @@ class _Answerer:
             assert target.iri is not None
             found = status(self._map, target.iri, place)
         lines = [target.note] if target.note and one is None else []
-        lines.append(f"{_YES[found.value]} ({found.value}): {found.proof}")
+        known = [one] if one is not None else known_objects(self._map, target)
+        known = [k for k in known if place in (None, k.place)]
+        sure = [k for k in known if k.sure]
+        if found.value == "present" and not self._any_still_there(sure):
+            lines.append("It was there, and has probably been moved since:")
+            lines += answer_lines(sure, self._now, target)
+        else:
+            lines.append(f"{_YES[found.value]} ({found.value}): {found.proof}")
         if one is None and found.value != "present":
-            there = [k for k in known_objects(self._map, target) if place in (None, k.place)]
-            lines += answer_lines([k for k in there if k.doubted], self._now, target)
+            lines += answer_lines([k for k in known if k.doubted], self._now, target)
         return self._made("status", lines, category=target.label)
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
@@ -210,21 +217,21 @@ class _Answerer:
         sure = self._sure(target) if one is None else [one]
         known = [found for found in sure if there(found)]
         if known:
-            return self._of_category(target, ["Yes:", *answer_lines(known, self._now, target)])
+            yes = "Yes" if self._any_still_there(known) else "Not for sure any more"
+            return self._of_category(target, [f"{yes}:", *answer_lines(known, self._now, target)])
         others = answer_lines(sure, self._now, target) if where else []
         none = f"No {target.label} is known to be{where}" if where else "None is known"
         return self._of_category(target, [none, *others])
+
+    def _any_still_there(self, known: Sequence[KnownObject]) -> bool:
+        """Whether one of some objects is probably where it was seen."""
+        return any(one.still_there(self._now) >= _PROBABLY for one in known)
 
     def _there(self) -> tuple[str, Callable[[KnownObject], bool]]:
         """Where the question asks for things, in words, and whether one is there."""
         question = self._question
         if question.other:
-            try:
-                carriers = self._named(question.other)
-            except UndetectableError:
-                raise QueryParameterError(
-                    f"no detector here can see {question.other}, so nothing is known to be on it"
-                ) from None
+            carriers = self._carriers(question.other)
             held = {str(row["object"]) for one in carriers for row in self._held(one)}
             name = carriers[0].label if len(carriers) == 1 else f"the {question.other}"
             return f" on {name}", lambda one: one.iri in held
@@ -283,7 +290,7 @@ class _Answerer:
         return self._listed("objects-within-radius", [line, *more], rows, **at)
 
     def _on(self, name: str = "") -> PlainAnswer:
-        carriers = self._named(name or self._question.other)
+        carriers = self._carriers(name or self._question.other)
         lines = list[str]()
         for carrier in carriers[:LISTED]:
             if held := [str(row["label"]) for row in self._held(carrier)]:
@@ -291,6 +298,15 @@ class _Answerer:
         lines = lines or [f"nothing is known to be on or in {carriers[0].label}"]
         first = carriers[0].iri.removeprefix(self._map.base)
         return self._made("related", lines, object=first)
+
+    def _carriers(self, words: str) -> list[KnownObject]:
+        """The things that words name, on which others may be; at least one."""
+        try:
+            return self._named(words)
+        except UndetectableError:
+            raise QueryParameterError(
+                f"no detector here can see {words}, so nothing is known to be on it"
+            ) from None
 
     def _named(self, words: str) -> list[KnownObject]:
         """The things that words name; at least one."""

@@ -53,7 +53,8 @@ _SEARCHED: Final = (
 )
 _ASKED_WHERE: Final = (
     f"(?:where {_ARE}|where (?:can|do|could|should|did) (?:i|we|you) "
-    "(?:find|look for|search for|see|put|leave)|where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
+    "(?:find|look for|search for|see)|where did (?:i|we|you) (?:put|leave)|"
+    "where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
     f"where to (?:find|look for)|wheres|what {_ARE} the (?:location|position|place) of)"
 )
 _ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|hand me|go to|pick up)"

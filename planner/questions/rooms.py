@@ -157,10 +157,10 @@ class _Answerer:
         return pairs or [f"No {rooms.name} is known to be there", *beside]
 
     def _doors(self) -> list[str]:
-        """The doors of the map, or of a place; nothing where the map has none."""
+        """The doors of the map, or of a place."""
         doors = self._map.doors()
         if not doors:
-            return []
+            return ["No door is known: doors are where the seen floor goes from place to place"]
         where = self._question.where and place_named(self._map, self._question.where)
         found = [door for door in doors if not where or where in door.places]
         of = f" of {self._places[where].label}" if where else ""

@@ -87,7 +87,7 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
         name += f", which may be {with_article(one.category)},"
     seen = _sightings(one, now)
     still = " still" if kept < _SURELY else ""
-    if p < _PERHAPS and one.sure and still:
+    if p < _PERHAPS and still and (one.sure or kept < _PERHAPS):
         room = rooms.get(one.iri, 0.0)
         room_too = f"; in the same room {room:.2f}" if room >= p + _GUESS else ""
         return f"Probably no longer {one.where}: {name} {seen} ({p:.2f}{room_too}){_besides(one)}"

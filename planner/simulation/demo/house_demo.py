@@ -44,6 +44,7 @@ TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"
 #: An object that is brought into the house after the tour.
 HIDDEN: Final = Item(TARGET, 7.10, 8.00, 0.85)
+SEARCH_TIME: Final = 120.0  # [s] from the end of the drive to now, for the search
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
 
@@ -133,8 +134,9 @@ def run_demo(
     """Map the house into `folder`/demo.map, query the map, search the house, and write the results.
 
     The results are map.ttl and map.png. Files of an earlier demo are replaced, other files are not
-    (`make_room`). `seed` is that of the errors of the senses. Raises GraphError or PictureError
-    where `folder` cannot be written.
+    (`make_room`). `seed` is that of the errors of the senses. The drive ends some minutes before
+    now, so that answers about the map are those of a robot at work. Raises GraphError or
+    PictureError where `folder` cannot be written.
     """
     began = time.perf_counter()
     report = on_progress or (lambda progress: None)
@@ -143,7 +145,7 @@ def run_demo(
     make_room(folder)
     house = furnished_house()
     camera = SimulatedCamera(house, seed=seed)
-    tour = SimulatedTour(camera, name=DEMO_RECORDING)
+    tour = SimulatedTour(camera, name=DEMO_RECORDING, end=round(time.time() - SEARCH_TIME))
     with create_map(map_path, title=TITLE) as semantic_map:
         mapping = _map(semantic_map, tour, camera, report)
         answers = _ask(semantic_map, report)

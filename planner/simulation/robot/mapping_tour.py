@@ -22,8 +22,8 @@ START = 1772442000.0  # [s] of the first frame: 2026-03-02 09:00:00 UTC
 class SimulatedTour:
     """A `Recording`: a drive from viewpoint to viewpoint with a full turn at each.
 
-    The rooms are visited in the order of the house; `poses` replace this drive. Frames are rendered
-    when they are read.
+    The rooms are visited in the order of the house; `poses` replace this drive. The first frame is
+    of `start`, or the last one of `end` [s since 1970]. Frames are rendered when they are read.
     """
 
     def __init__(
@@ -32,12 +32,13 @@ class SimulatedTour:
         *,
         name: str = "tour",
         start: float = START,
+        end: float | None = None,
         poses: Sequence[Pose] | None = None,
     ) -> None:
         self._camera = camera
         self._name = name
-        self._start = start
         self.poses = tuple(poses or _poses(camera, MotionLimits()))
+        self._start = start if end is None else end - self.poses[-1].seconds
 
     @property
     def name(self) -> str:
