@@ -1,4 +1,4 @@
-"""Key frames: images whose features stay, which of them may show the same, and which may go."""
+"""Key frames: images whose features are kept, and whether drift lets two show one place."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from perception.camera.rigid_motions import inverse
 from perception.odometry.features import Features
 from perception.odometry.spread_poses import spare
 
-REACH: Final = 4.0  # [m] between two views of which depth shows a common part
+REACH: Final = 4.0  # [m] between two views whose depth may show a common part
 DRIFT: Final = (0.25, 0.03)  # [m], and share of the way, by which a loop may move the camera
 
 

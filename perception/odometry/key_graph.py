@@ -44,7 +44,11 @@ class KeyGraph:
 
     def copy(self) -> KeyGraph:
         """The graph as it is now."""
-        return replace(self, keys=[replace(key) for key in self.keys], edges=list(self.edges))
+        keys, joints = (
+            [replace(key) for key in self.keys],
+            {p: [*j] for p, j in self._joints.items()},
+        )
+        return replace(self, keys=keys, edges=[*self.edges], _joints=joints)
 
     def add(self, key: KeyFrame) -> int:
         """Add a key frame; returns its number."""

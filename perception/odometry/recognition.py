@@ -22,7 +22,7 @@ from perception.frames import Frame
 from perception.odometry.features import FeatureDetector, Features, Image
 from perception.odometry.place_memory import PlaceMemory
 from perception.odometry.pose_graph import Edge, adjusted
-from perception.odometry.relative_motion import Motion, coarse_motion, depth_agreement, with_depth
+from perception.odometry.relative_motion import Motion, confirmed_motion
 from perception.odometry.tracking_report import contradictions, contradicts
 
 KEPT: Final = 300  # features of a view
@@ -109,7 +109,9 @@ class Recogniser:
         allowed = np.ones(len(self.views), np.bool_)
         for number in self._memory.similar(view.features, allowed, SIMILAR):
             kept = self.views[number]
-            measured = _confirmed(kept.features, view.features, image)
+            measured = confirmed_motion(
+                kept.features, view.features, image, agrees=AGREES, overlap=OVERLAP
+            )
             if measured is not None:
                 T = kept.pose @ inverse(measured.T) @ inverse(view.pose)
                 self.matches.append(Match(number, len(self.images) - 1, measured, T))
@@ -169,13 +171,3 @@ class Recogniser:
         first = max(matches, key=lambda match: match.measured.inliers).T
         T: Pose = adjusted([np.eye(4), first], edges)[1]
         return T
-
-
-def _confirmed(kept: Features, features: Features, image: Image) -> Motion | None:
-    """The motion from a kept view to an image that depth confirms."""
-    coarse = coarse_motion(kept, features, image.K)
-    if coarse is None:
-        return None
-    measured = with_depth(coarse, kept, image)
-    shown = depth_agreement(kept, image, measured.T)
-    return measured if shown.share >= AGREES and shown.overlap >= OVERLAP else None

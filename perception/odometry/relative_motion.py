@@ -181,7 +181,7 @@ def linearised(
     return np.stack([u, v, disparity], axis=1), to_p @ moved
 
 
-def with_depth(measured: Motion, first: Features, second: Image | Features) -> Motion:
+def with_depth(measured: Motion, first: Features, second: Image) -> Motion:
     """The motion that fits both the measured one and the surfaces of two depth images best.
 
     Iterative closest points from point to plane, with the features' motion as a prior.
@@ -201,6 +201,28 @@ def with_depth(measured: Motion, first: Features, second: Image | Features) -> M
         g = (J * weight[:, None]).T @ off - measured.information @ away
         T = motion_of(np.linalg.solve(H, g)) @ T
     return replace(measured, T=T, information=H)
+
+
+def confirmed_motion(
+    first: Features,
+    second: Features,
+    image: Image,
+    *,
+    agrees: float,
+    overlap: float,
+    min_share: float = 0.0,
+) -> Motion | None:
+    """Motion by the features of two views, with depth; `image` is that of the second.
+
+    None where less than `min_share` of the matches agree on it, or depth shows two scenes: at least
+    `agrees` of it has to agree, in an `overlap` of at least so much.
+    """
+    coarse = coarse_motion(first, second, image.K)
+    if coarse is None or coarse.share < min_share:
+        return None
+    measured = with_depth(coarse, first, image)
+    shown = depth_agreement(first, image, measured.T)
+    return measured if shown.share >= agrees and shown.overlap >= overlap else None
 
 
 def depth_agreement(first: Features, second: Image | Features, T: Pose) -> Agreement:

@@ -12,17 +12,12 @@ from typing import Final
 import numpy as np
 
 from perception.odometry.features import Features, Image, ScaleFeatureDetector
-from perception.odometry.relative_motion import (
-    Motion,
-    coarse_motion,
-    depth_agreement,
-    with_depth,
-)
+from perception.odometry.relative_motion import Motion, confirmed_motion
 
 MIN_SHARE: Final = 0.2  # of the matches that have to agree on the motion
 AGREES: Final = 0.9  # of the depth of two views that show one scene
 OVERLAP: Final = 0.2  # of their depth that both show
-RECENT: Final = 8  # newest key frames whose images are kept
+MAX_IMAGES: Final = 8  # newest key frames whose images are kept
 
 
 @dataclass(slots=True)
@@ -37,7 +32,7 @@ class WideLinks:
     def keep_recent(self, key: int, image: Image) -> None:
         """Keep the image of a new key frame, and forget all of an old one."""
         self._images[key] = image
-        for old in [number for number in self._images if number <= key - RECENT]:
+        for old in [number for number in self._images if number <= key - MAX_IMAGES]:
             del self._images[old]
             self._features.pop(old, None)
 
@@ -51,12 +46,14 @@ class WideLinks:
             if key not in self._images:
                 return None
             self._features[key] = self._features_of(self._images[key])
-        coarse = coarse_motion(self._features[key], self._features_of(image), image.K)
-        if coarse is None or coarse.share < MIN_SHARE:
-            return None
-        measured = with_depth(coarse, self._features[key], image)
-        shown = depth_agreement(self._features[key], image, measured.T)
-        return measured if shown.share >= AGREES and shown.overlap >= OVERLAP else None
+        return confirmed_motion(
+            self._features[key],
+            self._features_of(image),
+            image,
+            agrees=AGREES,
+            overlap=OVERLAP,
+            min_share=MIN_SHARE,
+        )
 
     def _features_of(self, image: Image) -> Features:
         if self._last is None or self._last[0] is not image:

@@ -20,7 +20,7 @@ from planner.freespace.planning_map import Row
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
-from planner.search.goals.known_objects import KnownObject, known_objects
+from planner.search.goals.known_objects import KnownObject, known_object, known_objects
 from planner.search.goals.place_names import plain_place
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
@@ -230,9 +230,8 @@ def _still_there(semantic_map: SemanticMap, iri: str, category: str, now: float)
     known = semantic_map.catalogue.get(category, "object")
     if known is None or known.undetected:
         return None
-    (target,) = resolve(semantic_map, (category,))
-    found = known_objects(semantic_map, target, located=0)
-    return next((one.still_there(now) for one in found if one.iri == iri), None)
+    _, one = known_object(semantic_map, iri, category, located=0)
+    return None if one is None else one.still_there(now)
 
 
 def known_thing(one: KnownObject, now: float) -> a.KnownThing:

@@ -31,7 +31,7 @@ _MUCH_MORE: Final = 2  # times as many counts of activities as of homes, which t
 _NOT_INSIDE: Final = frozenset(("yard", "supermarket", "classroom", "conference room", "bar"))
 _PLACES: Final = 3  # named at most
 _SUPPORTS: Final = 2
-_LEAST_SUPPORT: Final = 3  # count of a support that is named
+_MIN_SUPPORT: Final = 3  # count of a support that is named
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ def _supports() -> Mapping[str, tuple[str, ...]]:
     """The most counted supports by synset."""
     counted: dict[str, list[tuple[int, str]]] = defaultdict(list)
     for row in all_rows(DATA / "supports.csv"):
-        if int(row["count"]) < _LEAST_SUPPORT:
+        if int(row["count"]) < _MIN_SUPPORT:
             continue
         article = "an" if row["support"][0] in "aeiou" else "a"
         phrase = f"{row['relation']} {article} {row['support']}"

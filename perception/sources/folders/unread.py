@@ -33,7 +33,7 @@ _FILES: Final = (
 
 
 def hint_of(path: Path) -> str:
-    """What a path that is no recording seems to be, and what would work; "" where that is unknown.
+    """A guess at a path that is no recording, with the way to map it; "" where there is none.
 
     Files in a folder count where the folder has no other layout.
     """

@@ -19,7 +19,7 @@ from planner.freespace.planning_map import number, text_or_none, time_or_none
 from planner.search.goals.candidate_queries import kinds_half_lives
 from planner.search.goals.place_names import plain_place
 from planner.search.goals.search_goals import label_of, whereabouts
-from planner.search.goals.targets import Target
+from planner.search.goals.targets import Target, resolve
 
 _MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists
@@ -115,6 +115,15 @@ def known_objects(
         )
         for n, one in enumerate(known)
     )
+
+
+def known_object(
+    semantic_map: SemanticMap, iri: str, category: str, *, located: int | None = None
+) -> tuple[Target, KnownObject | None]:
+    """The target that a category's label names, and the one of its objects with an IRI."""
+    (target,) = resolve(semantic_map, (category,))
+    known = known_objects(semantic_map, target, located=located)
+    return target, next((one for one in known if one.iri == iri), None)
 
 
 def _other_maps(semantic_map: SemanticMap) -> dict[str, str]:

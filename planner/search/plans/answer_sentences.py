@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from planner.search.plans.search_state import PlanningState
 
 _SURELY: Final = 0.95  # probability from which on an object is said to be there, ...
-_PROBABLY: Final = 0.5  # ... to be there probably, ...
+PROBABLY: Final = 0.5  # ... to be there probably, ...
 _PERHAPS: Final = 0.2  # ... and to be there perhaps; below, it was probably moved
 _DOUBTED: Final = 3  # objects that are listed where none is sure
 _GUESS: Final = 0.01  # least probability of a place that is named as a guess
@@ -91,7 +91,7 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
         room = rooms.get(one.iri, 0.0)
         room_too = f"; in the same room {room:.2f}" if room >= p + _GUESS else ""
         return f"Probably no longer {one.where}: {name} {seen} ({p:.2f}{room_too}){_besides(one)}"
-    lead = "Probably" if p >= _PROBABLY and one.sure else "Perhaps"
+    lead = "Probably" if p >= PROBABLY and one.sure else "Perhaps"
     if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
         lead = ""
     where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
