@@ -9,7 +9,8 @@ from typing import Final
 MAX_LENGTH: Final = 300  # characters of a question
 
 _POLITE: Final = re.compile(
-    r"^(?:(?:hey|hi|hello|ok|okay|please|robot|so|and|well|excuse me)\b[ ,]*)*"
+    r"^(?:(?:(?:hey|hi|hello)(?: there)?|ok|okay|please|robot|so|and|well|excuse me|"
+    r"thanks?(?: you)?|good (?:morning|day|afternoon|evening))\b[ ,!.]*)*"
     r"(?:(?:can|could|would|will) you (?:please )?(?:tell me|show me|say|find out|find)? ?"
     r"|do you (?:know|remember) |(?:do you have )?any idea |(?:please )?(?:tell|show) me "
     r"|i (?:want|would like|need) to know )?"
@@ -30,6 +31,7 @@ _FORMS: Final = tuple(
         (r"^(is|are|do|have)n't (?=there|we|you|i)", r"\1 "),
         (r"^(where) (.+) (is|are)$", r"\1 \3 \2"),
         (r"^(how many .+?) (?:there )?(?:are )(in .+)$", r"\1 \2"),
+        (r" (to|from|near|next to|close to|around) (?:me|us|you|here)$", r" \1 the robot"),
     )
 )
 _PAST: Final = re.compile(

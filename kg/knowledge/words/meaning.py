@@ -219,7 +219,8 @@ class _Reader:
         count = sum(c.kind == "object" for c in self.catalogue.categories)
         return (
             f"no category '{shown}'{hint} there are {count} categories of objects, "
-            f"the supercategories {', '.join(groups)}, and {len(self.table.senses):,} words"
+            f"the supercategories {', '.join(groups)}, and {len(self.table.senses):,} words, "
+            "without brands"
         )
 
     def _names(self) -> dict[str, str]:
