@@ -92,8 +92,9 @@ class Answerer(Measures):
     def _changed(self) -> PlainAnswer:
         moment = since(self._question.when, self._now)
         found = read_since(self._map, moment, self._map.history.compare)
-        wanted = EVENTS.get(self._question.event, ())
-        target, one = self._target(self._question.what) if self._question.what else (None, None)
+        what = self._question.what
+        target, one = self._target(what) if what else (None, None)
+        wanted = ("moved", "gone") if what else EVENTS.get(self._question.event, ())
         changes = [
             change
             for change in found.changes
@@ -107,7 +108,7 @@ class Answerer(Measures):
             if some:
                 rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
                 lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
-        event = f"is known to have {wanted[0]}" if wanted else "changed"
+        event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         lines = lines or [f"{f'No {target.label}' if target else 'Nothing'} {event}"]
         lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
         if target is not None:
@@ -192,7 +193,7 @@ class Answerer(Measures):
             return self._made("objects", [f"No {label} is known in any place"])
         top = [title for title, n in counts if n == counts[0][1]]
         each, rest = " each" if len(top) > 1 else "", counts[len(top) :]
-        lines = [f"Most are in {' and '.join(top)}: {counts[0][1]}{each} of {places.total()}"]
+        lines = [f"Most are in {', '.join(top)}: {counts[0][1]}{each} of {places.total()}"]
         lines += [f"Others: {', '.join(f'{n} in {title}' for title, n in rest)}"] if rest else []
         return self._made("objects", lines)
 
@@ -222,7 +223,7 @@ class Answerer(Measures):
         seen = row["lastSeen"]
         assert isinstance(seen, datetime)
         ago = span(max(self._now - seen.timestamp(), 0.0))
-        place = f" in {row['place']}" if row["place"] else ""
+        place = f" in {self._titled(row['place'])}" if row["place"] else ""
         name, at = row["label"] or row["category"], iso(seen.timestamp())[:19]
         line = f"{ago} ago: {name}{place}, at {at}"
         return self._listed("last-seen", [line], rows, category=target.label)
@@ -246,7 +247,7 @@ class Answerer(Measures):
         if not rows:
             return self._made("robot", ["The map has no pose of a robot"])
         x, y, place = number(rows[0], "x"), number(rows[0], "y"), rows[0]["place"]
-        where = f"in {self._title(self._map.resolve('place', str(place)))} " if place else ""
+        where = f"in {self._titled(place)} " if place else ""
         seen = time_or_none(rows[0], "lastSeen")
         ago = f", as of {span(max(self._now - seen.timestamp(), 0.0))} ago" if seen else ""
         line = f"The robot is {where}at ({x:.1f}, {y:.1f}){ago}"

@@ -101,6 +101,11 @@ class NamedThings:
         """``place 6 (kitchen)``."""
         return self._titles().get(iri, iri)
 
+    def _titled(self, label: object) -> str:
+        """The same by a label; places that share one have the first of their categories."""
+        found = {p.label: p.iri for p in reversed(self._map.places())}
+        return self._title(found.get(str(label), str(label)))
+
     def _titles(self) -> dict[str, str]:
         """Labels of places with their categories, by IRI."""
         catalogue = self._map.catalogue

@@ -52,7 +52,7 @@ _SPAN: Final = "(?:since|in the|during the|over the|within the|after) .+"
 _SINCE: Final = f"(?: (?P<when>{_SPAN}|today|lately|recently|yesterday))?"
 _SOMETHING: Final = "(?:any|some)(?:thing| things?| objects?)"
 _SOMEBODY: Final = "(?:any|some)(?:one|body)"
-_MOVED: Final = "(?P<event>move|take|took|steal|stole|shift)(?:n|d)?"
+_MOVED: Final = "(?:moved?|taken?|took|stolen?|steal|shift(?:ed)?)"
 _ANYTHING: Final = "(?P<what>(?:some|any)(?:thing|where) (?:to|(?:i|we|one) can) .+?)"
 _OWN: Final = r"(?P<what>(?:the|my|our|your|his|her|their|[a-z ]+ \d+).*?)"
 _SEARCHED: Final = (
@@ -122,14 +122,19 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("distance", f"how far {_ARE} {_WHAT} and (?P<other>.+?) (?:apart|away from each other)"),
     (
         "distance",
-        f"(?:how far is it|(?:what is )?the distance) (?:between|from) {_WHAT} (?:and|to) "
+        f"(?:how far is it|(?:what is )?(?:the )?distance) (?:between|from) {_WHAT} (?:and|to) "
         "(?P<other>.+)",
     ),
     ("distance", f"how far (?:away )?{_ARE} {_WHAT}(?: away)?(?: from (?P<other>.+))?"),
     ("compare", f"(?:which|what)(?: one)? is {_LARGER}[,:]? {_WHAT},? or (?P<other>.+)"),
     ("compare", f"{_ARE} {_OWN} {_LARGER} than (?P<other>.+)"),
-    ("size", f"{_HOW_LARGE} {_ARE} {_WHAT}|what {_ARE} the size of (?P<sized>.+)"),
+    (
+        "size",
+        f"{_HOW_LARGE} {_ARE} {_WHAT}(?: (?:above|from) the (?:floor|ground))?|what {_ARE} the "
+        "(?:size|height|width|length|depth|dimensions) of (?P<sized>.+)",
+    ),
     ("count", f"{_NUMBER} {_WHAT} (?:{_ARE} )?(?:{_SEE} )?on(?: top of)? (?P<other>.+)"),
+    ("count", f"{_NUMBER} {_WHAT} do(?:es)? (?P<where>(?:the|this|our|my) .+?) have"),
     ("count", f"{_NUMBER} {_WHAT}(?: (?:do )?{_SEE})?{_WHERE}(?: {_SEE})?"),
     ("most", f"(?:in )?(?:which|what) (?:room|place) (?:{_HAS}|are) (?:the )?most {_WHAT}"),
     (
@@ -149,8 +154,8 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("around", f"{_THINGS} ?{_ARE}? {_CLOSE} (?P<other>.+)"),
     (
         "under",
-        f"(?:{_THINGS}|{_ARE} there {_SOMETHING}) ?(?:{_ARE}|lies|stands)? (?:lying |standing )?"
-        f"{_UNDER} (?P<other>.+)",
+        f"(?:{_THINGS}|{_ARE} (?:there )?{_SOMETHING}) ?(?:{_ARE}|lies|stands)? "
+        f"(?:lying |standing )?{_UNDER} (?P<other>.+)",
     ),
     (
         "on",
@@ -211,7 +216,6 @@ EVENTS: Final[dict[str, tuple[str, ...]]] = {
     "new": ("appeared",),
     "gone": ("gone",),
     "disappear": ("gone",),
-    "take": ("gone", "moved"),
 }
 #: words that change the sense of a question in a way that no query has
 _REFUSED: Final = re.compile(

@@ -18,6 +18,7 @@ from planner.search.goals.place_names import (
     listed_places,
     place_category,
     place_named,
+    places_of_kind,
     plain_place,
 )
 from planner.search.goals.search_goals import with_article
@@ -100,7 +101,7 @@ class _Answerer:
         category = place_category(self._map.catalogue, words)
         if category is None:
             return _Rooms(words, ()) if words in _WITHOUT_CATEGORY else None
-        sure = self._map.places(category.iri)
+        sure = places_of_kind(self._map, words)
         wider = self._map.places(category.iri, min_belief=_PERHAPS)
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]
         others.sort(key=lambda pair: -pair[1])
@@ -134,9 +135,8 @@ class _Answerer:
         return [f"No: {believed}{other}"]
 
     def _count(self, rooms: _Rooms) -> list[str]:
-        named = ", ".join(place.label for place in rooms.sure[:_LISTED])
-        line = f"{rooms.name}: {len(rooms.sure)}{f' ({named})' if named else ''}"
-        return [line, *self._perhaps(rooms)]
+        named = [self._name(place) for place in rooms.sure[:_LISTED]]
+        return [", ".join([f"{rooms.name}: {len(rooms.sure)}", *named]), *self._perhaps(rooms)]
 
     def _viewed(self, rooms: _Rooms) -> list[str]:
         seen = [(p.viewed.last, p) for p in rooms.sure if p.viewed is not None]

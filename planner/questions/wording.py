@@ -10,7 +10,7 @@ MAX_LENGTH: Final = 300  # characters of a question
 
 _POLITE: Final = re.compile(
     r"^(?:(?:(?:hey|hi|hello)(?: there)?|ok|okay|please|robot|so|and|well|excuse me|"
-    r"thanks?(?: you)?|good (?:morning|day|afternoon|evening))\b[ ,!.]*)*"
+    r"thanks?(?: you)?|cheers|(?:good)?bye|good (?:morning|day|afternoon|evening))\b[ ,!.]*)*"
     r"(?:(?:can|could|would|will) you (?:please )?(?:tell me|show me|say|find out|find)? ?"
     r"|do you (?:know|remember) |(?:do you have )?any idea |(?:please )?(?:tell|show) me "
     r"|i (?:want|would like|need) to know )?"
@@ -36,7 +36,8 @@ _FORMS: Final = tuple(
 )
 _PAST: Final = re.compile(
     r"(?P<asked>|(?:where|what|which .+?|how many .+?) )(?P<be>was|were) (?P<rest>.+?) (?P<when>"
-    r"(?:on |last )?\w*day|this morning|last night|(?:(?:\w+ )?(?:couple of|few)|\w+) \w+ ago)"
+    r"(?:on |last )?\w*day|last (?:week|month)|this morning|last night|"
+    r"(?:(?:\w+ )?(?:couple of|few)|\w+) \w+ ago)"
 )
 _SMALL_WORDS: Final = frozenset(
     (

@@ -268,7 +268,7 @@ class _Reader:
         return next((self.table.names[one] for one in stems if one in self.table.names), None)
 
     def _meaning(self, sense: Sense, word: str, how: How) -> Meaning:
-        found = [self.catalogue.get(label, "object") for label in sense.categories]
+        found = [_category(self.catalogue, name_key(label)) for label in sense.categories]
         inside = tuple(filter(None, found)) if sense.relation != "part" else ()
         related = sense.categories if sense.relation == "part" else ()
         relation: Relation = sense.relation if inside or related else "none"

@@ -58,11 +58,7 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
     try:
         return semantic_map.resolve("place", text)
     except QueryParameterError as error:
-        try:
-            believed = semantic_map.places(text)
-        except UnknownCategoryError:
-            believed = ()
-        believed = believed or _of_kind(semantic_map, text)
+        believed = places_of_kind(semantic_map, text)
         if len(believed) == 1:
             return believed[0].iri
         if believed:
@@ -75,8 +71,13 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
         raise QueryParameterError(said) from None
 
 
-def _of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
-    """Places whose category is a kind of what a text names: of the office, the home office."""
+def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
+    """Places of a category, else of its kinds by name: a home office where there is no office."""
+    try:
+        if believed := semantic_map.places(text):
+            return tuple(believed)
+    except UnknownCategoryError:
+        pass
     tail = f" {text.strip().casefold()}"
     catalogue, places = semantic_map.catalogue, semantic_map.places()
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))

@@ -179,9 +179,9 @@ TASKS: list[tuple[str, Any, Any]] = [
          question="do we have a book, a banana and a giraffe?"),
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
-      "giraffe: Perhaps, though none is sure: the robot viewed 0% of place 3, 98% of place 1, "
-      "98% of place 2, last at 1970-01-01 00:01:40; it would have noticed one with probability "
-      "0.39"]),
+      "giraffe: Perhaps, though none is sure: the robot viewed 0% of place 3, 98% of place 1 "
+      "(kitchen), 98% of place 2 (bedroom), last at 1970-01-01 00:01:40; it would have noticed "
+      "one with probability 0.39"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],

@@ -53,7 +53,7 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
         ("is place 1 a kitchen", ["Yes: place 1 is believed to be a kitchen (0.90)"]),
         ("is place 1 a bedroom", ["No: place 1 is believed to be a kitchen (0.90)"]),
         ("is place 3 a bathroom", ["No: place 3 is believed to be a bedroom (0.50), and a bath"]),
-        ("how many kitchens are there", ["kitchen: 1 (place 1)"]),
+        ("how many kitchens are there", ["kitchen: 1, place 1 (kitchen)"]),
         ("how many bathrooms do we have", ["bathroom: 0", "Perhaps a bathroom: place 3 (0.30)"]),
         (
             "when did you last see the kitchen",

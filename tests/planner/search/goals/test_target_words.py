@@ -53,8 +53,9 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
     answer = undetectable_target(semantic_map, "my keys")
     assert answer is not None
     assert answer.answer == (
-        "No detector here can see things called 'my keys'. They are usually on a table or on a hook "
-        "in the corridor or kitchen (common knowledge, no counts). The corridor of this map is place 3"
+        "No detector here can see things called 'my keys'. They are usually on a table or on a "
+        "hook in the corridor or kitchen (common knowledge, no counts). The corridor of this map "
+        "is place 3"
     )
     with pytest.raises(UndetectableError, match="The corridor of this map is place 3"):
         resolve(semantic_map, ["my keys"])
@@ -65,11 +66,11 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
     [
         (
             "dishwasher",
-            "'dishwasher'. They are usually in the kitchen (60% of 7 such rooms have one)",
+            "They are usually in the kitchen (60% of 7 such rooms have one)",
         ),
         (
             "trash can",
-            "They are most often on the floor in the kitchen (41% of 29 activities with one)",
+            "They are most often on the floor in the kitchen (41% of 29 activities",
         ),
         ("guitar", "They are perhaps in the home office (18% of 1 activities with one)"),
         ("mattress", "They are parts of a bed; search for that"),
