@@ -66,6 +66,19 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
             ["Yes: Ann's room (bedroom) is next to place 1"],
         ),
         ("is there a pantry next to the kitchen", ["No place of this map is believed to be a pan"]),
+        ("is the bedroom next to the kitchen?", ["Yes: Ann's room (bedroom) is next to place 1"]),
+        (
+            "which rooms are next to Ann's room",
+            [
+                "Next to Ann's room (bedroom): place 1 (kitchen)",
+                "Next to Ann's room (bedroom), with no known door: place 3",
+            ],
+        ),
+        (
+            "is the kitchen next to place 3",
+            ["Not as far as the map knows", "Next to place 3 (bedroom), with no known door: Ann"],
+        ),
+        ("is the kitchen bigger than Ann's room", ["Place 1 (kitchen) has 16.0 m2, Ann's room"]),
         ("how many doors are there", ["1 door"]),
         (
             "is there a door in the kitchen",

@@ -144,10 +144,17 @@ def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: Se
 
 
 @pytest.mark.parametrize(
-    ("peak", "seen", "value"), [(0.9, 5, "gone"), (0.7, 5, None), (0.9, 2, None)]
+    ("peak", "seen", "after", "value"),
+    [
+        (0.9, 5, 60, "gone"),
+        (0.7, 5, 60, None),
+        (0.9, 2, 60, None),
+        (0.9, 5, 5, None),  # believed a few times, and refuted at the next look
+        (0.9, 12, 5, "gone"),
+    ],
 )
 def test_a_place_has_lost_only_what_was_really_there(
-    semantic_map: SemanticMap, peak: float, seen: int, value: str | None
+    semantic_map: SemanticMap, peak: float, seen: int, after: int, value: str | None
 ) -> None:
     bottle = semantic_map.catalogue.find("bottle", "object").iri
     left = DepartedRecord(
@@ -157,7 +164,7 @@ def test_a_place_has_lost_only_what_was_really_there(
         peak=peak,
         observations=seen,
         first_seen=SEEN - 9,
-        last_seen=SEEN,
+        last_seen=SEEN + 60 - after,
         found_gone=SEEN + 60,
     )
     semantic_map.apply(MapUpdate(departed=(left,), removed=(left.iri,)))
