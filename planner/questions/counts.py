@@ -48,13 +48,7 @@ def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
 
 
 def sized(label: str, extent: NDArray[np.float64] | None, above_floor: float) -> str:
-    """The height of a thing's top, and the size of what was seen of it.
-
-    Args:
-        label: Its label.
-        extent: (3,) [m] of its box; None if that is not known.
-        above_floor: Height of the box's centre [m].
-    """
+    """Height of a thing's top, and its box, (3,) [m] of what was seen, centred `above_floor`."""
     if extent is None:
         return f"The size of {label} is not known"
     wide, deep, high = max(extent[:2]), min(extent[:2]), extent[2]

@@ -23,7 +23,12 @@ _SINCE: Final = "(?: seit (?P<when>gestern|heute))?"
 _TABLE: Final = (
     (rf"wo bist du{_SO}", "where are you"),
     (rf"wo ist der roboter{_SO}", "where is the robot"),
-    (r"hilfe|danke|vielen dank|guten (?:tag|morgen|abend)|", "help"),
+    (r"hilfe|was kannst du|danke|vielen dank|guten (?:tag|morgen|abend)|", "help"),
+    (
+        r"wo ist (?:der|die|das) n\u00e4chste (?P<what>.+)",
+        "where is the nearest {what}",
+    ),
+    (rf"was {_IS}{_SO} unter {_WHAT}", "what is under {what}"),
     (
         rf"wo (?:ist|sind|liegt|liegen|steht|stehen|finde ich){_SO} {_WHAT} {_IN}",
         "where is {what} in {where}",

@@ -29,32 +29,22 @@ class Measures(NamedThings):
     def _compare(self) -> PlainAnswer:
         """Sizes of two things, and which part was seen to be larger if it is so each way."""
         pair = [self._boxed(words)[0] for words in (self._question.what, self._question.other)]
-        lines = [self._sized(one) for one in pair]
-        extents = [record.extent for _, record in pair]
-        if all(extent is not None for extent in extents):
-            first, second = (self._compared(extent) for extent in extents if extent is not None)
-            if self._question.event == "smaller":
-                first, second = second, first
-            larger = [
-                one.label
-                for (one, _), is_so in zip(
-                    pair, (np.all(first > second), np.all(second > first)), strict=True
-                )
-                if is_so
-            ]
-            word = self._question.event
-            lines.append(
-                f"So the part of {larger[0]} that was seen is {word}"
-                if larger
-                else f"Neither of the parts that were seen is {word} in every direction"
-            )
+        lines, word = [self._sized(one) for one in pair], self._question.event
+        first, second = (self._lengths(record) for _, record in pair)
+        more, less = bool(np.all(first > second)), bool(np.all(first < second))
+        if more or less:
+            larger, _ = pair[more == (word == "smaller")]
+            lines.append(f"So the part of {larger.label} that was seen is {word}")
+        else:
+            lines.append(f"Neither of the parts that were seen is {word} in every direction")
         return self._made("", lines)
 
-    def _compared(self, extent: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The lengths [m] of a box that count: width, depth and height, or the height alone."""
-        wide, deep = sorted(extent[:2])
-        is_height = self._question.event in _HEIGHTS
-        return np.array([extent[2]] if is_height else [wide, deep, extent[2]])
+    def _lengths(self, record: ObjectRecord) -> NDArray[np.float64]:
+        """The lengths [m] of a box that count: all three, or the height; nan if not known."""
+        if record.extent is None:
+            return np.full(3, np.nan)
+        sides = [*sorted(record.extent[:2]), record.extent[2]]
+        return np.array(sides[2:] if self._question.event in _HEIGHTS else sides)
 
     def _boxed(self, words: str) -> list[tuple[KnownObject, ObjectRecord]]:
         """The things that words name with their boxes; at least one."""

@@ -65,21 +65,18 @@ _ASKED_WHERE: Final = (
     "where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
     f"where to (?:find|look for)|wheres|what {_ARE} the (?:location|position|place) of)"
 )
-_ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|hand me|go to|pick up)"
+_ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|(?:hand|give) me|go to|pick up)"
 _HOW_LARGE: Final = "how (?:big|large|tall|high|wide|broad|long|deep)"
 _LARGER: Final = "(?P<event>bigger|larger|smaller|taller|higher)"
 _HAS: Final = "(?:has|have|holds?|contains?)"
 _ROOM: Final = f"(?:in |on )?(?:which|what) (?:room|place)s? (?:is|are|{_HAS})"
 _NUMBER: Final = "(?:how many|(?:what is )?(?:the )?(?:total )?(?:number|count) of|count)"
+_LIES: Final = "(?:(?:is|are|'s|lies|stands) )?(?:lying |standing )?"
 _UNDER: Final = "(?:under(?:neath)?|beneath|below)"
 
 #: kind and pattern of the whole normalised question, in the order in which they are tried
 _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
-    (
-        "help",
-        "|help(?: me)?|(?:what|which questions) can (?:you (?:do|answer)|i (?:ask|say))(?: you)?|"
-        "how does (?:this|it) work",
-    ),
+    ("help", "|help(?: me)?|what can (?:you (?:do|answer)|i (?:ask|say)(?: you)?)"),
     ("robot", f"where (?:{_ARE} (?:you|the robot)|(?P<person>am i|are we))(?: now)?"),
     (
         "robot",
@@ -107,7 +104,11 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ),
     ("changed", f"(?:has|did) (?:anything|something) {_EVENT}{_SINCE}"),
     ("changed", f"(?:has|have|did) {_SOMEBODY} {_MOVED} {_WHAT}{_SINCE}"),
-    ("changed", f"(?:has|have|was|were|is) {_OWN} (?:been )?{_MOVED}{_SINCE}"),
+    (
+        "changed",
+        f"(?:has|have|was|were|is|are) {_OWN} (?:been |gone )?"
+        f"(?:{_MOVED}|gone|missing|lost){_SINCE}",
+    ),
     ("last seen", f"when was the last time (?:you|we|i|anybody|anyone|somebody) saw {_WHAT}"),
     (
         "last seen",
@@ -118,8 +119,7 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         "last seen",
         f"(?:was|were|have|has|did) (?:there|you|we|anybody|anyone) ever (?:been |seen? )?{_WHAT}",
     ),
-    ("distance", f"how far (?:apart|away from each other) {_ARE} {_WHAT} and (?P<other>.+)"),
-    ("distance", f"how far {_ARE} {_WHAT} and (?P<other>.+?) (?:apart|away from each other)"),
+    ("distance", f"how far(?: apart)? {_ARE} {_WHAT} and (?P<other>.+?)(?: apart)?"),
     (
         "distance",
         f"(?:how far is it|(?:what is )?(?:the )?distance) (?:between|from) {_WHAT} (?:and|to) "
@@ -152,15 +152,8 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("near", f"{_ARE} {_OWN} {_CLOSE} (?P<other>.+)"),
     ("near", f"(?:which|what) (?P<what>rooms?|places?) {_ARE} {_CLOSE} (?P<other>.+)"),
     ("around", f"{_THINGS} ?{_ARE}? {_CLOSE} (?P<other>.+)"),
-    (
-        "under",
-        f"(?:{_THINGS}|{_ARE} (?:there )?{_SOMETHING}) ?(?:{_ARE}|lies|stands)? "
-        f"(?:lying |standing )?{_UNDER} (?P<other>.+)",
-    ),
-    (
-        "on",
-        f"{_THINGS} ?(?:{_ARE}|lies|stands)? (?:lying |standing )?on(?: top of)? (?P<other>.+)",
-    ),
+    ("under", f"(?:{_THINGS}|{_ARE} (?:there )?{_SOMETHING}) {_LIES}{_UNDER} (?P<other>.+)"),
+    ("on", f"{_THINGS} {_LIES}on(?: top of)? (?P<other>.+)"),
     (
         "in place",
         f"(?:{_LIST})?{_THINGS} ?(?:{_ARE}|can|do)? ?(?:{_SEE} |there )?in(?:side)? (?P<where>.+)",

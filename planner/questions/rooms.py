@@ -131,7 +131,9 @@ class _Answerer:
         kind = _kind(self._map, place)
         believed = f"{place.label} is believed to be {kind}" if kind else "its kind is not known"
         perhaps = [p for one, p in rooms.perhaps if one == place]
-        other = f", and {with_article(rooms.name)} with {perhaps[0]:.2f}" if perhaps else ""
+        other = (
+            f", and {with_article(rooms.name)} with probability {perhaps[0]:.2f}" if perhaps else ""
+        )
         return [f"No: {believed}{other}"]
 
     def _count(self, rooms: _Rooms) -> list[str]:
@@ -222,7 +224,9 @@ class _Answerer:
         return place.label + in_brackets(self._map.catalogue, place)
 
     def _perhaps(self, rooms: _Rooms) -> list[str]:
-        named = ", ".join(f"{place.label} ({p:.2f})" for place, p in rooms.perhaps[:_LISTED])
+        named = ", ".join(
+            f"{place.label} (probability {p:.2f})" for place, p in rooms.perhaps[:_LISTED]
+        )
         return [f"Perhaps {with_article(rooms.name)}: {named}"] if named else []
 
     def _none(self, rooms: _Rooms) -> str:
@@ -247,7 +251,7 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord) -> str:
     if not top:
         return ""
     label = plain_place(semantic_map.catalogue.label(top))
-    return f"{with_article(label)} ({place.beliefs[top]:.2f})"
+    return f"{with_article(label)} (probability {place.beliefs[top]:.2f})"
 
 
 def _capital(text: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
@@ -61,23 +63,18 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
         believed = places_of_kind(semantic_map, text)
         if len(believed) == 1:
             return believed[0].iri
-        if believed:
-            labels = ", ".join(place.label for place in believed)
-            said = f"several places have the category {text!r}; give one of {labels}"
-        else:
-            labels = ", ".join(place.label for place in semantic_map.places())
-            said = str(error)
-            said = said.replace(labels, listed_places(semantic_map)) if labels else said
+        labels = ", ".join(place.label for place in believed or semantic_map.places())
+        said = f"several places have the category {text!r}; give one of {labels}"
+        if not believed:
+            said = str(error).replace(labels or " ", listed_places(semantic_map) or " ")
         raise QueryParameterError(said) from None
 
 
 def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
     """Places of a category, else of its kinds by name: a home office where there is no office."""
-    try:
+    with suppress(UnknownCategoryError):
         if believed := semantic_map.places(text):
             return tuple(believed)
-    except UnknownCategoryError:
-        pass
     tail = f" {text.strip().casefold()}"
     catalogue, places = semantic_map.catalogue, semantic_map.places()
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))

@@ -121,7 +121,7 @@ def _besides(one: KnownObject) -> str:
     """Other categories, and the search that found the object."""
     words = ""
     if one.own is None and one.may_be:
-        may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+        may_be = (f"{with_article(other)} (probability {p:.2f})" for other, p in one.may_be)
         words = f"; it may also be {' or '.join(may_be)}"
     if one.found_by is not None:
         words += f"; found by search/{one.found_by.rpartition('/')[2]}"

@@ -96,7 +96,10 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("how many cups are on the bed?", "cup: 0 on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
         ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
-        ("how big is the kitchen", "Place 1 is believed to be a kitchen (0.90): at (2.0, 2.0), 16"),
+        (
+            "how big is the kitchen",
+            "Place 1 is believed to be a kitchen (probability 0.90): at (2.0, 2.0), 16",
+        ),
         ("how tall is the bed", "The size of bed 3 is not known"),
         ("where are the cup and the bed?", "cup 2 was seen there 4 times"),
         ("where are the cup and the bed?", "bed 3 was seen there 4 times"),

@@ -43,7 +43,7 @@ def line(chart: SemanticMap, target: str, now: float = 10.0) -> str:
 def test_a_cup_that_may_be_a_bowl_says_so(chart: SemanticMap) -> None:
     assert line(chart, "cup") == (
         "Probably at (1.0, 2.0) m: cup 1 was seen there 4 times, last just now "
-        "(probability there 0.60); it may also be a bowl (0.30)"
+        "(probability there 0.60); it may also be a bowl (probability 0.30)"
     )
 
 
@@ -59,7 +59,7 @@ def test_a_thing_that_is_hardly_there_has_its_alternatives_too(chart: SemanticMa
     chart.apply(MapUpdate(objects=(replace(cup, existence=0.3, confidence=0.9),)))
     assert line(chart, "cup") == (
         "Perhaps at (1.0, 2.0) m: cup 1, which may be no cup, was seen there 4 times, "
-        "last just now (probability there 0.30); it may also be a bowl (0.30)"
+        "last just now (probability there 0.30); it may also be a bowl (probability 0.30)"
     )
 
 
