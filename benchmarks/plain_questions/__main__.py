@@ -5,8 +5,9 @@ right if all three are so understood, wrong if they are understood otherwise, an
 question is refused. The first fifty were written before the rules. The second fifty were written
 after them and scored once; then they changed the rules. The third fifty were written next, and
 nothing was changed by them. The fourth part was written after the rules on the past, sizes,
-distances and several things; nothing was changed by it either. Several categories are joined by
-"|".
+distances and several things; nothing was changed by it either. The fifth part has the questions of
+a list that was written before the rules on neighbours, comparisons, the nearest thing and help.
+Several categories are joined by "|".
 """
 
 from __future__ import annotations
@@ -23,11 +24,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.serving.opening import in_memory_map
 from planner.cli.console import print_table, write
+from planner.questions.named_things import ROBOT
 from planner.questions.patterns import parsed
 from planner.search.goals.targets import resolve
 
 PARTS: Final = tuple(
-    Path(__file__).with_name(f"{name}.csv") for name in ("first", "second", "third", "fourth")
+    Path(__file__).with_name(f"{name}.csv")
+    for name in ("first", "second", "third", "fourth", "fifth")
 )
 
 
@@ -38,7 +41,7 @@ def understood(semantic_map: SemanticMap, text: str) -> tuple[str, str, str]:
         return "none", "", ""
     about, where = [question.what or question.other, *question.also], question.where
     if question.what and question.other:
-        about.append("" if question.other == "door" else question.other)
+        about.append("" if question.other in ("door", ROBOT) else question.other)
         where = question.other
     if question.kind in ("in place", "changed"):
         about = []

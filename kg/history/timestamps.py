@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import UTC, datetime
 from typing import Final
@@ -31,8 +32,9 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
         return when
     time = moment(when, "#42 (a transaction) or ")
     if time < log.floor_time:
-        began = iso(log.floor_time)
-        raise HistoryError(f"the past before {began} is not kept, got {iso(time)}")
+        began = iso(math.ceil(log.floor_time)).replace(".000", "")
+        given = iso(math.floor(time)).replace(".000", "")
+        raise HistoryError(f"the past before {began} is not kept, and {given} is earlier")
     return log.sequence_at(time)
 
 

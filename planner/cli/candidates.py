@@ -17,7 +17,7 @@ from mapping.detection_report import (
 )
 from planner.cli.console import counted, heading, note, print_table, write, write_json
 from planner.cli.text_table import printable
-from planner.search.goals.search_goals import resolve_target
+from planner.search.goals.search_goals import resolve_target, times
 
 _NAMED: Final = 6  # things in one line
 ROWS: Final = 20  # things of all categories in a table
@@ -82,10 +82,10 @@ def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> s
     if fates is None or not fates.detections:
         return ""
     weak = fates.fates.get(Fate.WEAK, 0)
-    reason = f"; {weak} had too low a score" if weak else ""
+    reason = f", {weak} of them with too low a score" if weak else ""
     return (
-        f"{counted(fates.detections, 'detection')} of {label} did not become an object of the map"
-        f"{reason} (hereabouts why {address} --candidates {label})"
+        f"the detector reported {label} {times(fates.detections)}{reason}, which was not enough "
+        f"for an object of the map (hereabouts why {address} --candidates {label})"
     )
 
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 from kg.history.timestamps import iso
-from kg.maps.query.query_files import shipped_queries
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     UndetectableError,
     UnknownQueryError,
 )
 from planner.questions.answerer import Answerer
+from planner.questions.examples import example_questions
 from planner.questions.moments import past
 from planner.questions.patterns import Question, parsed
 from planner.questions.plain_answer import PlainAnswer
@@ -21,6 +22,9 @@ from planner.questions.rooms import about_rooms
 from planner.questions.wording import MAX_LENGTH
 from planner.search.goals.place_names import object_named
 from planner.search.plans.report import empty_answer, find_answer
+
+#: names of all that a map has, unless a place is called so
+_WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
 
 
 def answer_question(semantic_map: SemanticMap, text: str, now: float | None = None) -> PlainAnswer:
@@ -33,7 +37,7 @@ def answer_question(semantic_map: SemanticMap, text: str, now: float | None = No
     """
     question = _parsed(semantic_map, text)
     if question is None:
-        raise UnknownQueryError(_not_understood(text))
+        raise UnknownQueryError(_not_understood(semantic_map, text))
     now = time.time() if now is None else now
     if not question.at:
         answer = _answered(semantic_map, question, now)
@@ -60,14 +64,18 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
     catalogue = semantic_map.catalogue
-    return parsed(text, lambda name: catalogue.get(name) is not None)
+    question = parsed(text, lambda name: catalogue.get(name) is not None)
+    if question is not None and question.where in _WHOLE:
+        labels = {place.label.casefold() for place in semantic_map.places()}
+        return question if question.where in labels else replace(question, where="")
+    return question
 
 
-def _not_understood(text: str) -> str:
+def _not_understood(semantic_map: SemanticMap, text: str) -> str:
     shown = " ".join(text.split())
     shown = f"{shown[:60]!r}{' ...' if len(shown) > 60 else ''}" if shown else "an empty text"
     limit = f" of at most {MAX_LENGTH} characters" if len(text) > MAX_LENGTH else ""
-    examples = " / ".join(q.asked[0] for q in shipped_queries() if q.asked)
+    examples = " / ".join(example_questions(semantic_map))
     return f"not understood: {shown}; questions{limit} that are: {examples}"
 
 
@@ -81,7 +89,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         return find_answer(semantic_map, wanted)
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
-    alone = not (rooms or question.also or question.at)
+    alone = not (rooms or question.also or question.at or question.where)
     if question.kind == "where" and alone and not object_named(semantic_map, question.what):
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}

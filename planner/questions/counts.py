@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,11 @@ def counted_kinds(rows: Iterable[Row]) -> str:
     counts = Counter(str(row["category"]) for row in rows).most_common()
     named = [with_article(kind) if n == 1 else f"{n} x {kind}" for kind, n in counts[:NAMED]]
     return _listed(named, sum(n for _, n in counts[NAMED:]))
+
+
+def counted(rows: Sequence[Row]) -> str:
+    """``1 object``, ``3 objects``."""
+    return f"{len(rows)} object{'' if len(rows) == 1 else 's'}"
 
 
 def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
@@ -42,14 +47,14 @@ def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
     return f"{text} ({_listed(named, sum(n for _, n in where[NAMED:]))})"
 
 
-def sized(label: str, extent: NDArray[np.float64] | None) -> str:
-    """The size of a thing by its box, (3,) [m]; None if that is not known."""
+def sized(label: str, extent: NDArray[np.float64] | None, above_floor: float) -> str:
+    """Height of a thing's top, and its box, (3,) [m] of what was seen, centred `above_floor`."""
     if extent is None:
         return f"The size of {label} is not known"
     wide, deep, high = max(extent[:2]), min(extent[:2]), extent[2]
     return (
-        f"{label} is about {wide:.2f} m wide, {deep:.2f} m deep and {high:.2f} m high, "
-        "as far as it was seen"
+        f"The top of {label} is {above_floor + high / 2:.2f} m above the floor; the part that was "
+        f"seen is {wide:.2f} m wide, {deep:.2f} m deep and {high:.2f} m high"
     )
 
 

@@ -23,6 +23,16 @@ _SINCE: Final = "(?: seit (?P<when>gestern|heute))?"
 _TABLE: Final = (
     (rf"wo bist du{_SO}", "where are you"),
     (rf"wo ist der roboter{_SO}", "where is the robot"),
+    (r"hilfe|was kannst du|danke|vielen dank|guten (?:tag|morgen|abend)|", "help"),
+    (
+        r"wo ist (?:der|die|das) n\u00e4chste (?P<what>.+)",
+        "where is the nearest {what}",
+    ),
+    (rf"was {_IS}{_SO} unter {_WHAT}", "what is under {what}"),
+    (
+        rf"wo (?:ist|sind|liegt|liegen|steht|stehen|finde ich){_SO} {_WHAT} {_IN}",
+        "where is {what} in {where}",
+    ),
     (rf"wo (?:ist|sind|liegt|liegen|steht|stehen|finde ich){_SO} {_WHAT}{_SO}", "where is {what}"),
     (rf"wo (?:habe ich|hast du|haben wir) {_WHAT} (?:hin)?ge\w+", "where is {what}"),
     (rf"(?:such|suche|finde)(?: mir)?(?: bitte)? {_WHAT}", "find {what}"),
@@ -38,7 +48,14 @@ _TABLE: Final = (
         rf"wie viele (?P<what>.+?) (?:gibt es|sind|stehen|liegen|haben wir){_SO} {_IN}",
         "how many {what} are in {where}",
     ),
+    (rf"wie viele (?P<what>.+?) hat {_A}(?P<where>.+?)", "how many {what} are in {where}"),
     (rf"wie viele (?P<what>.+?) (?:gibt es|sind (?:da|hier)|haben wir){_SO}", "how many {what}"),
+    (
+        rf"(?:gibt es|haben wir|ist|sind|liegt|liegen|steht|stehen){_SO} (?:in|im) {_A}"
+        rf"(?P<where>\w+) {_WHAT}{_SO}",
+        "is there a {what} in {where}",
+    ),
+    (rf"welche (?P<what>.+?) (?:gibt es|haben wir){_SO}", "which {what} are there"),
     (rf"(?:gibt es|haben wir){_SO} {_WHAT} {_IN}", "is there a {what} in {where}"),
     (rf"(?:gibt es|haben wir){_SO} {_WHAT}{_SO}", "is there a {what}"),
     (rf"(?:ist|sind|liegt|steht) {_WHAT}{_SO} {_IN}", "is the {what} in {where}"),

@@ -30,21 +30,29 @@ Kind = Literal[
     "departed",
     "distance",
     "size",
+    "compare",
+    "most",
+    "under",
+    "help",
 ]
 
 Known = Callable[[str], bool]
 
 _ARE: Final = "(?:is|are|'s)"
-_SEE: Final = "(?:you (?:see|know|have|find)|we have|i have|there (?:is|are)|are there|is there)"
+_SEE: Final = "(?:(?:you|we|i) (?:see|know|have|own|find)|there (?:is|are)|are there|is there)"
 _IN: Final = "(?:in|inside|of|at|within)"
 _CLOSE: Final = "(?:near|beside|next to|close to|by|around|next)(?: to)?"
 _WHAT: Final = r"(?P<what>.+?)"
 _WHERE: Final = f"(?: {_IN} (?P<where>.+?))?"
+_INSIDE: Final = "(?: (?:in|inside|at|from|within) (?P<where>.+?))?"
 _THINGS: Final = "(?:what|(?:which |what |all )?(?:things|objects|items)|everything)"
 _LIST: Final = "(?:list|show|name|give me) (?:me )?"
 _EVENT: Final = "(?P<event>change|move|appear|disappear|gone|new|different|happen)(?:d|ed)?"
 _SPAN: Final = "(?:since|in the|during the|over the|within the|after) .+"
 _SINCE: Final = f"(?: (?P<when>{_SPAN}|today|lately|recently|yesterday))?"
+_SOMETHING: Final = "(?:any|some)(?:thing| things?| objects?)"
+_SOMEBODY: Final = "(?:any|some)(?:one|body)"
+_MOVED: Final = "(?:moved?|taken?|took|stolen?|steal|shift(?:ed)?)"
 _ANYTHING: Final = "(?P<what>(?:some|any)(?:thing|where) (?:to|(?:i|we|one) can) .+?)"
 _OWN: Final = r"(?P<what>(?:the|my|our|your|his|her|their|[a-z ]+ \d+).*?)"
 _SEARCHED: Final = (
@@ -57,14 +65,24 @@ _ASKED_WHERE: Final = (
     "where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
     f"where to (?:find|look for)|wheres|what {_ARE} the (?:location|position|place) of)"
 )
-_ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|hand me|go to|pick up)"
+_ORDER: Final = "(?P<order>bring(?: me)?|fetch(?: me)?|get(?: me)?|(?:hand|give) me|go to|pick up)"
 _HOW_LARGE: Final = "how (?:big|large|tall|high|wide|broad|long|deep)"
-_ROOM: Final = "(?:in |on )?(?:which|what) (?:room|place)s? (?:is|are|has|have|holds?|contains?)"
+_LARGER: Final = "(?P<event>bigger|larger|smaller|taller|higher)"
+_HAS: Final = "(?:has|have|holds?|contains?)"
+_ROOM: Final = f"(?:in |on )?(?:which|what) (?:room|place)s? (?:is|are|{_HAS})"
+_NUMBER: Final = "(?:how many|(?:what is )?(?:the )?(?:total )?(?:number|count) of|count)"
+_LIES: Final = "(?:(?:is|are|'s|lies|stands) )?(?:lying |standing )?"
+_UNDER: Final = "(?:under(?:neath)?|beneath|below)"
 
 #: kind and pattern of the whole normalised question, in the order in which they are tried
 _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
-    ("robot", f"where {_ARE} (?:you|the robot)(?: now)?|where am i"),
-    ("robot", "(?:in )?(?:which|what) (?:room|place) (?:are you|is the robot)(?: in)?"),
+    ("help", "|help(?: me)?|what can (?:you (?:do|answer)|i (?:ask|say)(?: you)?)"),
+    ("robot", f"where (?:{_ARE} (?:you|the robot)|(?P<person>am i|are we))(?: now)?"),
+    (
+        "robot",
+        "(?:in )?(?:which|what) (?:room|place) (?:are you|is the robot|(?P<person>am i|are we))"
+        "(?: in)?",
+    ),
     ("places", f"(?:which|what) (?:rooms|places) (?:{_ARE} there|do {_SEE})"),
     ("places", f"(?:{_LIST})?(?:all |the )*(?:rooms|places)(?: {_ARE} there)?"),
     ("places", f"how many (?:rooms|places)(?: {_ARE} there| do {_SEE})?"),
@@ -75,12 +93,22 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         "objects",
         "what (?:can|do) you (?:see|know)|what is (?:there|here|in (?:the|this) map)",
     ),
-    ("departed", f"{_THINGS} (?:{_ARE}|has|have)(?: gone)? (?:missing|gone|lost)"),
+    (
+        "departed",
+        f"(?:{_THINGS} (?:{_ARE}|has|have)|(?:{_ARE}|has) {_SOMETHING})(?: gone)? "
+        "(?:missing|gone|lost)",
+    ),
     (
         "changed",
         f"(?:{_THINGS}|anything)(?: has| have| is| are)?(?: been)? {_EVENT}{_SINCE}",
     ),
     ("changed", f"(?:has|did) (?:anything|something) {_EVENT}{_SINCE}"),
+    ("changed", f"(?:has|have|did) {_SOMEBODY} {_MOVED} {_WHAT}{_SINCE}"),
+    (
+        "changed",
+        f"(?:has|have|was|were|is|are) {_OWN} (?:been |gone )?"
+        f"(?:{_MOVED}|gone|missing|lost){_SINCE}",
+    ),
     ("last seen", f"when was the last time (?:you|we|i|anybody|anyone|somebody) saw {_WHAT}"),
     (
         "last seen",
@@ -91,17 +119,28 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         "last seen",
         f"(?:was|were|have|has|did) (?:there|you|we|anybody|anyone) ever (?:been |seen? )?{_WHAT}",
     ),
-    ("distance", f"how far (?:away )?{_ARE} {_WHAT}(?: away)? from (?P<other>.+)"),
-    ("size", f"{_HOW_LARGE} {_ARE} {_WHAT}|what {_ARE} the size of (?P<sized>.+)"),
-    ("count", f"how many {_WHAT} (?:{_ARE} )?(?:{_SEE} )?on(?: top of)? (?P<other>.+)"),
+    ("distance", f"how far(?: apart)? {_ARE} {_WHAT} and (?P<other>.+?)(?: apart)?"),
     (
-        "count",
-        f"(?:how many|what is the number of|count) {_WHAT}(?: (?:do )?{_SEE})?{_WHERE}(?: {_SEE})?",
+        "distance",
+        f"(?:how far is it|(?:what is )?(?:the )?distance) (?:between|from) {_WHAT} (?:and|to) "
+        "(?P<other>.+)",
     ),
+    ("distance", f"how far (?:away )?{_ARE} {_WHAT}(?: away)?(?: from (?P<other>.+))?"),
+    ("compare", f"(?:which|what)(?: one)? is {_LARGER}[,:]? {_WHAT},? or (?P<other>.+)"),
+    ("compare", f"{_ARE} {_OWN} {_LARGER} than (?P<other>.+)"),
+    (
+        "size",
+        f"{_HOW_LARGE} {_ARE} {_WHAT}(?: (?:above|from) the (?:floor|ground))?|what {_ARE} the "
+        "(?:size|height|width|length|depth|dimensions) of (?P<sized>.+)",
+    ),
+    ("count", f"{_NUMBER} {_WHAT} (?:{_ARE} )?(?:{_SEE} )?on(?: top of)? (?P<other>.+)"),
+    ("count", f"{_NUMBER} {_WHAT} do(?:es)? (?P<where>(?:the|this|our|my) .+?) have"),
+    ("count", f"{_NUMBER} {_WHAT}(?: (?:do )?{_SEE})?{_WHERE}(?: {_SEE})?"),
+    ("most", f"(?:in )?(?:which|what) (?:room|place) (?:{_HAS}|are) (?:the )?most {_WHAT}"),
     (
         "near",
-        f"(?:(?:which|what|where|find|show)(?: {_ARE}| me)? )?(?:the )?(?:nearest|closest) {_WHAT} "
-        "to (?P<other>.+)",
+        f"(?:(?:which|what|where|find|show)(?: {_ARE}| me)? )?(?:the )?(?:nearest|closest) {_WHAT}"
+        "(?: to (?P<other>.+))?",
     ),
     ("near", f"(?:which|what) {_WHAT} {_ARE} (?:the )?(?:nearest|closest) to (?P<other>.+)"),
     ("near", f"{_ARE} there {_WHAT} {_CLOSE} (?P<other>.+)"),
@@ -110,16 +149,22 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
         f"(?:where (?:{_ARE}|can i find) |find |is there )?{_ANYTHING} {_CLOSE} (?P<other>.+)",
     ),
     ("near", f"(?:where {_ARE}|find|show) {_WHAT} {_CLOSE} (?P<other>.+)"),
+    ("near", f"{_ARE} {_OWN} {_CLOSE} (?P<other>.+)"),
+    ("near", f"(?:which|what) (?P<what>rooms?|places?) {_ARE} {_CLOSE} (?P<other>.+)"),
     ("around", f"{_THINGS} ?{_ARE}? {_CLOSE} (?P<other>.+)"),
-    (
-        "on",
-        f"{_THINGS} ?(?:{_ARE}|lies|stands)? (?:lying |standing )?on(?: top of)? (?P<other>.+)",
-    ),
+    ("under", f"(?:{_THINGS}|{_ARE} (?:there )?{_SOMETHING}) {_LIES}{_UNDER} (?P<other>.+)"),
+    ("on", f"{_THINGS} {_LIES}on(?: top of)? (?P<other>.+)"),
     (
         "in place",
         f"(?:{_LIST})?{_THINGS} ?(?:{_ARE}|can|do)? ?(?:{_SEE} |there )?in(?:side)? (?P<where>.+)",
     ),
     ("where", f"{_ROOM} {_WHAT}(?: in)?"),
+    (
+        "where",
+        f"(?:what|which) (?:(?:kinds?|sorts?|types?) of )?{_WHAT} (?:do )?(?:{_SEE}|{_ARE} there)"
+        f"{_INSIDE}",
+    ),
+    ("where", f"(?:what|which) {_WHAT} {_ARE} (?:in|inside) (?P<where>.+)"),
     (
         "status",
         f"{_ARE} (?:there (?:still )?(?:any )?(?P<any>.+?)|{_OWN}) (?:still )?on(?: top of)? "
@@ -132,15 +177,16 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ),
     (
         "status",
-        f"(?:do|does) (?:we|you|i|the map) (?:still )?(?:have|know|see|contain) {_WHAT}{_WHERE}",
+        "(?:do|does) (?:we|you|i|the map) (?:still )?(?:have|own|know|see|contain) "
+        f"{_WHAT}{_WHERE}",
     ),
-    ("status", f"{_ARE} {_OWN} (?:still )?(?:in|inside|at) (?P<where>.+)"),
+    ("status", f"{_ARE} {_OWN} (?:still )?(?:(?:in|inside|at) (?P<where>.+)|there)"),
     ("status", f"{_ARE} (?P<where>place \\d+) an? {_WHAT}"),
     ("where", r"what (?:kind |sort )?(?:of )?(?:room |place )?is (?P<what>place \d+)"),
-    ("where", f"{_ASKED_WHERE} {_WHAT}(?: now)?"),
-    ("where", f"{_SEARCHED} {_WHAT}"),
-    ("where", f"{_ORDER} {_WHAT}"),
-    ("where", _ANYTHING.replace("+?", "+")),
+    ("where", f"where in(?:side)? (?P<where>.+?) {_ARE} {_WHAT}"),
+    ("where", f"(?:{_ASKED_WHERE}|{_SEARCHED}|{_ORDER}) {_WHAT}{_INSIDE}(?: now)?"),
+    ("where", f"{_ANYTHING}{_INSIDE}"),
+    ("where", f"where can (?:i|we|one) (?P<need>(?:sit|sleep|write|cook|read|lie).*?){_INSIDE}"),
     (
         "where",
         "what can (?:i|we|one) (?P<need>(?:sit|eat|drink|cut|sleep|write|cook|read|lie) ?.*)",
@@ -167,7 +213,7 @@ EVENTS: Final[dict[str, tuple[str, ...]]] = {
 #: words that change the sense of a question in a way that no query has
 _REFUSED: Final = re.compile(
     r"\b(?:not|no|never|nothing|none|nobody|except|without|but|or|if|while|who|whose|why|how|which|"
-    r"nearest|closest|farthest|biggest|largest|smallest|oldest|newest|most|least|best|other|else|"
+    r"nearest|closest|farthest|biggest|largest|smallest|oldest|newest|most|least|best|fewest|other|else|"
     r"left|right|behind|under|above|below|between|tomorrow|yesterday|before|ago|will|should|and|"
     r"than|as|more|fewer|less|another|"
     r"was|were|had|has|have|does|do|is|are|what|where|can|i|me|you|he|she|they|we|it)\b"
@@ -214,6 +260,7 @@ class Question:
     also: tuple[str, ...] = ()  # further things that the same is asked about
     at: str = ""  # the moment in words that is asked about; "" for now
     is_order: bool = False
+    of_person: bool = False  # asks where the person is
     read_as: str = ""  # the text with its small words corrected
 
     @property
@@ -221,6 +268,7 @@ class Question:
         """Sentences on what the answer leaves out of the text, or corrects in it."""
         notes = [f"This is read as '{self.read_as}'"] if self.read_as else []
         notes += ["This answers questions and moves no robot"] * self.is_order
+        notes += ["The map knows where the robot is, not where you are"] * self.of_person
         if self.qualities:
             named = " and ".join(self.qualities)
             notes.append(f"The map does not keep what is {named}, so this is about all of them")
@@ -233,7 +281,7 @@ def parsed(text: str, known: Known = lambda name: False) -> Question | None:
     `known` tells whether a category has that name; such names keep all their words.
     """
     words, at = in_present(normalised(in_english(text[: MAX_LENGTH + 1])))
-    if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]+", words):
+    if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]*", words) or not text.strip():
         return None
     found, read_as = _match(words), ""
     if found is None and (again := respelt(words)) != words:
@@ -268,6 +316,8 @@ def _question(kind: Kind, gaps: dict[str, str], known: Known) -> Question | None
         return None
     if any(_ARTICLE.search(name) and not known(name) for name in (what, *also, where, other)):
         return None
+    if kind in ("near", "distance") and not other:
+        other = "robot"
     what = f"something to {gaps['need']}" if gaps.get("need") else what
     what = _MEALS.get(what.partition("thing ")[2], what)
     return Question(
@@ -280,6 +330,7 @@ def _question(kind: Kind, gaps: dict[str, str], known: Known) -> Question | None
         (*(quality for _, some in things for quality in some), *more),
         tuple(also),
         is_order=bool(gaps.get("order")),
+        of_person=bool(gaps.get("person")),
     )
 
 

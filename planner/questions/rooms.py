@@ -13,10 +13,19 @@ from kg.model.errors import QueryParameterError
 from kg.model.records import DoorRecord, PlaceRecord
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.candidate_queries import span
-from planner.search.goals.place_names import place_category, place_named, plain_place
+from planner.search.goals.place_names import (
+    in_brackets,
+    listed_places,
+    place_category,
+    place_named,
+    places_of_kind,
+    plain_place,
+)
 from planner.search.goals.search_goals import with_article
 
 _LISTED: Final = 8  # places, or doors, in an answer
+_WALL: Final = 0.3  # [m] greatest distance of places on both sides of a wall, ...
+_MIN_SHARED: Final = 0.5  # ... and least length [m] of that wall
 _PERHAPS: Final = 0.2  # least belief in a category of a place that is named as a possibility
 _DOORS: Final = ("door", "doors", "doorway", "doorways")
 #: rooms of a home that no category of places is
@@ -66,6 +75,7 @@ class _Answerer:
             "around": self._next_to,
             "size": self._where,
             "distance": self._no_distance,
+            "compare": self._compared,
         }
         if question.kind not in kinds:
             return []
@@ -91,7 +101,7 @@ class _Answerer:
         category = place_category(self._map.catalogue, words)
         if category is None:
             return _Rooms(words, ()) if words in _WITHOUT_CATEGORY else None
-        sure = self._map.places(category.iri)
+        sure = places_of_kind(self._map, words)
         wider = self._map.places(category.iri, min_belief=_PERHAPS)
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]
         others.sort(key=lambda pair: -pair[1])
@@ -121,13 +131,14 @@ class _Answerer:
         kind = _kind(self._map, place)
         believed = f"{place.label} is believed to be {kind}" if kind else "its kind is not known"
         perhaps = [p for one, p in rooms.perhaps if one == place]
-        other = f", and {with_article(rooms.name)} with {perhaps[0]:.2f}" if perhaps else ""
+        other = (
+            f", and {with_article(rooms.name)} with probability {perhaps[0]:.2f}" if perhaps else ""
+        )
         return [f"No: {believed}{other}"]
 
     def _count(self, rooms: _Rooms) -> list[str]:
-        named = ", ".join(place.label for place in rooms.sure[:_LISTED])
-        line = f"{rooms.name}: {len(rooms.sure)}{f' ({named})' if named else ''}"
-        return [line, *self._perhaps(rooms)]
+        named = [self._name(place) for place in rooms.sure[:_LISTED]]
+        return [", ".join([f"{rooms.name}: {len(rooms.sure)}", *named]), *self._perhaps(rooms)]
 
     def _viewed(self, rooms: _Rooms) -> list[str]:
         seen = [(p.viewed.last, p) for p in rooms.sure if p.viewed is not None]
@@ -135,26 +146,37 @@ class _Answerer:
             return [f"It is not kept when {rooms.name} was last viewed"]
         last, place = max(seen, key=lambda pair: pair[0])
         ago = span(max(self._now - last, 0.0))
-        return [f"{ago} ago: {place.label}{_in_brackets(self._map, place)}, at {iso(last)[:19]}"]
+        return [f"{ago} ago: {self._name(place)}, at {iso(last)[:19]}"]
 
     def _next_to(self, rooms: _Rooms) -> list[str]:
-        """The places beside those that are named, through a door; two kinds: whether they are."""
+        """The places beside those that are named; of two kinds of places: whether they are."""
         others = self._named(self._question.other)
         if others is None:
             return []
-        if self._question.kind == "around":
-            return [self._beside(place) for place in others.sure[:_LISTED]] or [self._none(others)]
-        pairs = [
-            f"Yes: {one.label}{_in_brackets(self._map, one)} is next to "
-            f"{other.label}{_in_brackets(self._map, other)}"
-            for one in rooms.sure
-            for other in others.sure
-            if other.iri in one.adjacent
-        ]
-        beside = [self._beside(place) for place in others.sure[:_LISTED]] or [self._none(others)]
+        beside = [line for place in others.sure[:_LISTED] for line in self._beside(place)]
+        beside = beside or [self._none(others)]
+        if self._question.kind == "around" or rooms.name == "room":
+            return beside
         if not rooms.sure:
             return [self._none(rooms)]
-        return pairs or [f"No {rooms.name} is known to be there", *beside]
+        pairs = [(one, other) for one in rooms.sure for other in others.sure if one != other]
+        lines = [
+            f"Yes: {self._name(one)} is next to {self._name(other)}"
+            + ("" if _has_door(one, other) else ", with no known door")
+            for one, other in pairs
+            if _touch(one, other)
+        ]
+        return lines or ["Not as far as the map knows", *beside]
+
+    def _compared(self, rooms: _Rooms) -> list[str]:
+        """The areas of two places, the larger one first."""
+        others = self._named(self._question.other)
+        if others is None or self._question.event not in ("bigger", "larger", "smaller"):
+            return []
+        pair = sorted((*rooms.sure, *others.sure), key=lambda place: -place.area.area)
+        areas = [f"{self._name(place)} has {place.area.area:.1f} m2" for place in pair[:_LISTED]]
+        missing = [self._none(one) for one in (rooms, others) if not one.sure]
+        return [*missing, _capital(", ".join(areas))] if areas else missing
 
     def _doors(self) -> list[str]:
         """The doors of the map, or of a place."""
@@ -183,28 +205,44 @@ class _Answerer:
         kind = _kind(self._map, place)
         believed = f" is believed to be {kind}:" if kind else " is"
         line = f"{place.label}{believed} at ({x:.1f}, {y:.1f}), {place.area.area:.0f} m2"
-        beside = self._neighbours(place)
+        beside = ", ".join(self._name(one) for one in self._others(place) if _has_door(place, one))
         return f"{line}, next to {beside}" if beside else line
 
-    def _beside(self, place: PlaceRecord) -> str:
-        name = f"{place.label}{_in_brackets(self._map, place)}"
-        return f"Next to {name}: {self._neighbours(place) or 'no door to it is known'}"
+    def _beside(self, place: PlaceRecord) -> list[str]:
+        """The places next to one: those that a door leads to, and those behind a wall."""
+        others = [one for one in self._others(place) if _touch(place, one)]
+        name, doors = self._name(place), [self._name(p) for p in others if _has_door(place, p)]
+        walls = [self._name(one) for one in others if not _has_door(place, one)]
+        lines = [f"Next to {name}: {', '.join(doors)}"] if doors else []
+        lines += [f"Next to {name}, with no known door: {', '.join(walls)}"] if walls else []
+        return lines or [f"Next to {name}: no place is known"]
 
-    def _neighbours(self, place: PlaceRecord) -> str:
-        known = [self._places[iri] for iri in place.adjacent if iri in self._places]
-        return ", ".join(f"{one.label}{_in_brackets(self._map, one)}" for one in known)
+    def _others(self, place: PlaceRecord) -> list[PlaceRecord]:
+        return [one for one in self._places.values() if one != place]
+
+    def _name(self, place: PlaceRecord) -> str:
+        return place.label + in_brackets(self._map.catalogue, place)
 
     def _perhaps(self, rooms: _Rooms) -> list[str]:
-        named = ", ".join(f"{place.label} ({p:.2f})" for place, p in rooms.perhaps[:_LISTED])
+        named = ", ".join(
+            f"{place.label} (probability {p:.2f})" for place, p in rooms.perhaps[:_LISTED]
+        )
         return [f"Perhaps {with_article(rooms.name)}: {named}"] if named else []
 
     def _none(self, rooms: _Rooms) -> str:
-        others = [
-            f"{place.label}{_in_brackets(self._map, place)}" for place in self._places.values()
-        ]
-        rest = f" and {len(others) - _LISTED} more" if len(others) > _LISTED else ""
-        known = f"; there are {', '.join(others[:_LISTED])}{rest}" if others else ""
-        return f"No place of this map is believed to be {with_article(rooms.name)}{known}"
+        known = listed_places(self._map)
+        has = f"; the map has {known}" if known else ""
+        return f"No place of this map is believed to be {with_article(rooms.name)}{has}"
+
+
+def _has_door(one: PlaceRecord, other: PlaceRecord) -> bool:
+    return other.iri in one.adjacent
+
+
+def _touch(one: PlaceRecord, other: PlaceRecord) -> bool:
+    """Whether places are next to each other: by a door, or along a wall."""
+    shared = one.area.polygon.buffer(_WALL).intersection(other.area.polygon)
+    return _has_door(one, other) or float(shared.area) >= _WALL * _MIN_SHARED
 
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord) -> str:
@@ -213,15 +251,8 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord) -> str:
     if not top:
         return ""
     label = plain_place(semantic_map.catalogue.label(top))
-    return f"{with_article(label)} ({place.beliefs[top]:.2f})"
+    return f"{with_article(label)} (probability {place.beliefs[top]:.2f})"
 
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _in_brackets(semantic_map: SemanticMap, place: PlaceRecord) -> str:
-    """`` (kitchen)``; "" where the label of the place has it already."""
-    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    label = plain_place(semantic_map.catalogue.label(top)) if top else ""
-    return f" ({label})" if label and label.casefold() not in place.label.casefold() else ""

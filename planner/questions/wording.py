@@ -9,7 +9,9 @@ from typing import Final
 MAX_LENGTH: Final = 300  # characters of a question
 
 _POLITE: Final = re.compile(
-    r"^(?:(?:hey|hi|hello|ok|okay|please|robot|so|and|well|excuse me)\b[ ,]*)*"
+    r"^(?:(?:(?:hey|hi|hello)(?: there)?|ok|okay|please|robot|so|and|well|excuse me|"
+    r"thanks?(?: you)?(?: very much| a lot)?|cheers|(?:good)?bye|"
+    r"good (?:morning|day|afternoon|evening))\b[ ,!.]*)*"
     r"(?:(?:can|could|would|will) you (?:please )?(?:tell me|show me|say|find out|find)? ?"
     r"|do you (?:know|remember) |(?:do you have )?any idea |(?:please )?(?:tell|show) me "
     r"|i (?:want|would like|need) to know )?"
@@ -28,13 +30,15 @@ _FORMS: Final = tuple(
         (r"^is there (is|are) ", r"\1 there "),
         (r"^is ((?:the|my) .+?) (is|are) (in|on) ", r"\2 \1 \3 "),
         (r"^(is|are|do|have)n't (?=there|we|you|i)", r"\1 "),
-        (r"^(where) (.+) (is|are)$", r"\1 \3 \2"),
+        (r"^(where) (.+) (is|are|am)$", r"\1 \3 \2"),
         (r"^(how many .+?) (?:there )?(?:are )(in .+)$", r"\1 \2"),
+        (r" (to|from|near|next to|close to|around) (?:me|us|you|here)$", r" \1 the robot"),
     )
 )
 _PAST: Final = re.compile(
     r"(?P<asked>|(?:where|what|which .+?|how many .+?) )(?P<be>was|were) (?P<rest>.+?) (?P<when>"
-    r"(?:on |last )?\w*day|this morning|last night|(?:(?:\w+ )?(?:couple of|few)|\w+) \w+ ago)"
+    r"(?:on |last )?\w*day|last (?:week|month)|this morning|last night|"
+    r"(?:(?:\w+ )?(?:couple of|few)|\w+) \w+ ago)"
 )
 _SMALL_WORDS: Final = frozenset(
     (

@@ -219,7 +219,8 @@ class _Reader:
         count = sum(c.kind == "object" for c in self.catalogue.categories)
         return (
             f"no category '{shown}'{hint} there are {count} categories of objects, "
-            f"the supercategories {', '.join(groups)}, and {len(self.table.senses):,} words"
+            f"the supercategories {', '.join(groups)}, and {len(self.table.senses):,} words, "
+            "without brands"
         )
 
     def _names(self) -> dict[str, str]:
@@ -267,7 +268,7 @@ class _Reader:
         return next((self.table.names[one] for one in stems if one in self.table.names), None)
 
     def _meaning(self, sense: Sense, word: str, how: How) -> Meaning:
-        found = [self.catalogue.get(label, "object") for label in sense.categories]
+        found = [_category(self.catalogue, name_key(label)) for label in sense.categories]
         inside = tuple(filter(None, found)) if sense.relation != "part" else ()
         related = sense.categories if sense.relation == "part" else ()
         relation: Relation = sense.relation if inside or related else "none"

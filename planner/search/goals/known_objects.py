@@ -13,17 +13,16 @@ from numpy.typing import NDArray
 
 from kg.maps.facts.coordinate_frames import frames_in, maps_in
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import PlaceRecord
 from mapping.persistence import holds
 from planner.freespace.planning_map import number, text_or_none, time_or_none
 from planner.search.goals.candidate_queries import kinds_half_lives
-from planner.search.goals.place_names import plain_place
+from planner.search.goals.place_names import in_brackets
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target, resolve
 
 _MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists
-_SURE: Final = 0.5  # existence of an object, and belief in a place's category, that counts as sure
+_SURE: Final = 0.5  # existence of an object that counts as sure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +72,8 @@ def known_objects(
 
     `where` is computed for the first `located` objects (None: for all); it is "" for the others.
     """
-    places = {place.iri: place for place in semantic_map.places()}
+    catalogue = semantic_map.catalogue
+    kinds = {place.iri: in_brackets(catalogue, place) for place in semantic_map.places()}
     others = dict[str, list[tuple[str, float]]]()
     for row in semantic_map.query("may-be", least=0.0).records():
         alternative = str(row["other"]), number(row, "probability")
@@ -90,7 +90,7 @@ def known_objects(
                 iri=iri,
                 label=label_of(row),
                 category=str(row["category"]),
-                where=_kind(semantic_map, places.get(str(row["place"]))),
+                where=kinds.get(str(row["place"]), ""),
                 p_map=np.array([number(row, "x"), number(row, "y")]),
                 existence=existence,
                 last_seen=time_or_none(row, "lastSeen"),
@@ -137,19 +137,6 @@ def _other_maps(semantic_map: SemanticMap) -> dict[str, str]:
 def _of_map(iri: str, titles: Mapping[str, str]) -> str:
     """The map of a thing in words; "" for the map of the search."""
     return next((f" of the map {titles[base]}" for base in titles if iri.startswith(base)), "")
-
-
-def _kind(semantic_map: SemanticMap, place: PlaceRecord | None) -> str:
-    """Category of a place in parentheses; "" where the place's label has it."""
-    if place is None:
-        return ""
-    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    kind = (
-        plain_place(semantic_map.catalogue.label(top))
-        if place.beliefs.get(top, 0.0) >= _SURE
-        else ""
-    )
-    return f" ({kind})" if kind and kind.casefold() not in place.label.casefold() else ""
 
 
 def known_json(

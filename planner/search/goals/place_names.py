@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from kg.knowledge.ontology.catalogue import Catalogue, Category
+from contextlib import suppress
+
+from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
+from kg.model.records import PlaceRecord
 
+_SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
+_LISTED = 8  # places in a message
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -13,6 +19,32 @@ _PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
 def plain_place(label: str) -> str:
     """The everyday name of a category of places, by its label."""
     return _PLAIN.get(label, label)
+
+
+def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
+    """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the label of the place has it already."""
+    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
+    kind = plain_place(catalogue.label(top)) if top else ""
+    if not kind or kind.casefold() in place.label.casefold():
+        return ""
+    return f" ({kind})" if place.beliefs[top] >= _SURE else f" (perhaps {kind})"
+
+
+def in_words(catalogue: Catalogue, label: str) -> str:
+    """A place's label in a sentence: ``the guest room``; ``place 3``, ``redkitchen``, ``Ann's``.
+
+    Labels take an article where their last word is a common noun.
+    """
+    *_, last = label.split() or [""]
+    is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
+    return f"the {label}" if label.islower() and "'" not in label and is_noun else label
+
+
+def listed_places(semantic_map: SemanticMap) -> str:
+    """``place 1 (kitchen), place 2 and 3 more``: the places of a map."""
+    named = [p.label + in_brackets(semantic_map.catalogue, p) for p in semantic_map.places()]
+    rest = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
+    return ", ".join(named[:_LISTED]) + rest
 
 
 def place_category(catalogue: Catalogue, text: str) -> Category | None:
@@ -28,18 +60,24 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
     try:
         return semantic_map.resolve("place", text)
     except QueryParameterError as error:
-        try:
-            believed = semantic_map.places(text)
-        except UnknownCategoryError:
-            raise error from None
-        if len(believed) > 1:
-            iris = ", ".join(place.iri for place in believed)
-            raise QueryParameterError(
-                f"several places have the category {text!r}; give one of {iris}"
-            ) from None
+        believed = places_of_kind(semantic_map, text)
+        if len(believed) == 1:
+            return believed[0].iri
+        labels = ", ".join(place.label for place in believed or semantic_map.places())
+        said = f"several places have the category {text!r}; give one of {labels}"
         if not believed:
-            raise
-        return believed[0].iri
+            said = str(error).replace(labels or " ", listed_places(semantic_map) or " ")
+        raise QueryParameterError(said) from None
+
+
+def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
+    """Places of a category, else of its kinds by name: a home office where there is no office."""
+    with suppress(UnknownCategoryError):
+        if believed := semantic_map.places(text):
+            return tuple(believed)
+    tail = f" {text.strip().casefold()}"
+    catalogue, places = semantic_map.catalogue, semantic_map.places()
+    return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
 
 
 def object_named(semantic_map: SemanticMap, text: str) -> str:

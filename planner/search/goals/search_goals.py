@@ -19,6 +19,7 @@ from kg.maps.query.result_rows import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from planner.freespace.planning_map import Row, number, time_or_none
+from planner.search.goals.place_names import in_words
 from planner.search.goals.target_words import meaning_of
 
 
@@ -208,10 +209,5 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
             break
         current = str(carriers[0]["other"])
     if place:
-        words.append(f"in {place}" if _is_name(place) else f"in the {place}")
+        words.append(f"in {in_words(semantic_map.catalogue, place)}")
     return " ".join(words) or at
-
-
-def _is_name(place: str) -> bool:
-    """Whether a place's label takes no article: ``place 3``, ``Ann's room``."""
-    return place[-1:].isdigit() or place[:1].isupper() or "'" in place

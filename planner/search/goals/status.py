@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Final, Literal, cast
 
 from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UndetectableError
+from kg.model.records import DepartedRecord
 from mapping.objects.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
-from planner.search.goals.place_names import object_named
+from planner.search.goals.place_names import in_brackets, object_named
 from planner.search.goals.search_goals import resolve_target
 from planner.search.goals.target_words import undetectable
 from planner.settings import BELIEF
@@ -29,6 +30,7 @@ NONE_SEEN: Final[Value] = "looked, none seen"
 _PLACES_NAMED: Final = 3  # in a proof, the least viewed ones
 _LOOKED_AT: Final = 0.05  # viewed share of a place, below which nobody looked, as in `status.rq`
 _REAL: Final = 0.8, 3  # greatest existence and observations of what was there, as in `status.rq`
+_SOON: Final = 60.0, 10  # [s] until it was found gone, below which more observations are asked
 _LARGE: Final = 0.5  # [m] usual size from which on a thing is noticed from up to 4 m
 
 
@@ -87,7 +89,11 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if place is not None:
         chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
-    value, proof = _combined(found), _proof(category.label, found)
+    places = {
+        p.iri: p.label + in_brackets(semantic_map.catalogue, p) for p in semantic_map.places()
+    }
+    titled = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
+    value, proof = _combined(found), _proof(category.label, titled)
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
     return Status(category.label, value, proof, found)
@@ -141,17 +147,15 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     if any(one.value == "never looked" and one.viewed_share >= _LOOKED_AT for one in places):
         return f"no detector that mapped here has a name for {label}, so none could be seen"
     least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
-    parts = [
-        f"{one.viewed_share:.0%} of {one.place_label}"
-        + (f" (last at {stamp(one.last_viewed)})" if one.last_viewed else "")
-        for one in least
-    ]
+    parts = [f"{one.viewed_share:.0%} of {one.place_label}" for one in least]
     others = len(places) - len(least)
     rest = f", and more of {others} other places" if others else ""
+    last = max((one.last_viewed for one in places if one.last_viewed), default=None)
+    at = f", last at {stamp(last)}" if last else ""
     noticed = sum(one.noticed for one in places) / len(places)
     return (
-        f"the robot viewed {', '.join(parts)}{rest}, and would have noticed one with probability "
-        f"{noticed:.2f}"
+        f"the robot viewed {', '.join(parts)}{rest}{at}; it would have noticed one with "
+        f"probability {noticed:.2f}"
     )
 
 
@@ -195,8 +199,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
         proof = (
             f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, found gone {stamp(gone)}"
         )
-        real = left.peak >= _REAL[0] and left.observations >= _REAL[1]
-        return Status(what, "gone" if real else NONE_SEEN, proof, ())
+        return Status(what, "gone" if was_there(left) else NONE_SEEN, proof, ())
     *_, last = semantic_map.history.events(iri)
     if not any(change.endswith("removed") for change in last.changes):
         raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")
@@ -205,6 +208,16 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
     proof = f"left the map by transaction #{last.sequence} ({by}), {stamp(when)}"
     return Status(what, value, proof, ())
+
+
+def was_there(left: DepartedRecord) -> bool:
+    """Whether an object that left its spot was really there, rather than a false detection.
+
+    A false detection is believed after few observations, and refuted as soon as one looks again.
+    """
+    (least, often), (soon, many) = _REAL, _SOON
+    enough = often if left.found_gone - left.last_seen >= soon else many
+    return left.peak >= least and left.observations >= enough
 
 
 def _was_real(semantic_map: SemanticMap, iri: str) -> bool:

@@ -10,17 +10,8 @@ from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_place
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
 from mapping.looks.word_looks import things_that_look_like
-from planner.search.goals.place_names import place_category, plain_place
+from planner.search.goals.place_names import in_words, place_category, plain_place
 
-#: Nouns without an article.
-_UNCOUNTED = frozenset(
-    (
-        *("milk", "rice", "sugar", "salt", "flour", "butter", "cheese", "bread", "water", "wine"),
-        *("beer", "soap", "shampoo", "toothpaste", "paper", "tape", "glue", "pasta", "coffee"),
-        *("tea", "juice", "oil", "money", "medicine", "mail", "cereal", "meat", "detergent"),
-        *("laundry", "clothing", "furniture", "jewelry", "underwear", "crockery", "food", "soup"),
-    )
-)
 _ALIKE = 3  # things that are said to look like a word
 _FEW = 3  # activities or rooms with a thing, below which its place is only named as possible
 _BELIEVED = 0.5  # least belief in the category of a place of the map that is named
@@ -41,19 +32,14 @@ class Undetectable:
         known = self.meaning
         name = known.word if known.how == "spelling" else known.text
         english = f" ({known.means})" if known.means != known.word else ""
-        plural = name.endswith("s") and not name.endswith(("ss", "us", "is"))
-        they = "They are" if plural else "It is"
         lines = [known.note] if known.note else []
-        article = "" if plural or name.split()[-1].casefold() in _UNCOUNTED else _article(name)
-        lines.append(f"No detector here can see {article}{name}{english}")
+        lines.append(f"No detector here can see things called '{name}'{english}")
         if known.related:
-            parts = listed(known.related)
-            lines.append(f"{they} a part of a {parts}; search for that")
+            lines.append(f"They are parts of a {listed(known.related)}; search for that")
         if self.usual is not None:
-            lines.append(f"{they} {_how_often(self.usual)} {_where(self.usual)}")
+            lines.append(f"They are {_how_often(self.usual)} {_where(self.usual)}")
         elif not known.related:
-            lines.append(f"Nothing is known about where {'they' if plural else 'it'} usually "
-                         f"{'are' if plural else 'is'}")  # fmt: skip
+            lines.append("Nothing is known about where they usually are")
         lines += [
             f"The {plain_place(kind)} of this map is {label}"
             if name_key(label) != name_key(plain_place(kind))
@@ -149,7 +135,7 @@ def _alike(semantic_map: SemanticMap, synset: str) -> tuple[str, ...] | None:
         known = semantic_map.catalogue.by_iri(record.category)
         parts = [] if known is None else [known.label]
         if record.place in places:
-            parts.append(f"in the {places[record.place]}")
+            parts.append(f"in {in_words(semantic_map.catalogue, places[record.place])}")
         described.append(f"{record.iri.removeprefix(semantic_map.base)} ({', '.join(parts)})")
     return tuple(described)
 
@@ -188,15 +174,13 @@ def _where(usual: UsualPlaces) -> str:
         rooms = listed([plain_place(place.label) for place in usual.places])
         rooms += " (common knowledge, no counts)"
     else:
-        unit = "rooms" if usual.source == "homes" else "activities"
-        rooms = listed([_counted(place, unit) for place in usual.places])
+        unit = "such rooms have one" if usual.source == "homes" else "activities with one"
+        first, *others = usual.places
+        rooms = listed([_counted(first, unit), *(_counted(place) for place in others)])
     return f"{supports}{' ' * bool(supports)}in the {rooms}"
 
 
-def _counted(place: UsualPlace, unit: str) -> str:
-    """``kitchen (0.60 of 7 rooms)``: the smoothed share."""
-    return f"{plain_place(place.label)} ({place.probability:.2f} of {place.total} {unit})"
-
-
-def _article(name: str) -> str:
-    return "an " if name[:1].casefold() in "aeiou" else "a "
+def _counted(place: UsualPlace, unit: str = "") -> str:
+    """``kitchen (60% of 7 such rooms have one)``: the smoothed share."""
+    of = f" of {place.total} {unit}" if unit else ""
+    return f"{plain_place(place.label)} ({place.probability:.0%}{of})"

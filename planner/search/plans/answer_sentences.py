@@ -15,7 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.search_goals import times, with_article
-from planner.search.goals.status import status
+from planner.search.goals.status import Value, status
 from planner.search.goals.targets import Target
 
 if TYPE_CHECKING:
@@ -25,6 +25,13 @@ _SURELY: Final = 0.95  # probability from which on an object is said to be there
 PROBABLY: Final = 0.5  # ... to be there probably, ...
 _PERHAPS: Final = 0.2  # ... and to be there perhaps; below, it was probably moved
 _DOUBTED: Final = 3  # objects that are listed where none is sure
+_NONE: Final[Mapping[Value, str]] = {
+    "present": "",
+    "gone": " any more",
+    "looked, none seen": "",
+    "hidden": ", but not everything was viewed",
+    "never looked": ", but nobody looked",
+}
 _GUESS: Final = 0.01  # least probability of a place that is named as a guess
 
 
@@ -47,7 +54,7 @@ def find_sentences(
         none = f"Nothing to {use}" if use else f"No {target.label}"
         return [f"{none} is in the map{guess}"]
     found = status(semantic_map, target.iri)
-    return [f"No {target.label} is in the map ({found.value}): {found.proof}{guess}"]
+    return [f"No {target.label} is in the map{_NONE[found.value]}: {found.proof}{guess}"]
 
 
 def answer_lines(
@@ -89,13 +96,15 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     still = " still" if kept < _SURELY else ""
     if p < _PERHAPS and still and (one.sure or kept < _PERHAPS):
         room = rooms.get(one.iri, 0.0)
-        room_too = f"; in the same room {room:.2f}" if room >= p + _GUESS else ""
-        return f"Probably no longer {one.where}: {name} {seen} ({p:.2f}{room_too}){_besides(one)}"
+        room_too = f", in the same room {room:.2f}" if room >= p + _GUESS else ""
+        there = f"probability there {p:.2f}{room_too}"
+        return f"Probably no longer {one.where}: {name} {seen} ({there}){_besides(one)}"
     lead = "Probably" if p >= PROBABLY and one.sure else "Perhaps"
     if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
         lead = ""
     where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
-    return f"{where[:1].upper()}{where[1:]}: {name} {seen} ({p:.2f}){_besides(one)}"
+    where = f"{where[:1].upper()}{where[1:]}"
+    return f"{where}: {name} {seen} (probability there {p:.2f}){_besides(one)}"
 
 
 def _sightings(one: KnownObject, now: float) -> str:
@@ -112,7 +121,7 @@ def _besides(one: KnownObject) -> str:
     """Other categories, and the search that found the object."""
     words = ""
     if one.own is None and one.may_be:
-        may_be = (f"{with_article(other)} ({p:.2f})" for other, p in one.may_be)
+        may_be = (f"{with_article(other)} (probability {p:.2f})" for other, p in one.may_be)
         words = f"; it may also be {' or '.join(may_be)}"
     if one.found_by is not None:
         words += f"; found by search/{one.found_by.rpartition('/')[2]}"

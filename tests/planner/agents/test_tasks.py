@@ -174,16 +174,19 @@ TASKS: list[tuple[str, Any, Any]] = [
     ("since when changes are known",
      one("what_changed", lambda a: a["since"][:4] > "2020", since="1999-01-01T00:00:00Z"), True),
     ("which of three things are there",
-     one("ask", lambda a: [line.split(" (")[0] for line in a["untrusted_answer"]
+     one("ask", lambda a: [line.removesuffix(":") for line in a["untrusted_answer"]
                            if line.split(":")[0] in ("book", "banana", "giraffe")],
          question="do we have a book, a banana and a giraffe?"),
-     ["book: It was there, and has probably been moved since:",
-      "banana: It was there, and has probably been moved since:",
-      "giraffe: Perhaps, though none is sure"]),
+     ["book: It was there, and has probably been moved since",
+      "banana: It was there, and has probably been moved since",
+      "giraffe: Perhaps, though none is sure: the robot viewed 0% of place 3, 98% of place 1 "
+      "(kitchen), 98% of place 2 (bedroom), last at 1970-01-01 00:01:40; it would have noticed "
+      "one with probability 0.39"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],
-                                 question="is there a book on the bed?"), "Not for sure any more:"),
+                                 question="is there a book on the bed?"),
+     "It was there, and has probably been moved since:"),
     ("an answer names no command of a shell",
      one("ask", lambda a: "`" in str(a), question="list the furniture"), False),
     ("what SPARQL counts",

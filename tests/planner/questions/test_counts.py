@@ -25,9 +25,12 @@ def test_they_are_counted_by_place() -> None:
 @pytest.mark.parametrize(
     ("question", "line"),
     [
-        ("what is in the kitchen?", "In place 1: a banana, a cup, and 2 things without a name"),
-        ("what is in the bedroom?", "In place 2: a bed"),
-        ("what is in place 3?", "No object is known in place 3, but 1 thing without a name"),
+        (
+            "what is in the kitchen?",
+            "2 objects in place 1 (kitchen): a banana, a cup, and 2 things without a name",
+        ),
+        ("what is in the bedroom?", "1 object in place 2 (bedroom): a bed"),
+        ("what is in place 3?", "0 objects in place 3 by name, and 1 thing without a name"),
         (
             "list all objects",
             "The map has 3 objects: a banana, a cup, a bed, and 3 things without a name "
@@ -42,5 +45,7 @@ def test_answers_count_them_beside_the_objects(question: str, line: str) -> None
 
 
 def test_a_size_has_its_longer_side_first() -> None:
-    said = "table 1 is about 1.50 m wide, 0.60 m deep and 0.70 m high, as far as it was seen"
-    assert sized("table 1", np.array([0.6, 1.5, 0.7])) == said
+    assert sized("table 1", np.array([0.6, 1.5, 0.1]), 0.7) == (
+        "The top of table 1 is 0.75 m above the floor; the part that was seen is 1.50 m wide, "
+        "0.60 m deep and 0.10 m high"
+    )

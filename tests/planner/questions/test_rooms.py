@@ -35,23 +35,38 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
 @pytest.mark.parametrize(
     ("question", "answer"),
     [
-        ("where is the kitchen?", ["Place 1 is believed to be a kitchen (0.90): at (2.0, 2.0), "]),
-        ("kitchen", ["Place 1 is believed to be a kitchen (0.90)"]),
-        ("wheres Ann's room", ["Ann's room is believed to be a bedroom (0.90)"]),
-        ("where is place 3", ["Place 3 is believed to be a bedroom (0.50)"]),
-        ("what is place 3?", ["Place 3 is believed to be a bedroom (0.50)"]),
-        ("is there a kitchen?", ["Yes: place 1 is believed to be a kitchen (0.90)"]),
-        ("do we have a K\u00fcche", ["Yes: place 1 is believed to be a kitchen (0.90)"]),
+        (
+            "where is the kitchen?",
+            ["Place 1 is believed to be a kitchen (probability 0.90): at (2.0, 2.0), "],
+        ),
+        ("kitchen", ["Place 1 is believed to be a kitchen (probability 0.90)"]),
+        ("wheres Ann's room", ["Ann's room is believed to be a bedroom (probability 0.90)"]),
+        ("where is place 3", ["Place 3 is believed to be a bedroom (probability 0.50)"]),
+        ("what is place 3?", ["Place 3 is believed to be a bedroom (probability 0.50)"]),
+        ("is there a kitchen?", ["Yes: place 1 is believed to be a kitchen (probability 0.90)"]),
+        (
+            "do we have a K\u00fcche",
+            ["Yes: place 1 is believed to be a kitchen (probability 0.90)"],
+        ),
         ("are there any bedrooms", ["Yes:", "Ann's room is", "Place 3 is"]),
         ("is there a room", ["Yes:", "Place 1 is", "Ann's room is", "Place 3 is"]),
-        ("is there a bathroom", ["Perhaps a bathroom: place 3 (0.30)"]),
-        ("is there a pantry", ["No place of this map is believed to be a pantry; there are place"]),
-        ("do we have a garage", ["No place of this map is believed to be a garage; there are"]),
-        ("is place 1 a kitchen", ["Yes: place 1 is believed to be a kitchen (0.90)"]),
-        ("is place 1 a bedroom", ["No: place 1 is believed to be a kitchen (0.90)"]),
-        ("is place 3 a bathroom", ["No: place 3 is believed to be a bedroom (0.50), and a bath"]),
-        ("how many kitchens are there", ["kitchen: 1 (place 1)"]),
-        ("how many bathrooms do we have", ["bathroom: 0", "Perhaps a bathroom: place 3 (0.30)"]),
+        ("is there a bathroom", ["Perhaps a bathroom: place 3 (probability 0.30)"]),
+        ("is there a pantry", ["No place of this map is believed to be a pantry; the map has pla"]),
+        (
+            "do we have a garage",
+            ["No place of this map is believed to be a garage; the map has place"],
+        ),
+        ("is place 1 a kitchen", ["Yes: place 1 is believed to be a kitchen (probability 0.90)"]),
+        ("is place 1 a bedroom", ["No: place 1 is believed to be a kitchen (probability 0.90)"]),
+        (
+            "is place 3 a bathroom",
+            ["No: place 3 is believed to be a bedroom (probability 0.50), and a bath"],
+        ),
+        ("how many kitchens are there", ["kitchen: 1, place 1 (kitchen)"]),
+        (
+            "how many bathrooms do we have",
+            ["bathroom: 0", "Perhaps a bathroom: place 3 (probability 0.30)"],
+        ),
         (
             "when did you last see the kitchen",
             ["90 s ago: place 1 (kitchen), at 1970-01-01T00:16:40"],
@@ -63,16 +78,29 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
             ["Yes: Ann's room (bedroom) is next to place 1"],
         ),
         ("is there a pantry next to the kitchen", ["No place of this map is believed to be a pan"]),
+        ("is the bedroom next to the kitchen?", ["Yes: Ann's room (bedroom) is next to place 1"]),
+        (
+            "which rooms are next to Ann's room",
+            [
+                "Next to Ann's room (bedroom): place 1 (kitchen)",
+                "Next to Ann's room (bedroom), with no known door: place 3",
+            ],
+        ),
+        (
+            "is the kitchen next to place 3",
+            ["Not as far as the map knows", "Next to place 3 (bedroom), with no known door: Ann"],
+        ),
+        ("is the kitchen bigger than Ann's room", ["Place 1 (kitchen) has 16.0 m2, Ann's room"]),
         ("how many doors are there", ["1 door"]),
         (
             "is there a door in the kitchen",
             ["Yes, 1 door of place 1:", "Between place 1 and Ann's"],
         ),
         ("where is the door", ["Between place 1 and Ann's room, at (4.0, 2.0), 0.8 m"]),
-        ("what is in the K\u00fcche", ["In place 1: a banana, a cup"]),
-        ("gibt es ein Badezimmer?", ["Perhaps a bathroom: place 3 (0.30)"]),
-        ("Wo ist die Kueche", ["Place 1 is believed to be a kitchen (0.90)"]),
-        ("was ist in der K\u00fcche?", ["In place 1: a banana, a cup"]),
+        ("what is in the K\u00fcche", ["2 objects in place 1 (kitchen): a banana, a cup"]),
+        ("gibt es ein Badezimmer?", ["Perhaps a bathroom: place 3 (probability 0.30)"]),
+        ("Wo ist die Kueche", ["Place 1 is believed to be a kitchen (probability 0.90)"]),
+        ("was ist in der K\u00fcche?", ["2 objects in place 1 (kitchen): a banana, a cup"]),
         ("welche R\u00e4ume gibt es", ["3 places: place 1 (kitchen)"]),
         ("which rooms are there", ["3 places: place 1 (kitchen), Ann's room (bedroom), place 3"]),
     ],
@@ -106,4 +134,6 @@ def test_a_map_without_doors_says_so(flat: SemanticMap) -> None:
 
 def test_the_box_of_the_page_answers_for_rooms(flat: SemanticMap) -> None:
     told = answer_box(flat, ["where is the kitchen?"])
-    assert str(told["answer"]).startswith("['Place 1 is believed to be a kitchen (0.90)")
+    assert str(told["answer"]).startswith(
+        "['Place 1 is believed to be a kitchen (probability 0.90)"
+    )

@@ -131,7 +131,7 @@ def test_an_update_that_makes_it_an_object_too_is_refused(semantic_map: Semantic
 def test_history_why_and_status_say_that_it_left(tmp_path: Path) -> None:
     with create_map(tmp_path / "a.map", base=BASE) as semantic_map:
         semantic_map.apply(MapUpdate(objects=(cup(semantic_map),)))
-        leave(semantic_map)
+        leave(semantic_map, found_gone=90.0)
         *_, last = semantic_map.history.events("object/1")
         assert "left where it stood" in last.changes
         said = semantic_map.history.explain("object/1")

@@ -42,15 +42,15 @@ def line(chart: SemanticMap, target: str, now: float = 10.0) -> str:
 
 def test_a_cup_that_may_be_a_bowl_says_so(chart: SemanticMap) -> None:
     assert line(chart, "cup") == (
-        "Probably at (1.0, 2.0) m: cup 1 was seen there 4 times, last just now (0.60); "
-        "it may also be a bowl (0.30)"
+        "Probably at (1.0, 2.0) m: cup 1 was seen there 4 times, last just now "
+        "(probability there 0.60); it may also be a bowl (probability 0.30)"
     )
 
 
 def test_it_is_an_answer_for_bowls_too(chart: SemanticMap) -> None:
     assert line(chart, "bowl") == (
         "Perhaps at (1.0, 2.0) m: cup 1, which may be a bowl, was seen there 4 times, "
-        "last just now (0.30)"
+        "last just now (probability there 0.30)"
     )
 
 
@@ -59,7 +59,7 @@ def test_a_thing_that_is_hardly_there_has_its_alternatives_too(chart: SemanticMa
     chart.apply(MapUpdate(objects=(replace(cup, existence=0.3, confidence=0.9),)))
     assert line(chart, "cup") == (
         "Perhaps at (1.0, 2.0) m: cup 1, which may be no cup, was seen there 4 times, "
-        "last just now (0.30); it may also be a bowl (0.30)"
+        "last just now (probability there 0.30); it may also be a bowl (probability 0.30)"
     )
 
 
@@ -67,18 +67,19 @@ def test_what_was_seen_once_is_said_to_be_so(chart: SemanticMap) -> None:
     (cup,) = chart.objects()
     chart.apply(MapUpdate(objects=(replace(cup, existence=0.49, labels={}, observations=1),)))
     assert line(chart, "cup", now=70.0) == (
-        "Perhaps at (1.0, 2.0) m: cup 1, which may be no cup, was seen there once, 60 s ago (0.49)"
+        "Perhaps at (1.0, 2.0) m: cup 1, which may be no cup, was seen there once, 60 s ago "
+        "(probability there 0.49)"
     )
 
 
 def test_the_number_is_the_chance_that_it_is_still_there(chart: SemanticMap) -> None:
     day = 86400.0
     later = [line(chart, "cup", now) for now in (10.0, day / 3, day, 30 * day)]
-    numbers = [float(text.split("(")[2][:4]) for text in later]
+    numbers = [float(text.split("there ")[2][:4]) for text in later]
     assert numbers == sorted(numbers, reverse=True)
     assert later[1].startswith("Perhaps still at")
     assert later[3].startswith("Probably no longer at (1.0, 2.0) m: cup 1 was seen there 4 times, ")
-    assert "last 30 days ago (0.00)" in later[3]
+    assert "last 30 days ago (probability there 0.00)" in later[3]
 
 
 def test_json_has_the_alternatives(chart: SemanticMap) -> None:

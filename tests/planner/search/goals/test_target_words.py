@@ -53,8 +53,9 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
     answer = undetectable_target(semantic_map, "my keys")
     assert answer is not None
     assert answer.answer == (
-        "No detector here can see my keys. They are usually on a table or on a hook in the "
-        "corridor or kitchen (common knowledge, no counts). The corridor of this map is place 3"
+        "No detector here can see things called 'my keys'. They are usually on a table or on a "
+        "hook in the corridor or kitchen (common knowledge, no counts). The corridor of this map "
+        "is place 3"
     )
     with pytest.raises(UndetectableError, match="The corridor of this map is place 3"):
         resolve(semantic_map, ["my keys"])
@@ -63,14 +64,20 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("dishwasher", "a dishwasher. It is usually in the kitchen (0.60 of 7 rooms)"),
-        ("trash can", "It is most often on the floor in the kitchen (0.41 of 29 activities)"),
-        ("guitar", "It is perhaps in the home office (0.18 of 1 activities)"),
-        ("mattress", "It is a part of a bed; search for that"),
-        ("kettel", "'kettel' is read as kettle. No detector here can see a kettle"),
-        ("Schl\u00fcssel", "No detector here can see a Schl\u00fcssel (keys)"),
-        ("accordion", "Nothing is known about where it usually is"),
-        ("milk", "No detector here can see milk."),
+        (
+            "dishwasher",
+            "They are usually in the kitchen (60% of 7 such rooms have one)",
+        ),
+        (
+            "trash can",
+            "They are most often on the floor in the kitchen (41% of 29 activities",
+        ),
+        ("guitar", "They are perhaps in the home office (18% of 1 activities with one)"),
+        ("mattress", "They are parts of a bed; search for that"),
+        ("kettel", "'kettel' is read as kettle. No detector here can see things called 'kettle'"),
+        ("Schl\u00fcssel", "No detector here can see things called 'Schl\u00fcssel' (keys)"),
+        ("accordion", "Nothing is known about where they usually are"),
+        ("milk", "No detector here can see things called 'milk'."),
     ],
 )
 def test_the_answer_has_counts_and_says_where_nothing_is_known(
@@ -96,7 +103,7 @@ def test_other_texts_are_no_undetectable_things(semantic_map: SemanticMap, text:
         ),
         (("object/1 (book)",), "Of the things in this map, object/1 (book) looks most like it"),
         ((), "Nothing with a picture in this map looks like it"),
-        (None, "No detector here can see a wallet"),
+        (None, "No detector here can see things called 'wallet'"),
     ],
 )
 def test_what_looks_like_an_unseen_thing_is_a_suggestion(semantic_map, alike, said):

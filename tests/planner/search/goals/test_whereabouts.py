@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, Relation
@@ -49,6 +50,20 @@ def test_an_apple_in_a_bowl_on_a_table_in_the_kitchen(semantic_map: SemanticMap)
     apple = put(semantic_map, 5, "apple", Relation("inside", bowl, 0.8), place=room)
     assert whereabouts(semantic_map, apple) == "inside bowl 4 on dining table 3 in the kitchen"
     assert whereabouts(semantic_map, table) == "in the kitchen"
+
+
+@pytest.mark.parametrize(
+    ("label", "where"),
+    [
+        ("guest room", "in the guest room"),
+        ("redkitchen", "in redkitchen"),
+        ("Ann's room", "in Ann's room"),
+        ("place 5", "in place 5"),
+    ],
+)
+def test_names_of_places_take_no_article(semantic_map: SemanticMap, label: str, where: str) -> None:
+    cup = put(semantic_map, 3, "cup", place=kitchen(semantic_map, label))
+    assert whereabouts(semantic_map, cup) == where
 
 
 def test_a_neighbour_is_named_where_nothing_carries_it(semantic_map: SemanticMap) -> None:

@@ -1,0 +1,118 @@
+"""Answers on sizes, distances, and what is around or under a thing."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.records import ObjectRecord
+from planner.freespace.planning_map import number
+from planner.questions.counts import NAMED, sized
+from planner.questions.named_things import ROBOT, NamedThings
+from planner.questions.plain_answer import PlainAnswer
+from planner.search.goals.known_objects import LISTED, KnownObject
+
+NEAR: Final = 2.0  # [m] in a straight line
+_BELOW: Final = 0.2  # [m] by which a thing's centre is below the top of what it is under
+_HEIGHTS: Final = ("taller", "higher")  # words that compare heights alone
+
+
+class Measures(NamedThings):
+    """Answers from the boxes and positions of things; boxes hold what was seen of them."""
+
+    def _size(self) -> PlainAnswer:
+        return self._made("", [self._sized(one) for one in self._boxed(self._question.what)])
+
+    def _compare(self) -> PlainAnswer:
+        """Sizes of two things, and which part was seen to be larger if it is so each way."""
+        pair = [self._boxed(words)[0] for words in (self._question.what, self._question.other)]
+        lines, word = [self._sized(one) for one in pair], self._question.event
+        first, second = (self._lengths(record) for _, record in pair)
+        more, less = bool(np.all(first > second)), bool(np.all(first < second))
+        if more or less:
+            larger, _ = pair[more == (word == "smaller")]
+            lines.append(f"So the part of {larger.label} that was seen is {word}")
+        else:
+            lines.append(f"Neither of the parts that were seen is {word} in every direction")
+        return self._made("", lines)
+
+    def _lengths(self, record: ObjectRecord) -> NDArray[np.float64]:
+        """The lengths [m] of a box that count: all three, or the height; nan if not known."""
+        if record.extent is None:
+            return np.full(3, np.nan)
+        sides = [*sorted(record.extent[:2]), record.extent[2]]
+        return np.array(sides[2:] if self._question.event in _HEIGHTS else sides)
+
+    def _boxed(self, words: str) -> list[tuple[KnownObject, ObjectRecord]]:
+        """The things that words name with their boxes; at least one."""
+        records = {one.iri: one for one in self._map.objects()}
+        named = self._named(words)[:LISTED]
+        return [(one, records[one.iri]) for one in named]
+
+    def _sized(self, thing: tuple[KnownObject, ObjectRecord]) -> str:
+        one, record = thing
+        heights = {number(row, "z") for row in self._map.query("goals-floor").records()} or {0.0}
+        z = float(record.p_map[2])
+        floor = max((h for h in heights if h <= z), default=min(heights))
+        return sized(one.label, record.extent, z - floor)
+
+    def _near(self, within: float = NEAR) -> PlainAnswer:
+        """Things of a kind near others; with the robot, the nearest at any distance."""
+        target, one = self._target(self._question.what)
+        spots = self._spots(self._question.other)
+        within = math.inf if self._question.other == ROBOT else within
+        found = sorted(
+            (math.dist(thing.p_map, spot), label, thing.iri, thing)
+            for thing in (self._sure(target) if one is None else [one])
+            for label, spot in spots
+        )
+        lines, seen = list[str](), set[str]()
+        for metres, label, iri, thing in found:
+            if iri not in seen and len(lines) < LISTED and metres <= within:
+                seen.add(iri)
+                lines.append(f"{thing.label}, {metres:.1f} m from {label}, {thing.where}")
+        if not lines:
+            some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
+            lines = [f"No {target.label} is known{some}"]
+            lines += [f"The nearest is {d:.1f} m away: {t.label}" for d, _, _, t in found[:1]]
+        return self._made("", lines)
+
+    def _around(self) -> PlainAnswer:
+        (label, (x, y)), *others = self._spots(self._question.other)
+        rows = [
+            row
+            for row in self._map.query("objects-within-radius", x=x, y=y, radius=NEAR).records()
+            if row["label"] != label
+        ]
+        named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
+        rest = f" and {len(rest_rows)} more" if (rest_rows := rows[NAMED:]) else ""
+        line = f"Within {NEAR:g} m of {label}: {', '.join(named) or 'nothing'}{rest}"
+        more = [f"The map has {len(others)} more of that name"] if others else []
+        at = {"x": f"{x:.2f}", "y": f"{y:.2f}"}
+        return self._listed("objects-within-radius", [line, *more], rows, **at)
+
+    def _under(self) -> PlainAnswer:
+        """Things inside the box of another from above, well below its top, and not held by it."""
+        lines, rows = [], self._map.query("objects").records()
+        for one, record in self._boxed(self._question.other):
+            others = {one.iri, *(str(row["object"]) for row in self._held(one))}
+            below = {thing.iri for thing in self._map.objects() if _is_under(thing, record)}
+            named = [str(row["label"]) for row in rows if row["object"] in below - others]
+            if record.extent is None:
+                lines.append(f"The size of {one.label} is not known, so nor is what is under it")
+            else:
+                found = ", ".join(named) or "nothing is known to be there"
+                lines.append(f"Under the part of {one.label} that was seen: {found}")
+        return self._made("", lines)
+
+
+def _is_under(thing: ObjectRecord, other: ObjectRecord) -> bool:
+    if other.extent is None or thing.p_map[2] > other.p_map[2] + other.extent[2] / 2 - _BELOW:
+        return False
+    dx, dy = thing.p_map[:2] - other.p_map[:2]
+    cos, sin = math.cos(other.yaw), math.sin(other.yaw)
+    along, across = cos * dx + sin * dy, cos * dy - sin * dx
+    return bool(abs(along) <= other.extent[0] / 2 and abs(across) <= other.extent[1] / 2)

@@ -1,0 +1,129 @@
+"""Things and places that the words of a question name, and answers made of their sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import QueryParameterError, UndetectableError
+from planner.freespace.planning_map import Row, number
+from planner.questions.patterns import Question
+from planner.questions.plain_answer import PlainAnswer
+from planner.questions.recognition import is_known_word
+from planner.search.goals.known_objects import KnownObject, known_object, known_objects
+from planner.search.goals.place_names import in_brackets, object_named, place_named
+from planner.search.goals.targets import Target, resolve
+
+ROBOT = "robot"  # in place of a thing, the last pose of the robot
+
+Spot = tuple[str, tuple[float, float]]  # label and position [m]
+
+
+class NamedThings:
+    """What the words of a question about a map mean, at a moment `now` [s since 1970]."""
+
+    def __init__(self, semantic_map: SemanticMap, question: Question, now: float) -> None:
+        self._map, self._question, self._now = semantic_map, question, now
+
+    def _target(self, words: str) -> tuple[Target, KnownObject | None]:
+        """The target that words name; and the object, if they are its label."""
+        iri = object_named(self._map, words)
+        for record in self._map.perceived.objects((iri,)) if iri else ():
+            label = self._map.catalogue.label(record.category)
+            target, one = known_object(self._map, iri, label)
+            if one is not None:
+                return target, one
+        (target,) = resolve(self._map, (words,))
+        return target, None
+
+    def _sure(self, target: Target) -> list[KnownObject]:
+        return [one for one in known_objects(self._map, target) if one.sure]
+
+    def _named(self, words: str) -> list[KnownObject]:
+        """The things that words name; at least one."""
+        target, one = self._target(words)
+        found = [one] if one is not None else self._sure(target)
+        if not found:
+            raise QueryParameterError(f"no {target.label} is in the map for sure")
+        return found
+
+    def _carriers(self, words: str) -> list[KnownObject]:
+        """The things that words name, on which others may be; at least one."""
+        try:
+            return self._named(words)
+        except UndetectableError:
+            raise QueryParameterError(
+                f"no detector here can see {words}, so nothing is known to be on it"
+            ) from None
+
+    def _held(self, carrier: KnownObject) -> list[Row]:
+        rows = self._map.query("related", object=carrier.iri).records()
+        return [row for row in rows if row["relation"] in ("on", "inside")]
+
+    def _spots(self, words: str) -> list[Spot]:
+        """The things, or doors, that words name, or the robot; at least one."""
+        if words == ROBOT:
+            poses = self._map.query("robot").records()
+            if not poses:
+                raise QueryParameterError("the map has no pose of a robot to count from")
+            return [("the robot", (number(poses[0], "x"), number(poses[0], "y")))]
+        if words.split()[-1] in ("door", "doors", "doorway"):
+            doors = [(f"door {d.iri.rpartition('/')[2]}", (d.x, d.y)) for d in self._map.doors()]
+            if not doors:
+                raise QueryParameterError("the map has no doors")
+            return doors
+        things = self._named(words)
+        return [(t.label, (float(t.p_map[0]), float(t.p_map[1]))) for t in things]
+
+    def _place(self, words: str) -> str | None:
+        """IRI of the place that words name; None where they name things instead."""
+        try:
+            return place_named(self._map, words)
+        except QueryParameterError:
+            if is_known_word(self._map, words):
+                return None
+            raise
+
+    def _there(self) -> tuple[str, Callable[[KnownObject], bool]]:
+        """The place or carrier that the question names, in words, and a test for things there."""
+        carrier, where = self._question.other, self._question.where
+        place = self._place(where) if where else None
+        if place is not None:
+            return f" in {self._title(place)}", lambda one: one.place == place
+        if not carrier and not where:
+            return "", lambda one: True
+        carriers = self._carriers(carrier or where)
+        held = {str(row["object"]) for one in carriers for row in self._held(one)}
+        name = carriers[0].label if len(carriers) == 1 else f"the {carrier or where}"
+        return f" on {name}" if carrier else f" on or in {name}", lambda one: one.iri in held
+
+    def _title(self, iri: str) -> str:
+        """``place 6 (kitchen)``."""
+        return self._titles().get(iri, iri)
+
+    def _titled(self, label: object) -> str:
+        """The same by a label; places that share one have the first of their categories."""
+        found = {p.label: p.iri for p in reversed(self._map.places())}
+        return self._title(found.get(str(label), str(label)))
+
+    def _titles(self) -> dict[str, str]:
+        """Labels of places with their categories, by IRI."""
+        catalogue = self._map.catalogue
+        return {p.iri: p.label + in_brackets(catalogue, p) for p in self._map.places()}
+
+    def _of_category(self, target: Target, lines: Sequence[str]) -> PlainAnswer:
+        """An answer about things of a target; no query has those of several categories."""
+        if target.iri is None:
+            return self._made("", lines)
+        return self._made("objects-by-category", lines, category=target.label)
+
+    def _made(self, query: str, lines: Sequence[str], **parameters: str) -> PlainAnswer:
+        """An answer in sentences; `query` has their facts, "" if none has."""
+        return PlainAnswer(self._question.kind, query, parameters, tuple(lines))
+
+    def _listed(
+        self, query: str, lines: Sequence[str], rows: Sequence[Row], **parameters: str
+    ) -> PlainAnswer:
+        columns = tuple(rows[0]) if rows else ()
+        table = tuple(tuple(row.values()) for row in rows)
+        return PlainAnswer(self._question.kind, query, parameters, tuple(lines), columns, table)
