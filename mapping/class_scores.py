@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.errors import RecordingError
-from kg.model.regular_files import read_text
 from mapping.projection import to_map
 from mapping.reference.settings import ReferenceSettings
 
@@ -59,33 +55,6 @@ class MapScore:
         return values
 
 
-def load_truth(path: Path) -> Truth:
-    """Read {"objects": {NAME: {"cls", "position"}}, "complete_for": [...]}.
-
-    Raises RecordingError, naming file and entry, where that is not what is there.
-    """
-    try:
-        data: Any = json.loads(read_text(path))
-    except (OSError, ValueError, RecursionError) as error:
-        raise RecordingError(f"cannot read truth from {path}: {error}") from error
-    try:
-        objects = data["objects"]
-        positions = [entry["position"] for entry in objects.values()]
-        p_world = np.array(positions, dtype=np.float64).reshape(len(positions), 3)
-        labels = tuple(str(entry["cls"]) for entry in objects.values())
-        complete = data.get("complete_for", [])
-        if not isinstance(complete, list):
-            raise TypeError(f"complete_for must be a list of labels, not {complete!r}")
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise RecordingError(
-            f'{path} is no truth ({error!r}); {{"objects": {{NAME: {{"cls": LABEL, '
-            '"position": [x, y, z]}}} would work'
-        ) from error
-    if not np.all(np.isfinite(p_world)):
-        raise RecordingError(f"{path} holds a position that is not finite")
-    return Truth(tuple(objects), labels, p_world, tuple(map(str, complete)))
-
-
 def match(mapped: Points, true: Points, limit: float) -> list[tuple[int, int, float]]:
     """One-to-one pairs (mapped, true, distance [m]) up to `limit`, nearest first.
 
@@ -103,17 +72,12 @@ def match(mapped: Points, true: Points, limit: float) -> list[tuple[int, int, fl
     return pairs
 
 
-def score_map(
-    objects: Sequence[tuple[str, Points]],
-    truth: Truth,
-    T_map_world: Points,
-    settings: ReferenceSettings | None = None,
-) -> MapScore:
+def score_map(objects: Sequence[tuple[str, Points]], truth: Truth, T_map_world: Points) -> MapScore:
     """Score (category label, p_map (3,) [m]) of a map's objects against `truth`.
 
     Same class, one to one, within `match_distance` (large things `match_distance_large`).
     """
-    s = settings or ReferenceSettings()
+    s = ReferenceSettings()
     p_truth = to_map(T_map_world, truth.p_world)
     errors: list[float] = []
     per_class: dict[str, ClassScore] = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,7 +23,7 @@ from lab.houses.small_things import (
 from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, Item
-from planner.simulation.robot.motion import Pose, with_pauses
+from planner.simulation.robot.motion import Pose
 from planner.simulation.sensing.camera import CameraModel
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
@@ -93,7 +93,7 @@ def carries(
     numbers = [k for k, item in enumerate(change.house.objects) if item.name in change.carried]
     origins = [old[change.house.objects[k].name] for k in numbers]
     when = [_when_seen(origin, poses, change.house, model) for origin in origins]
-    drive = with_pauses(poses, set(when), PAUSE, INTERVAL)
+    drive = _with_pauses(poses, set(when))
     floor = FloorGrid(change.house)
     found = list[Carry]()
     for index, origin, number in zip(numbers, origins, when, strict=True):
@@ -104,6 +104,17 @@ def carries(
         path = [(origin.x, origin.y, origin.z), *way, (item.x, item.y, item.z)]
         found.append(Carry(index, np.array(path), start + pose.seconds))
     return tuple(found), drive
+
+
+def _with_pauses(poses: Sequence[Pose], pauses: Collection[int]) -> tuple[Pose, ...]:
+    """`poses` with PAUSE more pictures, INTERVAL apart, at the poses numbered `pauses`."""
+    out, delay = list[Pose](), 0.0
+    for number, pose in enumerate(poses):
+        out.append(replace(pose, seconds=pose.seconds + delay))
+        for _ in range(PAUSE if number in pauses else 0):
+            delay += INTERVAL
+            out.append(replace(pose, seconds=pose.seconds + delay))
+    return tuple(out)
 
 
 def _when_seen(item: Item, poses: Sequence[Pose], house: House, model: CameraModel) -> int:

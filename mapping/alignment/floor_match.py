@@ -97,11 +97,9 @@ class FloorField:
         return found
 
 
-def floor_tiles(
-    frames: Iterable[Frame], settings: OccupancySettings | None = None
-) -> dict[Key, States]:
+def floor_tiles(frames: Iterable[Frame]) -> dict[Key, States]:
     """Tiles of the floor at height 0 that `frames` show."""
-    s = settings or OccupancySettings()
+    s = OccupancySettings()
     tiles = dict[Key, OccupancyTile]()
     for frame in frames:
         points = frame_points(frame.depth, frame.K, frame.T_map_cam, s)
@@ -116,9 +114,9 @@ def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
     return _points(floor_tiles(frames), OccupancySettings().cell)
 
 
-def floor_of_map(tiles: Iterable[FloorTile], storey: int = 0) -> FloorPoints:
-    """Floor of one storey of a map."""
-    held = [tile for tile in tiles if tile.storey == storey]
+def floor_of_map(tiles: Iterable[FloorTile]) -> FloorPoints:
+    """Floor of the lowest storey of a map."""
+    held = [tile for tile in tiles if tile.storey == 0]
     if not held:
         return _points({}, 1.0)
     return _points({(t.column, t.row): t.cells for t in held}, held[0].resolution)

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.model.errors import RecordingError
-from mapping.class_scores import Truth, load_truth, match, score_map
+from mapping.class_scores import Truth, match, score_map
 
 IDENTITY = np.eye(4)
 
@@ -88,30 +87,3 @@ def test_matching_is_one_to_one_within_the_limit_and_leaves_no_pair(ours, true):
     for m in set(range(len(ours))) - {m for m, _, _ in pairs}:
         for t in set(range(len(true))) - {t for _, t, _ in pairs}:
             assert np.linalg.norm(ours[m] - true[t]) > 0.5
-
-
-def test_hand_made_truth_of_the_kitchen_is_read(shared):
-    kitchen = load_truth(shared("data/rgbd/redkitchen/objects_gt.json"))
-    assert len(kitchen.names) == 14
-    assert kitchen.labels.count("chair") == 5
-    assert kitchen.p_world.shape == (14, 3)
-    assert kitchen.complete_for == ("cup", "tv", "sink", "dining table")
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        "nonsense",
-        "[]",
-        "{}",
-        '{"objects": {"a": {"cls": "cup"}}}',
-        '{"objects": {"a": {"cls": "cup", "position": [1, 2]}}}',
-        '{"objects": {"a": {"cls": "cup", "position": [1, 2, NaN]}}}',
-    ],
-)
-def test_senseless_truth_is_refused_in_one_line(tmp_path, content):
-    path = tmp_path / "truth.json"
-    path.write_text(content)
-    with pytest.raises(RecordingError) as raised:
-        load_truth(path)
-    assert "truth.json" in str(raised.value) and "\n" not in str(raised.value)

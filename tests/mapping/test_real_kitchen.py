@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from kg.serving.opening import create_map
-from mapping.class_scores import load_truth, score_map
+from lab.maps.class_truth import load_truth
+from mapping.class_scores import score_map
 from mapping.recording_mapper import map_recording
 from mapping.transform_file import load_transform
 from perception.frames import Frame

@@ -40,7 +40,6 @@ class PlacementEvidence:
     evidence: EvidenceArrays
     stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
     near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
-    counted: Mapping[str, float]  # place IRI -> number of such rooms in the statistics
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
@@ -89,7 +88,6 @@ def placement_evidence(
             cell: tuple(dict.fromkeys(found)) for cell, found in builder.stated_relations.items()
         },
         near=_near(edges),
-        counted=_rooms_of(counts),
         sources=tuple(sorted({count.source for count in counts})),
     )
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Protocol, Self
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QuerySolution, Store
 from pyoxigraph import Triple as TripleTerm
 
-from kg.maps.update.change_draft import ChangeDraft, Term
+from kg.maps.update.change_draft import Term
 from kg.maps.update.ground_update import GroundUpdate, Step
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
@@ -35,7 +35,7 @@ from kg.rdf.sparql.update_parser import (
 from kg.rdf.sparql.vetting import check_no_load, check_no_service, check_unicode
 
 if TYPE_CHECKING:
-    from kg.store.transactional import TransactionalStore
+    pass
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
@@ -80,16 +80,6 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
             view.change(delete, insert)
     reads = any(part.verb not in ("INSERT DATA", "DELETE DATA") for part in parts)
     return GroundUpdate(tuple(view.steps), reads=reads)
-
-
-def execute_update(store: TransactionalStore, sparql: str, base: str | None = None) -> ChangeDraft:
-    """The net change that an update makes to a map, evaluated in this process.
-
-    Raises QueryError as `evaluate_update`.
-    """
-    pending = ChangeDraft(store)
-    pending.apply(evaluate_update(store, sparql, base))
-    return pending
 
 
 class _View:

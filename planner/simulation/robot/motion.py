@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,19 +68,6 @@ def turn(pose: Pose, angle: float, gait: MotionLimits) -> Iterator[Pose]:
 def look_around(pose: Pose, gait: MotionLimits) -> Iterator[Pose]:
     """Poses of one full turn to the left (thesis section 3.4: 360 degrees at each goal)."""
     return turn(pose, 2 * np.pi, gait)
-
-
-def with_pauses(
-    poses: Sequence[Pose], pauses: Collection[int], frames: int, interval: float
-) -> tuple[Pose, ...]:
-    """`poses` with `frames` more pictures, `interval` [s] apart, at the poses numbered `pauses`."""
-    out, delay = list[Pose](), 0.0
-    for number, pose in enumerate(poses):
-        out.append(replace(pose, seconds=pose.seconds + delay))
-        for _ in range(frames if number in pauses else 0):
-            delay += interval
-            out.append(replace(pose, seconds=pose.seconds + delay))
-    return tuple(out)
 
 
 def _wrapped(angle: float) -> float:
