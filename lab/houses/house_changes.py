@@ -20,11 +20,10 @@ from lab.houses.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
-from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, Item
 from planner.simulation.robot.motion import Pose
-from planner.simulation.sensing.camera import CameraModel
+from planner.simulation.sensing.camera import CameraModel, Carry
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
 VANISHED: Final = 0.05  # share of the small things that are gone

@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
@@ -42,6 +43,8 @@ _WAYS: Final = (
     "are in the map frame"
 )
 _log = logging.getLogger(__name__)
+
+_OTHERWISE = "--pose X,Y,Z,DEG"
 
 
 def fitted(
@@ -193,3 +196,25 @@ def spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
     """`count` frames, spread evenly over the recording."""
     for index in np.unique(np.linspace(0, len(recording) - 1, count).astype(int)):
         yield recording.frame(int(index))
+
+
+def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray[np.float64], str]:
+    """T_other_map (4, 4), and what was found in one line.
+
+    Raises LayoutError where no transform fits, or several do.
+    """
+    title = semantic_map.description.title
+    search = AlignmentSearch(
+        floor_of_map(semantic_map.floor()),
+        floor_of_map(other.floor()),
+        landmarks(semantic_map.objects()),
+        landmarks(other.objects()),
+    )
+    found = search.best()
+    if found is None:
+        raise LayoutError(
+            f"{title!r} cannot be aligned: neither floor nor objects are in both maps; "
+            f"{_OTHERWISE} would work"
+        )
+    check_certain(title, found, _OTHERWISE)
+    return found.T, summary_of(title, found)
