@@ -56,7 +56,7 @@ REACH: Final = (0.4, 4.0)  # [m] depth from which on, and up to which, a sample 
 TOLERANCE: Final = 0.1  # [m] of depth, by which what is seen may be before a sample
 HIGHEST: Final = 1.2  # [m] top that the camera, 1.25 m high, looks onto
 WALL: Final = 0.05  # [m] half of a wall's thickness
-LITTLE, MOST = 0.05, 0.9  # shares of a place: never looked below, looked from here on
+HARDLY_SEEN, MOSTLY_SEEN = 0.05, 0.9  # shares of a place: never looked below, looked from here on
 SHOWN: Final = 16  # pixels from which on a thing was seen at all
 
 Floats = NDArray[np.float64]
@@ -185,10 +185,10 @@ class HouseTruth:
         if _any_is(self.left.values(), category, room):
             return "gone"
         share = self.share(room)
-        if share < LITTLE:
+        if share < HARDLY_SEEN:
             return "never looked"
         there = _any_is(self.now.values(), category, room)
-        return NONE_SEEN if share >= MOST and not there else "hidden"
+        return NONE_SEEN if share >= MOSTLY_SEEN and not there else "hidden"
 
 
 def _any_is(

@@ -25,7 +25,7 @@ from mapping.detection_report import DetectionReport
 from mapping.detection_reporter import DetectionReporter
 from mapping.frame_checks import FrameChecks, check_detections
 from mapping.labels.label_resolver import LabelResolver
-from mapping.looks.known_things import Recognition
+from mapping.looks.known_things import NamedObject
 from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
@@ -245,7 +245,7 @@ class Mapper:
         return poses + self._scene.problems
 
     @property
-    def recognised(self) -> tuple[Recognition, ...]:
+    def recognised(self) -> tuple[NamedObject, ...]:
         """Known things that were recognised, once all is flushed."""
         pictures = self._scene.pictures
         return () if pictures is None else pictures.recognised

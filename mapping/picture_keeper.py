@@ -13,7 +13,7 @@ from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, ModelError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
-from mapping.looks.known_things import Recognition, recognise, remember_named
+from mapping.looks.known_things import NamedObject, recognise, remember_named
 from mapping.looks.moved_looks import MovedLooks
 from perception.frames import Detections, Frame
 from perception.object_picture import object_picture
@@ -39,7 +39,7 @@ class PictureKeeper:
         self._pictures = None if path is None else ObjectPictures(path)
         self._recent = dict[str, tuple[Image, Boxes]]()  # frame id -> its image, boxes of people
         self.moved = None if path is None else MovedLooks(path, self._picture)
-        self.recognised: tuple[Recognition, ...] = ()  # known things, at the end
+        self.recognised: tuple[NamedObject, ...] = ()  # known things, at the end
         self.problem = ""  # of the known things
         if self._pictures is not None:
             with self._telling():

@@ -41,8 +41,8 @@ class FloorPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
-    """Match of one floor laid on another."""
+class FloorMatch:
+    """FloorMatch of one floor laid on another."""
 
     score: float  # sum of the worth of all cells
     known: float  # sum of the worth of those where the map knows the floor
@@ -80,14 +80,14 @@ class FloorField:
     free: Floats  # (nx, ny)
     known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
 
-    def match(self, points: FloorPoints) -> Match:
-        """Match of `points` laid on this floor."""
+    def match(self, points: FloorPoints) -> FloorMatch:
+        """FloorMatch of `points` laid on this floor."""
         worth = self._at(self.obstacle, points.obstacles)
         known = self._at(self.known, points.obstacles) > 0
         near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())
         free = float(self._at(self.free, points.free).sum())
         sums = float(worth.sum()) + free, float(worth[known].sum()) + free
-        return Match(*sums, near, through, len(points.obstacles))
+        return FloorMatch(*sums, near, through, len(points.obstacles))
 
     def _at(self, field: Floats | NDArray[np.bool_], xy: Floats) -> Floats:
         cells = np.floor((xy - self.origin) / self.cell).astype(np.intp)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
-from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
+from mapping.alignment.floor_match import FloorMatch, floor_field, floor_of_frames, floor_of_map
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.relocalisation import placed_by_views
 from mapping.alignment.search import Alignment, AlignmentSearch
@@ -30,10 +30,10 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.sources.recording import FolderRecording
 
-FITS: Final = 0.9  # minimum `Match.quality` of a floor in poses that were not aligned
-ALIGNED: Final = 0.6  # minimum `Match.quality` of a floor after alignment
+FITS: Final = 0.9  # minimum `FloorMatch.quality` of a floor in poses that were not aligned
+ALIGNED: Final = 0.6  # minimum `FloorMatch.quality` of a floor after alignment
 RIVAL: Final = 0.8  # maximum score of the second best alignment, as a share of the best score
-CONTRADICTS: Final = 0.0  # `Match.quality` below which a floor contradicts the given transform
+CONTRADICTS: Final = 0.0  # `FloorMatch.quality` below which a floor contradicts the given transform
 OBJECTS: Final = 5  # matched objects that are enough where the floors hardly overlap
 CHECKED: Final = 24  # frames whose floor is compared, spread evenly over the recording
 SEARCHED: Final = 80  # frames for an alignment, spread evenly over the recording
@@ -185,7 +185,7 @@ def summary_of(name: str, found: Alignment) -> str:
     )
 
 
-def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> Match | None:
+def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> FloorMatch | None:
     tiles = semantic_map.floor()
     cell = tiles[0].resolution if tiles else OccupancySettings().cell
     field = floor_field(floor_of_map(tiles), cell)

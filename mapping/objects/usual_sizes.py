@@ -22,9 +22,9 @@ OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things loo
 WORST: Final = -4.0  # an outlier by size costs no more than this
 
 MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
-LARGE: Final = 1.6  # factor from which sizes are told ...
+LARGE: Final = 1.6  # factor from which sizes are unusual ...
 SMALL: Final = 0.35  # ... and below which: things are often seen in part
-ALIKE: Final = 0.75  # share of the categories that have to say so
+ALIKE: Final = 0.75  # share of the categories that must agree
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
     """Factor by which things are larger than usual, by (label, longest dimension [m]) of each.
 
     A wrong unit of depth makes a room that is consistent, and larger or smaller by one factor.
-    None where they are about as large as usual, or too few are known to tell.
+    None where they are about as large as usual, or too few of their usual sizes are known.
     """
     usual, found = usual_sizes(), defaultdict[str, list[float]](list)
     for label, size in sizes:

@@ -18,7 +18,7 @@ from perception.camera.rigid_motions import inverse
 from perception.odometry.features import Features
 from perception.odometry.key_frames import KeyFrame, spare_image
 from perception.odometry.place_memory import PlaceMemory
-from perception.odometry.pose_graph import ITERATIONS, Edge, adjusted, needs_adjustment
+from perception.odometry.pose_graph import ITERATIONS, PoseConstraint, adjusted, needs_adjustment
 from perception.odometry.relative_motion import Motion
 
 NEAR: Final = 1.5  # [m] between key frames that may show the same
@@ -36,7 +36,7 @@ class KeyGraph:
     """Key frames in their order, and the motions that link them."""
 
     keys: list[KeyFrame] = field(default_factory=list)
-    edges: list[Edge] = field(default_factory=list)
+    edges: list[PoseConstraint] = field(default_factory=list)
     loops: int = 0
     _memory: PlaceMemory = field(default_factory=PlaceMemory)
     _joints: dict[tuple[int, int], list[Pose]] = field(default_factory=dict)
@@ -65,7 +65,7 @@ class KeyGraph:
 
     def link(self, first: int, second: int, measured: Motion) -> None:
         """Add the motion between two key frames of a piece."""
-        self.edges.append(Edge(first, second, measured.T, measured.information))
+        self.edges.append(PoseConstraint(first, second, measured.T, measured.information))
         self.loops += abs(first - second) > APART
 
     def join(self, first: int, second: int, measured: Motion, *, sure: bool = False) -> None:

@@ -15,18 +15,18 @@ from perception.odometry.recognition import KEPT, View
 _STEPS: Final = 1000  # of a metre, in which points and depth are kept
 _HEAD: Final = np.dtype([("points", "<u2"), ("shape", "<u2", 2), ("K", "<f4", (3, 3))])
 _POINT: Final = np.dtype([("xyz", "<i2", 3), ("descriptor", "u1", 32)])
-_FARTHEST: Final = 32.0  # [m] of depth and points that are kept
+_MAX_DEPTH: Final = 32.0  # [m] of depth and points that are kept
 _MAX_SIDE: Final = 4 * COLUMNS  # of the grid of depth
 
 
 def encoded(view: View) -> bytes:
     """A view without its pose."""
     f = view.features
-    near = np.flatnonzero((np.abs(f.points) < _FARTHEST).all(axis=1))[:KEPT]
+    near = np.flatnonzero((np.abs(f.points) < _MAX_DEPTH).all(axis=1))[:KEPT]
     points = np.zeros(len(near), _POINT)
     points["xyz"] = np.rint(f.points[near] * _STEPS)
     points["descriptor"] = f.descriptors[near]
-    depth = np.where(f.samples.depth < _FARTHEST, f.samples.depth, 0.0)  # nan: 0
+    depth = np.where(f.samples.depth < _MAX_DEPTH, f.samples.depth, 0.0)  # nan: 0
     head = np.zeros((), _HEAD)
     head["points"], head["shape"], head["K"] = len(near), depth.shape, f.samples.K
     grid = np.rint(depth * _STEPS).astype("<u2").tobytes()

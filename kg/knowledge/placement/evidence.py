@@ -16,7 +16,7 @@ from pyoxigraph import Quad
 from kg.knowledge.conceptnet.strength import probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import superclasses
-from kg.knowledge.ontology.relations import Relation, RelationEvidence, relations
+from kg.knowledge.ontology.relations import CategoryRelation, RelationEvidence, relations
 from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
 from kg.knowledge.placement.statistics import RoomStatistics, statistics
 from kg.knowledge.placement.surveys import survey_features
@@ -113,7 +113,7 @@ class _Builder:
         self.stated, self.statements = np.zeros(shape), np.zeros(shape)
         self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
 
-    def add(self, relation: Relation) -> None:
+    def add(self, relation: CategoryRelation) -> None:
         """Add a here:locatedAt; other relations are ignored."""
         if relation.kind != v.LOCATED_AT:
             return
@@ -195,7 +195,7 @@ def _inherit_counts(
             rooms[row], held[row] = rooms[objects[nearest]], held[objects[nearest]]
 
 
-def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float]]:
+def _near(edges: Iterable[CategoryRelation]) -> dict[tuple[str, str], tuple[float, float]]:
     found: dict[tuple[str, str], tuple[float, float]] = {}
     for edge in edges:
         if edge.kind == v.NEAR_BY:
@@ -206,7 +206,7 @@ def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float
     return found
 
 
-def shipped_relations(catalogue: Catalogue) -> Iterator[Relation]:
+def shipped_relations(catalogue: Catalogue) -> Iterator[CategoryRelation]:
     """A here:locatedAt for each row of `tables/conceptnet.csv` with two known categories.
 
     The table has the weights that `hereabouts import conceptnet` finds in ConceptNet 4 for the
@@ -218,7 +218,7 @@ def shipped_relations(catalogue: Catalogue) -> Iterator[Relation]:
             continue
         p = probability_of(max(weight - against, 0.0))
         evidence = RelationEvidence(p, (SOURCE,), weight, against, stated=False)
-        yield Relation(v.LOCATED_AT, subject.iri, target.iri, p, (SOURCE,), (evidence,))
+        yield CategoryRelation(v.LOCATED_AT, subject.iri, target.iri, p, (SOURCE,), (evidence,))
 
 
 @lru_cache(maxsize=1)

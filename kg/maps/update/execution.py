@@ -19,7 +19,7 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryS
 from pyoxigraph import Triple as TripleTerm
 
 from kg.maps.update.change_draft import Term
-from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
@@ -87,7 +87,7 @@ class _View:
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
-        self.steps: list[Step] = []
+        self.steps: list[QuadChange] = []
         self._copies = contextlib.ExitStack()
         self._copy: Store | None = None
 
@@ -102,7 +102,7 @@ class _View:
         return self._copy
 
     def change(self, delete: Iterable[Quad], insert: Iterable[Quad]) -> None:
-        step = Step(tuple(delete), tuple(insert))
+        step = QuadChange(tuple(delete), tuple(insert))
         if not (step.delete or step.insert):
             return
         self.steps.append(step)

@@ -23,7 +23,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.export.serialization import prefixes_of
-from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
 from kg.model.transactions import ChangeSet
@@ -93,7 +93,7 @@ def _replace(
     with semantic_map.hold():
         check()
         held = tuple(semantic_map.engine.quads_for_pattern(None, None, None, graph))
-        steps = (Step(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
+        steps = (QuadChange(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
         note = f"{'DELETE' if triples is None else 'PUT'} {graph}"
         return semantic_map.apply_ground(GroundUpdate(steps), note, by=by, confirmed=confirmed)
 
@@ -112,8 +112,8 @@ def _extend(
         return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by)
 
 
-def _insertion(graph: NamedNode, triples: list[Triple]) -> Step:
-    return Step((), tuple(Quad(t.subject, t.predicate, t.object, graph) for t in triples))
+def _insertion(graph: NamedNode, triples: list[Triple]) -> QuadChange:
+    return QuadChange((), tuple(Quad(t.subject, t.predicate, t.object, graph) for t in triples))
 
 
 async def _take_ontology(

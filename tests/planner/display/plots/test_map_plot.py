@@ -23,7 +23,7 @@ from planner.display.plots.label_placement import WallsBelow, place_labels, wall
 from planner.display.plots.layout import Extent, Item, Listing, Sheet
 from planner.display.plots.map_plot import SearchDrawing, plot_map
 from planner.display.plots.palette import object_groups
-from planner.display.plots.place_names import NamedPlace, write_place_names
+from planner.display.plots.place_labels import NamedPlace, write_place_names
 from planner.display.plots.search_plot import numbered_stops
 from planner.simulation.demo.house_demo import ground_truth
 from planner.simulation.houses.house import furnished_house

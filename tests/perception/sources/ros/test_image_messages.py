@@ -11,7 +11,7 @@ import pytest
 
 from kg.model.errors import RecordingError
 from perception.camera.image_decoding import metres
-from perception.sources.ros.images import colour_image, depth_image, image_kind
+from perception.sources.ros.image_messages import colour_image, depth_image, image_kind
 from tests.perception.sources.ros.messages import header, image
 
 RGB = np.random.default_rng(0).integers(0, 255, (6, 5, 3), np.uint8)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from perception.camera.image_decoding import metres
 from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.ros.headers import NANOSECONDS
-from perception.sources.ros.images import colour_image, depth_image
+from perception.sources.ros.image_messages import colour_image, depth_image
 
 HELD: Final = 64  # messages of a topic that wait, ...
 HELD_BYTES: Final = 1 << 27  # ... and their size [bytes]
