@@ -30,9 +30,9 @@ from kg.serving.opening import in_memory_map
 from mapping.alignment.floor_match import floor_field, floor_of_frames
 from mapping.alignment.object_match import about_z
 from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
+from mapping.frames.pose_monitor import PoseMonitor
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.pose_monitor import PoseMonitor
 from mapping.recording_mapper import map_recording
 from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import CONVENTIONS, Pose

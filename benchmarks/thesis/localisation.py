@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.scenarios import DATA, rows_of
-from mapping.projection import to_map
+from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame

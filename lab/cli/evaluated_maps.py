@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from kg.maps.semantic_map import SemanticMap
-    from mapping.progress_report import MappingReport
+    from mapping.runs.progress_report import MappingReport
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
-from mapping.class_scores import Truth
+from mapping.reference.class_scores import Truth
 
 
 def load_truth(path: Path) -> Truth:

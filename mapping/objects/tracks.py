@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from kg.maps.facts.label_beliefs import STEP
 from kg.model.oriented_boxes import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
 from mapping.objects.extents.box_views import MAX_VIEWS, Row, pose_of
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
-from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track

@@ -21,9 +21,9 @@ from kg.maps.surface.voxels import (
     keys_of,
     surface_of,
 )
+from mapping.frames.projection import to_camera
 from mapping.occupancy.depth_projection import FramePoints, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.projection import to_camera
 from perception.frames import Frame
 
 _SETTINGS: Final = replace(OccupancySettings(), columns=128)  # pixels sampled across a frame

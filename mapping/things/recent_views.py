@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.frames.projection import to_camera
 from mapping.objects.tracks import Viewpoint, viewpoint
-from mapping.projection import to_camera
 from perception.annotate import encode_jpeg
 from perception.frames import Frame
 

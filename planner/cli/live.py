@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from mapping.alignment.live_correction import LiveCorrection
     from mapping.mapping_options import MappingOptions
-    from mapping.progress_report import MappingReport
     from mapping.recording_mapper import OnDetections
+    from mapping.runs.progress_report import MappingReport
     from perception.frames import Detections, Frame, Recording, SceneScores
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
@@ -310,7 +310,7 @@ def _folder_run(
 ) -> Callable[[], None] | None:
     """A function that maps a growing folder's frames until it is ended; None without a frame."""
     from mapping.alignment.recording_fit import check_fit
-    from mapping.resumption import resumed
+    from mapping.runs.resumption import resumed
     from perception.sources.live.growing_folder import GrowingRecording, first_opened
     from perception.sources.recording import FolderRecording, open_recording
 

@@ -27,7 +27,7 @@ from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from kg.serving.server import Settings
-    from mapping.progress_report import FrameReport
+    from mapping.runs.progress_report import FrameReport
     from perception.frames import Detections, Frame, SceneScores
     from planner.display.viewers.viewer import Viewer
 

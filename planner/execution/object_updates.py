@@ -13,11 +13,11 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord
+from mapping.frames.sighting import Sighting, ThingSighting
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
-from mapping.sighting import Sighting, ThingSighting
 from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import ViewpointAdapter

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.class_scores import Truth, match, score_map
+from mapping.reference.class_scores import Truth, match, score_map
 
 IDENTITY = np.eye(4)
 

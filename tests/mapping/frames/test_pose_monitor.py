@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mapping.pose_monitor import PoseMonitor
+from mapping.frames.pose_monitor import PoseMonitor
 from tests.perception.box_room import pose, room_frame, round_tour
 
 

@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from mapping.read_ahead import read_ahead
+from mapping.frames.read_ahead import read_ahead
 
 
 def readers() -> int:

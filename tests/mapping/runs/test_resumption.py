@@ -11,7 +11,7 @@ import pytest
 from kg.model.errors import LayoutError
 from kg.serving.opening import create_map
 from mapping.recording_mapper import map_recording
-from mapping.resumption import resumed
+from mapping.runs.resumption import resumed
 from perception.inference.detector import load_detector
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions

@@ -10,14 +10,14 @@ from collections.abc import Sequence
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
+from mapping.keepers.picture_keeper import PictureKeeper, people_in
 from mapping.key_views.view_keeper import ViewKeeper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.reidentification.moves import LookRatio
-from mapping.picture_keeper import PictureKeeper, people_in
 from mapping.places.place_registry import PlaceRegistry
-from mapping.progress_report import StageTimer
+from mapping.runs.progress_report import StageTimer
 from mapping.surface.surface_mapper import SurfaceMapper
 from mapping.things.thing_mapper import ThingMapper
 from perception.frames import Detections, Frame

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.projection import to_map
+from mapping.frames.projection import to_map
 from mapping.reference.settings import ReferenceSettings
 
 Points = NDArray[np.float64]

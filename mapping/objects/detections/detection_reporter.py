@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
 from kg.model.records import Evidence
-from mapping.detection_report import (
+from mapping.objects.detections.detection_fates import DetectionFates
+from mapping.objects.detections.detection_report import (
     BELIEVED,
     MAX_OBJECTS,
     MAX_THINGS,
@@ -27,7 +28,6 @@ from mapping.detection_report import (
     read_report,
     write_report,
 )
-from mapping.objects.detection_fates import DetectionFates
 from mapping.objects.object_mapper import ObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track

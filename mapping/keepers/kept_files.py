@@ -8,14 +8,14 @@ from pathlib import Path
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.surface_store import FILE as SURFACE
 from kg.model.errors import HereaboutsError
-from mapping.detection_report import FILE as REPORT
-from mapping.detection_report import read_report
 from mapping.key_views.view_store import FILE as VIEWS
 from mapping.key_views.view_store import views_damage
 from mapping.looks.known_things import FILE as KNOWN_THINGS
 from mapping.looks.known_things import KnownThings
 from mapping.looks.object_looks import FILE as LOOKS
 from mapping.looks.object_looks import looks_damage
+from mapping.objects.detections.detection_report import FILE as REPORT
+from mapping.objects.detections.detection_report import read_report
 from mapping.objects.track_store import FILE as TRACKS
 from mapping.objects.track_store import tracks_damage
 from perception.inference.taught_rooms import FILE as TAUGHT_ROOMS

@@ -9,9 +9,9 @@ import pytest
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.model.records import DepartedRecord, MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
+from mapping.keepers.picture_keeper import PictureKeeper
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
-from mapping.picture_keeper import PictureKeeper
 from perception.frames import Frame
 from perception.object_picture import MAX_SIDE, object_picture
 

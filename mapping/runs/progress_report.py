@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
-from mapping.detection_report import DoubtedThing
+from mapping.objects.detections.detection_report import DoubtedThing
 
 STAGES: Final = ("read", "detect", "scene", "map", "floor", "surface", "graph")
 _MAX_DOUBTED: Final = 20  # things that are seen but not believed, in JSON

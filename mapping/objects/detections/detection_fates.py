@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.detection_report import Fate
+from mapping.objects.detections.detection_report import Fate
 from mapping.objects.tracks import Track
 
 _ONE_SIDE: Final = math.radians(30)  # from the first direction, up to which all are one side

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import FrameError, RecordingError
-from mapping.frame_checks import FrameChecks
+from mapping.frames.frame_checks import FrameChecks
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA

@@ -12,7 +12,12 @@ import pytest
 from kg.model.errors import GraphError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, open_map
-from mapping.detection_report import (
+from mapping.labels.label_table import LabelTable
+from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
+from mapping.objects.bayes_mapper import BayesObjectMapper
+from mapping.objects.detections.detection_fates import DetectionFates
+from mapping.objects.detections.detection_report import (
     MAX_BYTES,
     MAX_THINGS,
     CategoryFates,
@@ -22,12 +27,7 @@ from mapping.detection_report import (
     read_report,
     report_from_json,
 )
-from mapping.detection_reporter import DetectionReporter
-from mapping.labels.label_table import LabelTable
-from mapping.mapper import Mapper
-from mapping.mapping_options import MappingOptions
-from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.detection_fates import DetectionFates
+from mapping.objects.detections.detection_reporter import DetectionReporter
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
