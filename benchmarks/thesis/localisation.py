@@ -22,7 +22,7 @@ from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame
-from planner.simulation.houses.furniture import GREY, NAVY, Solid, SolidPart
+from planner.simulation.houses.furniture import Solid, SolidPart
 from planner.simulation.houses.house import Item
 from planner.simulation.sensing.camera import CameraModel
 from planner.simulation.sensing.depth_sensor import KINECT, DepthSensor
@@ -40,6 +40,8 @@ _NOISES: Final = 10  # depth images of each scene
 _CAMERA: Final = CameraModel(640, 480, 525.0, mount_height=_HEIGHT, pitch=0.0)
 #: of a Kinect v1, without the end of its range: the thesis predicted points at 5.7 m
 _SENSOR: Final = DepthSensor(near=0.5, far=7.0, step=KINECT.step, edge_loss=KINECT.edge_loss)
+NAVY: Final = (0.20, 0.28, 0.45)
+GREY: Final = (0.45, 0.46, 0.48)
 _PERSON: Final = (
     SolidPart(-0.10, 0, 0.0, 0.15, 0.17, 0.85, NAVY, "cylinder"),
     SolidPart(0.10, 0, 0.0, 0.15, 0.17, 0.85, NAVY, "cylinder"),
