@@ -96,7 +96,12 @@ def _shapes(kind: str) -> Mapping[str, tuple[SolidPart, ...]]:
 def _part(row: Mapping[str, str]) -> SolidPart:
     red, green, blue = map(float, row["colour"].split())
     return SolidPart(
-        *(float(row[name]) for name in ("x", "y", "z", "width", "depth", "height")),
+        x=float(row["x"]),
+        y=float(row["y"]),
+        z=float(row["z"]),
+        width=float(row["width"]),
+        depth=float(row["depth"]),
+        height=float(row["height"]),
         colour=(red, green, blue),
         shape=cast("Shape", row["shape"]),
         surface=cast("Surface", row["surface"]),
