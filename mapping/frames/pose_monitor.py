@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
-from perception.camera.depth_registration import register
+from perception.camera.icp import register
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
 

@@ -21,8 +21,7 @@ from perception.camera.gravity_alignment import (
 )
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
-from perception.camera.rectification import Rectifier
-from perception.camera.registration import register_depth
+from perception.camera.rectification import Rectifier, register_depth
 from perception.camera.turns import (
     clear_turns,
     side_up,

@@ -1,4 +1,4 @@
-"""Registration of two depth images: the small correction of the motion between them.
+"""ICP of two depth images: the small correction of the motion between them.
 
 Iterative closest points, point to plane (Chen and Medioni, Image and Vision Computing 10, 1992),
 with projective association as in `perception.camera.depth_agreement`.
