@@ -35,6 +35,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
 from lab.recordings.simulated_recording import DAY
 from mapping.mapping_options import MappingOptions
@@ -47,7 +48,6 @@ from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House
 from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
-from planner.simulation.sensing.depth_sensor import KINECT
 
 PATCH: Final = 0.12  # [m] edge of the patches of the pattern
 CONTRAST: Final = 0.35  # share of a surface's colour by which patches differ, at most

@@ -18,6 +18,7 @@ import numpy as np
 from benchmarks.status import HouseTruth, Session, surfaces
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from lab.recordings.simulated_recording import DAY
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
@@ -25,7 +26,6 @@ from perception.sources.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 SESSIONS: Final = ("session-1", "session-2")

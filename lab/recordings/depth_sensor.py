@@ -1,8 +1,7 @@
-"""Depth sensor: noise and gaps of a structured-light camera.
+"""Depth sensor with the gaps and steps of a structured-light camera.
 
-Noise follows Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D reconstruction
-and tracking" (3DIMPVT 2012), axial: it grows with z^2. Steps follow the disparity's resolution
-(Khoshelham and Elberink, Sensors 2012), which makes them grow with z^2 too.
+Steps follow the disparity's resolution (Khoshelham and Elberink, Sensors 2012), which makes them
+grow with z^2.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from planner.simulation.sensing.camera import DepthSensor
+
 EDGE: Final = 0.06  # relative step of depth between neighbouring pixels that makes an edge
 
 
 @dataclass(frozen=True, slots=True)
-class DepthSensor:
-    """A depth camera: its range, noise and gaps."""
+class StructuredLightSensor(DepthSensor):
+    """A depth camera that loses depth far off, along edges and on grazed surfaces."""
 
-    near: float = 0.5  # [m] no depth nearer
-    far: float = 6.0  # [m] no depth beyond
     fading: float = 0.0  # [m] before `far` over which the share of pixels with depth falls
     step: float = 0.0  # [m] resolution at a depth of 1 m; it grows with z^2
     grazing: float = 0.0  # least cosine between ray and normal that gives depth
@@ -34,17 +33,12 @@ class DepthSensor:
         returns: NDArray[np.bool_],
         rng: np.random.Generator,
     ) -> NDArray[np.float32]:
-        """Measured depth (H, W) [m], nan = no return.
-
-        `depth` (H, W) [m] is the true one, `incidence` (H, W) the cosine between ray and normal,
-        `returns` (H, W) whether the surface gives depth at all.
-        """
-        sigma = 0.0012 + 0.0019 * (depth - 0.4) ** 2
-        measured = depth + sigma * rng.standard_normal(depth.shape, dtype=np.float32)
+        """Measured depth (H, W) [m], nan = no return."""
+        measured = DepthSensor.measure(self, depth, incidence, returns, rng)
         if self.step:
             disparity = 1 / np.maximum(measured, 0.1) / self.step
             measured = (1 / np.maximum(np.round(disparity), 1) / self.step).astype(np.float32)
-        lost = (depth < self.near) | (depth > self.far)
+        lost = np.zeros(depth.shape, np.bool_)
         if self.grazing:
             lost |= ~returns | (incidence < self.grazing)
         if self.fading:
@@ -58,7 +52,7 @@ class DepthSensor:
 
 
 #: A Kinect v1: 1/8 px of disparity, baseline 75 mm, focal length 580 px.
-KINECT: Final = DepthSensor(
+KINECT: Final = StructuredLightSensor(
     near=0.5, far=4.9, fading=0.6, step=0.00287, grazing=0.13, edge_loss=0.6
 )
 

@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.simulation.sensing.depth_sensor import KINECT, DepthSensor
+from lab.recordings.depth_sensor import KINECT
+from planner.simulation.sensing.camera import DepthSensor
 
 
 def measured(
