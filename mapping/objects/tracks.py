@@ -306,7 +306,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
     evidence = dict[str, CategoryEvidence]()
     for category, odds in _log_odds(record).items():
         evidence[category] = CategoryEvidence()
-        evidence[category].set_log_odds(odds, 0.0, prior[category])
+        evidence[category].set_log_odds(odds, prior[category])
     track = Track(
         p_map=record.p_map,
         size=max(size or float(extent.max()), 0.05),
