@@ -47,7 +47,7 @@ from planner.simulation.demo.house_demo import layout_of
 from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")
@@ -115,7 +115,7 @@ class Session:
             self.shown |= {self.camera.house.objects[i].name: frame.stamp for i in things}
             yield frame
 
-    def _in_view(self, view: View) -> NDArray[np.intp]:
+    def _in_view(self, view: TrueView) -> NDArray[np.intp]:
         """Numbers of the points that a view shows."""
         T, model = view.T_map_cam, self.camera.model
         p_cam = (self.points - T[:3, 3]) @ T[:3, :3]

@@ -22,7 +22,7 @@ from lab.houses.small_things import (
 )
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, Item
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import CameraModel, Carry
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
@@ -81,8 +81,8 @@ def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
 
 
 def carries(
-    before: House, change: HouseChange, poses: Sequence[Pose], model: CameraModel, start: float
-) -> tuple[tuple[Carry, ...], tuple[Pose, ...]]:
+    before: House, change: HouseChange, poses: Sequence[TimedPose], model: CameraModel, start: float
+) -> tuple[tuple[Carry, ...], tuple[TimedPose, ...]]:
     """Paths and times of the carried things, and the drive with pauses to watch them.
 
     Each thing is picked up when it is in view of the robot, which drives along `poses` from `start`
@@ -105,9 +105,9 @@ def carries(
     return tuple(found), drive
 
 
-def _with_pauses(poses: Sequence[Pose], pauses: Collection[int]) -> tuple[Pose, ...]:
+def _with_pauses(poses: Sequence[TimedPose], pauses: Collection[int]) -> tuple[TimedPose, ...]:
     """`poses` with PAUSE more pictures, INTERVAL apart, at the poses numbered `pauses`."""
-    out, delay = list[Pose](), 0.0
+    out, delay = list[TimedPose](), 0.0
     for number, pose in enumerate(poses):
         out.append(replace(pose, seconds=pose.seconds + delay))
         for _ in range(PAUSE if number in pauses else 0):
@@ -116,13 +116,13 @@ def _with_pauses(poses: Sequence[Pose], pauses: Collection[int]) -> tuple[Pose, 
     return tuple(out)
 
 
-def _when_seen(item: Item, poses: Sequence[Pose], house: House, model: CameraModel) -> int:
+def _when_seen(item: Item, poses: Sequence[TimedPose], house: House, model: CameraModel) -> int:
     """Number of the middle one of the poses with `item` in view; without any, of all poses."""
     seen = [k for k, pose in enumerate(poses) if _is_in_view(item, pose, house, model)]
     return seen[len(seen) // 2] if seen else len(poses) // 2
 
 
-def _is_in_view(item: Item, pose: Pose, house: House, model: CameraModel) -> bool:
+def _is_in_view(item: Item, pose: TimedPose, house: House, model: CameraModel) -> bool:
     """Whether `item` is in the middle of the image at a pose in the same room."""
     x, y = item.x - pose.x, item.y - pose.y
     away = float(np.hypot(x, y))

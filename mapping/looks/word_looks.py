@@ -41,8 +41,8 @@ def imagenet_classes() -> dict[str, tuple[int, ...]]:
 def things_that_look_like(semantic_map: SemanticMap, synset: str) -> tuple[Resemblance, ...] | None:
     """Things of a map that look like `synset`, most first; empty where nothing does.
 
-    Believed objects are compared, and things without a name. None where it cannot be known: for a synset without classes of ImageNet, and a
-    map without pictures here.
+    Believed objects are compared, and things without a name. None where it cannot be known: for a
+    synset without classes of ImageNet, and a map without pictures here.
     """
     folder = semantic_map.store.path
     classes = imagenet_classes().get(synset)

@@ -19,7 +19,7 @@ from perception.odometry.features import Features
 from perception.odometry.key_frames import KeyFrame, spare_image
 from perception.odometry.place_memory import PlaceMemory
 from perception.odometry.pose_graph import ITERATIONS, PoseConstraint, adjusted, needs_adjustment
-from perception.odometry.relative_motion import Motion
+from perception.odometry.relative_motion import RelativeMotion
 
 NEAR: Final = 1.5  # [m] between key frames that may show the same
 SAME_DIRECTION: Final = np.deg2rad(50)
@@ -63,12 +63,14 @@ class KeyGraph:
             self.keys[number].features = Features.none()
             self._memory.forget(number)
 
-    def link(self, first: int, second: int, measured: Motion) -> None:
+    def link(self, first: int, second: int, measured: RelativeMotion) -> None:
         """Add the motion between two key frames of a piece."""
         self.edges.append(PoseConstraint(first, second, measured.T, measured.information))
         self.loops += abs(first - second) > APART
 
-    def join(self, first: int, second: int, measured: Motion, *, sure: bool = False) -> None:
+    def join(
+        self, first: int, second: int, measured: RelativeMotion, *, sure: bool = False
+    ) -> None:
         """Join the pieces of two key frames, if it is sure or another pair has said the same."""
         old, new = self.keys[first], self.keys[second]
         joint = old.pose @ inverse(measured.T) @ inverse(new.pose)  # new piece -> old piece

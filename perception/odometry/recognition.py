@@ -22,7 +22,7 @@ from perception.frames import Frame
 from perception.odometry.features import FeatureDetector, Features, Image
 from perception.odometry.place_memory import PlaceMemory
 from perception.odometry.pose_graph import PoseConstraint, adjusted
-from perception.odometry.relative_motion import Motion, confirmed_motion
+from perception.odometry.relative_motion import RelativeMotion, confirmed_motion
 from perception.odometry.tracking_report import contradictions, contradicts
 
 KEPT: Final = 300  # features of a view
@@ -39,7 +39,7 @@ MAX_TILT: Final = np.deg2rad(8)  # between the verticals of two levelled worlds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class KeyView:
     """The view of a camera from one pose, for images to be compared with."""
 
     features: Features  # without the grey image
@@ -52,7 +52,7 @@ class ViewMatch:
 
     view: int
     image: int
-    measured: Motion  # view to image
+    measured: RelativeMotion  # view to image
     T: Pose  # (4, 4) the image's world in the view's, by this match
 
 
@@ -74,7 +74,7 @@ class Doubt:
 
 def view_of(
     frame: Frame, detector: FeatureDetector, without: NDArray[np.float32] | None = None
-) -> tuple[View, Image]:
+) -> tuple[KeyView, Image]:
     """The view of a frame with its pose, and its image, without what is in boxes (n, 4) [px]."""
     hidden = None
     if without is not None and len(without):
@@ -86,23 +86,23 @@ def view_of(
     some = slice(0, KEPT)
     empty = np.zeros((0, 0), np.uint8)
     kept = Features(empty, f.samples, f.pixels[some], f.points[some], f.descriptors[some])
-    return View(kept, frame.T_map_cam), image
+    return KeyView(kept, frame.T_map_cam), image
 
 
 @dataclass(slots=True)
 class Recogniser:
     """Finds images of another world among kept views."""
 
-    views: Sequence[View]
+    views: Sequence[KeyView]
     matches: list[ViewMatch] = field(default_factory=list)
-    images: list[View] = field(default_factory=list)
+    images: list[KeyView] = field(default_factory=list)
     _memory: PlaceMemory = field(default_factory=PlaceMemory)
 
     def __post_init__(self) -> None:
         for number, view in enumerate(self.views):
             self._memory.add(number, view.features)
 
-    def look(self, view: View, image: Image) -> int:
+    def look(self, view: KeyView, image: Image) -> int:
         """Compare an image, a view of the other world, with the kept ones; returns its matches."""
         self.images.append(view)
         before = len(self.matches)

@@ -107,7 +107,7 @@ class CameraModel:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class TrueView:
     """The true view of the camera: without noise, with the identity of every pixel."""
 
     T_map_cam: NDArray[np.float64]  # (4, 4)
@@ -155,7 +155,7 @@ class SimulatedCamera:
         )
         return Frame(frame_id, view.rgb, depth, self.model.K, T_map_cam.copy(), stamp)
 
-    def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> View:
+    def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> TrueView:
         """The true view from a pose; the latest ones are cached for the simulated senses."""
         return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
 
@@ -178,7 +178,7 @@ class SimulatedCamera:
             for solid, i in zip(self._solids, self._instance, strict=False)
         ]
 
-    def _render(self, pose: bytes, stamp: float) -> View:
+    def _render(self, pose: bytes, stamp: float) -> TrueView:
         """The view from `pose`, the bytes of T_map_cam (4, 4)."""
         T_map_cam = np.frombuffer(pose).reshape(4, 4)
         solids = self._solids_at(stamp) if self._carries else self._solids
@@ -198,7 +198,7 @@ class SimulatedCamera:
                 mask = silhouettes.setdefault(instance, np.zeros(canvas.depth.shape, np.bool_))
                 mask[window] |= hits.t < FAR
             canvas.put(window, hits, k)
-        return View(
+        return TrueView(
             T_map_cam=T_map_cam.copy(),
             depth=canvas.depth,
             instance=self._instance[canvas.solid],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from perception.frames import Detections, Frame, SceneScores
 from perception.inference.heads.masks import MaskGrid
 from planner.simulation.houses.house import HouseRoom
-from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, View
+from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
 
 _FILE: Final = Path(__file__).with_name("confusions.csv")
 
@@ -139,7 +139,9 @@ class SimulatedDetector:
         chance = f.recall * _sigmoid(size / 0.35) * _sigmoid((share - f.half_visible) / 0.08)
         return chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
 
-    def _true_detection(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
+    def _true_detection(
+        self, instance: int, view: TrueView, rng: np.random.Generator
+    ) -> _Found | None:
         if instance == NOTHING:
             return None
         pixels = view.instance == instance
@@ -176,7 +178,7 @@ class SimulatedDetector:
         confusion = min(self._faults.confusion * fixed.gamma(0.5) / 0.5, 0.6)
         return float(odds / (1 + odds)), float(confusion), int(fixed.integers(12))
 
-    def _clutter(self, furnishing: int, view: View, rng: np.random.Generator) -> _Found | None:
+    def _clutter(self, furnishing: int, view: TrueView, rng: np.random.Generator) -> _Found | None:
         """A furnishing detected as an object, always with the same label and from one side."""
         if furnishing == NOTHING:
             return None
@@ -207,7 +209,7 @@ class SimulatedDetector:
         size = np.array([box[2] - box[0], box[3] - box[1]] * 2)
         return (self._faults.jitter * size + 0.4 * self._pixel) * rng.standard_normal(4)
 
-    def _false_alarm(self, view: View, rng: np.random.Generator) -> _Found:
+    def _false_alarm(self, view: TrueView, rng: np.random.Generator) -> _Found:
         height, width = view.depth.shape
         labels = sorted(MISTAKEN_FOR)
         centre = rng.random(2) * (width, height)
@@ -217,7 +219,7 @@ class SimulatedDetector:
         return self._inside(box, view), score, labels[rng.integers(len(labels))], None
 
     @staticmethod
-    def _inside(box: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+    def _inside(box: NDArray[np.float64], view: TrueView) -> NDArray[np.float64]:
         """`box` within the image, at least two pixels on each side."""
         height, width = view.depth.shape
         lo = np.clip(np.minimum(box[:2], box[2:]), 0, (width - 2, height - 2))

@@ -17,7 +17,7 @@ from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.mapping_tour import SimulatedTour
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import SimulatedCamera
 from tests.perception.box_room import pose, room_frame, round_tour
 
@@ -230,8 +230,8 @@ def test_right_poses_of_recordings_are_taken_and_others_refused(shared, recordin
 def test_right_poses_of_a_simulated_robot_are_taken_and_others_refused():
     camera = SimulatedCamera(furnished_house())
     x, y = furnished_house().rooms[0].viewpoints[0]
-    turning = SimulatedTour(camera, poses=[Pose(x, y, 0.15 * n, 0.2 * n) for n in range(45)])
-    still = SimulatedTour(camera, poses=[Pose(x, y, 0.3, 0.2 * n) for n in range(9)])
+    turning = SimulatedTour(camera, poses=[TimedPose(x, y, 0.15 * n, 0.2 * n) for n in range(45)])
+    still = SimulatedTour(camera, poses=[TimedPose(x, y, 0.3, 0.2 * n) for n in range(9)])
     frames = list(SimulatedTour(camera).frames())[:160]
     for sound in (frames, frames[::4], frames[::-1], turning.frames(), still.frames()):
         pass_all(sound)
