@@ -154,10 +154,8 @@ def _mapped(
 
 
 def _remembering(networks: Networks) -> Networks:
-    from lab.networks.repeated_frames import (
-        RememberingDetector,
-        RememberingSceneClassifier,
-    )
+    from lab.networks.repeated_frames import RememberingSceneClassifier
+    from perception.inference.detector_pair import RememberingDetector
 
     scene = None if networks.scene is None else RememberingSceneClassifier(networks.scene)
     return Networks(RememberingDetector(networks.detector), scene)

@@ -7,6 +7,7 @@ Detections keep the name of their network.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Final
 
@@ -84,10 +85,10 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
 
 
 class RememberingDetector:
-    """Detector that keeps what another one found in the first `most` frames, by their ids."""
+    """Detector that keeps the detections of another one in the first frames, by their ids."""
 
-    def __init__(self, detector: Detector, most: int) -> None:
-        self._detector, self._most = detector, most
+    def __init__(self, detector: Detector, max_frames: int = sys.maxsize) -> None:
+        self._detector, self._max_frames = detector, max_frames
         self._found: dict[str, Detections] = {}
 
     @property
@@ -111,6 +112,6 @@ class RememberingDetector:
         if known is not None:
             return known
         found = self._detector.detect(frame)
-        if len(self._found) < self._most:
+        if len(self._found) < self._max_frames:
             self._found[frame.id] = found
         return found
