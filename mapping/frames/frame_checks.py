@@ -138,7 +138,7 @@ class _PoseConventionCheck:
         self._problem: str | None = None
 
     def check(self, frame: Frame) -> None:
-        """Take in one frame.
+        """Check one more frame.
 
         Raises FrameError once another convention explains the depth, and for each frame after it.
         """

@@ -57,7 +57,7 @@ class SceneKeepers:
         return None if moved is None else moved.ratio
 
     def add(self, frame: Frame, detections: Detections) -> None:
-        """Take in a frame; one that was not accepted is forgotten."""
+        """Add a frame; one that was not accepted is forgotten."""
         people = people_in(detections)
         with self._timer.stage("surface"):
             if self._surface is not None:

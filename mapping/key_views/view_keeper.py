@@ -31,7 +31,7 @@ class ViewKeeper:
         self._new: StoredView | None = None  # not in the map yet
 
     def add(self, frame: Frame, people: Boxes) -> None:
-        """Take in a frame, for `save` and `accept`, without what is in the boxes of `people`."""
+        """Add a frame, for `save` and `accept`, without what is in the boxes of `people`."""
         self._new = None
         T = frame.T_map_cam
         if self._store is None or not is_new(T, self._poses):

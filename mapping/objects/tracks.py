@@ -39,7 +39,7 @@ class _Numbers:
         return self._last
 
     def reserve(self, given: Iterable[int]) -> None:
-        """Give none of the numbers that other runs gave."""
+        """Reserve the numbers of other runs."""
         self._last = max([self._last, *given])
 
 
@@ -228,7 +228,7 @@ class Track:
         return found
 
     def merge(self, other: Track) -> None:
-        """Take over the evidence of `other`, which is the same thing."""
+        """Merge the evidence of `other`, which is the same thing."""
         for category, held in other.evidence.items():
             self.evidence.setdefault(category, CategoryEvidence()).merge(held)
         self.looks += other.looks
@@ -250,7 +250,7 @@ class Track:
         self.last_frame = max(self.last_frame, other.last_frame)
 
     def becomes(self, old: Track) -> None:
-        """Go on as `old`, the same thing before it moved here."""
+        """Continue as `old`, the same thing before it moved here."""
         self.iri, self.written = old.iri, old.written
         self.first_seen = min(self.first_seen, old.first_seen)
         self.observations += old.observations

@@ -52,7 +52,7 @@ class SurfaceMapper:
         self._mark = 0
 
     def add(self, frame: Frame, people: Boxes) -> None:
-        """Take in a frame, for `save` and `accept`; what is in the boxes of `people` is left out.
+        """Add a frame, for `save` and `accept`; what is in the boxes of `people` is left out.
 
         A frame that was not accepted is forgotten.
         """

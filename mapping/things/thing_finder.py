@@ -45,7 +45,7 @@ class ThingFinder:
         self._seen, self._views = list[SeenPart](), 0
 
     def add(self, frame: Frame, people: NDArray[np.float32]) -> None:
-        """Take in the parts of a view, without what is in the boxes xyxy [px] of `people`."""
+        """Add the parts of a view, without what is in the boxes xyxy [px] of `people`."""
         depth = frame.depth.copy()
         for x1, y1, x2, y2 in np.maximum(people, 0).astype(np.intp).tolist():
             depth[y1 : y2 + 1, x1 : x2 + 1] = 0

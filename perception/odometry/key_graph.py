@@ -57,7 +57,7 @@ class KeyGraph:
         return len(self.keys) - 1
 
     def spare(self, max_images: int, used: Collection[int]) -> None:
-        """Take the image of a key frame that others replace, where more have theirs."""
+        """Drop the image of a key frame that others replace, where too many have one."""
         number = spare_image(self.keys, max_images, 2 * APART, used)
         if number is not None:
             self.keys[number].features = Features.none()

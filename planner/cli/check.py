@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _note_missing_history(semantic_map: SemanticMap) -> None:
-    """Tell where a folder has lost its history, as an incomplete copy has."""
+    """Warn where a folder has lost its history, as an incomplete copy has."""
     from kg.model.errors import HistoryError
 
     try:

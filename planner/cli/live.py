@@ -268,7 +268,7 @@ def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> 
 
 
 def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
-    """Tell what tracking took, and how far loops moved what stays where it was mapped."""
+    """Print the cost of tracking, and how far loops moved images that were mapped before."""
     from mapping.alignment.live_correction import MOVED
 
     images = tracker.tracked + tracker.lost

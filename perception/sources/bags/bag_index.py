@@ -153,7 +153,7 @@ def read_index(path: Path) -> BagIndex:
 
 
 def _use_text(index: BagIndex) -> None:
-    """Give images the stamps, and where they have none the cameras, of librealsense's text."""
+    """Set the stamps of images, and missing cameras, from librealsense's text."""
     found = {m[1]: s for s in index.streams.values() if (m := IMAGE.fullmatch(s.topic))}
     stamps = index.text.stamps({sensor: images.times for sensor, images in found.items()})
     for sensor, images in found.items():

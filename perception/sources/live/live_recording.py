@@ -69,7 +69,7 @@ class LiveRecording:
         return "; ".join(line for line in (drift, self.found) if line)
 
     def level(self, up: Up = "z", *, check: bool = True) -> None:
-        """Take the first frames, up to FRAMES; turn `up` to z, and the floor that they show to 0.
+        """Read the first frames, up to FRAMES; turn `up` to z, and the floor that they show to 0.
 
         Raises RecordingError where their depth contradicts their poses, with `check`.
         """

@@ -169,7 +169,7 @@ class FrameStream:
             return wanted
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a message; unreadable ones give one warning for each topic."""
+        """Receive a message; unreadable ones give one warning for each topic."""
         decoder = LiveDecoder(self.address, is_ros1)
         with self._changed:
             try:

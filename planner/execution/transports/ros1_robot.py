@@ -67,7 +67,7 @@ class _Inboxes:
         return self.stream.wanted(topics) | self.navigation.wanted(topics)
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Give a message to both; each ignores the messages of the other."""
+        """Pass a message to both; each ignores the messages of the other."""
         self.stream.offer(raw, is_ros1=is_ros1)
         self.navigation.offer(raw, is_ros1=is_ros1)
 
