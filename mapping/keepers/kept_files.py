@@ -23,7 +23,7 @@ from perception.inference.taught_rooms import RoomExamples
 
 
 def unreadable_files(semantic_map: SemanticMap) -> Iterator[tuple[Path, str]]:
-    """Each file in the folder of a map that cannot be read, with a line about the damage and the remedy."""
+    """Each file in the folder of a map that cannot be read, with its damage and a remedy."""
     folder = semantic_map.store.path
     if folder is None:
         return
