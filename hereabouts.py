@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from kg.serving.server.http.bearer_tokens import BearerTokens
     from kg.serving.server.http.settings import Settings as ServerSettings
     from kg.serving.server.map_server import MapServer
+    from mapping.frames.sighting import Sighting
     from mapping.mapper import Mapper
     from mapping.mapping_options import MappingOptions
     from mapping.recording_mapper import map_recording
-    from mapping.sighting import Sighting
     from perception.camera.intrinsics import Intrinsics
     from perception.frames import Detections, Frame
     from perception.inference.detector import load_detector
@@ -100,7 +100,7 @@ _SOURCES = {
     "perception.inference.detector": "load_detector",
     "mapping.mapper": "Mapper",
     "mapping.mapping_options": "MappingOptions",
-    "mapping.sighting": "Sighting",
+    "mapping.frames.sighting": "Sighting",
     "mapping.recording_mapper": "map_recording",
     "planner.search.plans.search_state": "build_search",
     "planner.search.plans.view_plan": "plan:find",

@@ -108,7 +108,7 @@ def row(recording: Timed, detector: Detector, scene: SceneClassifier) -> str:
 
 def transform(path: str, sequence: str) -> NDArray[np.float64] | None:
     """Where a recording lies, if there is a file that says it."""
-    from mapping.transform_file import load_transform
+    from mapping.alignment.transform_file import load_transform
 
     return load_transform(Path(path), sequence) if path else None
 

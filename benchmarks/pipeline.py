@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 
 from kg.serving.opening import in_memory_map
-from lab.networks.repeated_frames import RememberingDetector
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Detector, Frame, Recording, SceneClassifier
 from perception.inference import session
+from perception.inference.detector_pair import RememberingDetector
 from perception.inference.recorded_detections import open_detector
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.sources.recording import open_recording

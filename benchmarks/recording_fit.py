@@ -30,15 +30,15 @@ from kg.serving.opening import in_memory_map
 from mapping.alignment.floor_match import floor_field, floor_of_frames
 from mapping.alignment.object_match import about_z
 from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
+from mapping.frames.pose_monitor import PoseMonitor
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.pose_monitor import PoseMonitor
 from mapping.recording_mapper import map_recording
 from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import CONVENTIONS, Pose
 from perception.frames import Frame
 from perception.inference.recorded_detections import load_recorded_detections
-from perception.sources.depth_check import check_depth
+from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions
 
@@ -92,7 +92,7 @@ def _said(poses: list[Pose], scale: float, frame_at: Callable[[int], Frame]) -> 
     warnings = _Warnings()
     logging.getLogger().addHandler(warnings)
     try:
-        check_depth("x", poses, "camera-to-world", scale, frame_at)
+        check_depth(depth_findings("x", poses, "camera-to-world", scale, frame_at))
     except RecordingError as error:
         option = str(error).split(" would work")[0].split("--")[-1]
         return f"refused: {option}"

@@ -20,7 +20,7 @@ from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, motion
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
-from perception.odometry.recognition import Doubt, Recogniser, View, view_of
+from perception.odometry.recognition import Doubt, KeyView, Recogniser, view_of
 from perception.odometry.spread_poses import is_new
 from perception.odometry.tracking import tracked
 from perception.odometry.view_encoding import decoded, encoded
@@ -84,7 +84,7 @@ def estimated(part: Part) -> Part:
     return replace(part, frames=[replace(f, T_map_cam=up @ f.T_map_cam) for f in found])
 
 
-def views_of(part: Part) -> list[tuple[View, Frame]]:
+def views_of(part: Part) -> list[tuple[KeyView, Frame]]:
     """Views of the frames that are apart, as a map keeps them."""
     detector, poses, views = FeatureDetector(), list[Pose](), []
     for frame in part.frames:

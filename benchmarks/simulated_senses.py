@@ -21,7 +21,7 @@ from lab.recordings.object_truth import VisibilityRecord
 from perception.frames import Detections
 from planner.simulation.houses.house import House
 from planner.simulation.robot.mapping_tour import SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 HEADER = (
@@ -43,7 +43,7 @@ class Tally:
     true_scores: list[float] = field(default_factory=list)
     false_scores: list[float] = field(default_factory=list)
 
-    def add(self, house: House, view: View, found: Detections, seen_well: set[str]) -> None:
+    def add(self, house: House, view: TrueView, found: Detections, seen_well: set[str]) -> None:
         """Count one frame."""
         self.frames += 1
         left = set(range(len(found)))
@@ -74,7 +74,7 @@ class Tally:
         )
 
 
-def _boxes(view: View) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def _boxes(view: TrueView) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """(instance, box (4,) [px]) of what shows at least 16 pixels."""
     for instance in np.unique(view.instance).tolist():
         rows, cols = np.nonzero(view.instance == instance)

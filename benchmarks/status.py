@@ -35,6 +35,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
 from lab.recordings.simulated_recording import DAY
 from mapping.mapping_options import MappingOptions
@@ -46,8 +47,7 @@ from planner.simulation.demo.house_demo import layout_of
 from planner.simulation.houses.furniture import OBJECTS
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.sensing.depth_sensor import KINECT
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")
@@ -56,7 +56,7 @@ REACH: Final = (0.4, 4.0)  # [m] depth from which on, and up to which, a sample 
 TOLERANCE: Final = 0.1  # [m] of depth, by which what is seen may be before a sample
 HIGHEST: Final = 1.2  # [m] top that the camera, 1.25 m high, looks onto
 WALL: Final = 0.05  # [m] half of a wall's thickness
-LITTLE, MOST = 0.05, 0.9  # shares of a place: never looked below, looked from here on
+HARDLY_SEEN, MOSTLY_SEEN = 0.05, 0.9  # shares of a place: never looked below, looked from here on
 SHOWN: Final = 16  # pixels from which on a thing was seen at all
 
 Floats = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Session:
             self.shown |= {self.camera.house.objects[i].name: frame.stamp for i in things}
             yield frame
 
-    def _in_view(self, view: View) -> NDArray[np.intp]:
+    def _in_view(self, view: TrueView) -> NDArray[np.intp]:
         """Numbers of the points that a view shows."""
         T, model = view.T_map_cam, self.camera.model
         p_cam = (self.points - T[:3, 3]) @ T[:3, :3]
@@ -185,10 +185,10 @@ class HouseTruth:
         if _any_is(self.left.values(), category, room):
             return "gone"
         share = self.share(room)
-        if share < LITTLE:
+        if share < HARDLY_SEEN:
             return "never looked"
         there = _any_is(self.now.values(), category, room)
-        return NONE_SEEN if share >= MOST and not there else "hidden"
+        return NONE_SEEN if share >= MOSTLY_SEEN and not there else "hidden"
 
 
 def _any_is(

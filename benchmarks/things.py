@@ -38,8 +38,8 @@ from lab.maps.complete_truth import load_complete_truth
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from mapping.surface.surface_mapper import SurfaceMapper
 from mapping.things.recent_views import RecentViews
-from mapping.things.thing_finder import SMALLEST, FoundThing, ThingFinder, is_covered
-from mapping.things.view_parts import LARGEST
+from mapping.things.thing_finder import MIN_LENGTH, FoundThing, ThingFinder, is_covered
+from mapping.things.view_parts import MAX_LENGTH
 from perception.frames import Frame
 from perception.sources.recording import open_recording
 from planner.simulation.robot.mapping_tour import SimulatedTour
@@ -108,7 +108,7 @@ def room(folder: Path, cache: Path) -> Scene:
         p_map = T[:3, :3] @ one.p_world + T[:3, 3]
         sought = one.name in seen.get("free", ()) and not _is_in(p_map, named)
         longest = max(one.extent, default=UNKNOWN)
-        if longest <= LARGEST + NEAR:
+        if longest <= MAX_LENGTH + NEAR:
             entries.append(Entry(one.name, p_map, np.full(3, longest), sought))
     for name, x, y, z, longest in seen.get("besides", ()):
         entries.append(Entry(name, np.array([x, y, z]), np.full(3, longest), sought=False))
@@ -125,8 +125,8 @@ def house(seed: int, cache: Path) -> Scene:
     entries = list[Entry]()
     for name, one in json.loads(truth.read_text())["objects"].items():
         longest, furnishing = max(one["extent"]), "what" in one
-        if longest <= LARGEST or not furnishing:
-            sought = not one["ignore"] and SMALLEST <= longest <= LARGEST
+        if longest <= MAX_LENGTH or not furnishing:
+            sought = not one["ignore"] and MIN_LENGTH <= longest <= MAX_LENGTH
             extent = np.array(one["extent"])
             entries.append(Entry(name, np.array(one["position"]), extent, sought))
     camera = SimulatedCamera(random_house(seed), seed=seed)
@@ -151,7 +151,7 @@ def _mapped_house(seed: int, path: Path) -> dict[str, Any]:
 def _is_in(p_map: Floats, named: Sequence[ObjectRecord]) -> bool:
     """Whether a position is in the box of a believed object that is no table."""
     for record in named:
-        if record.extent is None or record.extent.max() > LARGEST:
+        if record.extent is None or record.extent.max() > MAX_LENGTH:
             continue
         relative = np.abs(along(p_map - record.p_map, record.yaw))
         if (relative <= record.extent / 2 + NEAR / 2).all():

@@ -21,14 +21,17 @@ from kg.model.records import (
     RecordingRecord,
     RobotRecord,
 )
-from mapping.detection_report import DetectionReport
-from mapping.detection_reporter import DetectionReporter
-from mapping.frame_checks import FrameChecks, check_detections
+from mapping.frames.frame_checks import FrameChecks, check_detections
+from mapping.frames.pose_monitor import PoseMonitor
+from mapping.frames.projection import map_points, robot_at
+from mapping.frames.sighting import Sighting
+from mapping.keepers.scene_keepers import SceneKeepers
 from mapping.labels.label_resolver import LabelResolver
-from mapping.looks.known_things import Recognition
-from mapping.mapper_lease import MapperLease
+from mapping.looks.known_things import NamedObject
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
+from mapping.objects.detections.detection_report import DetectionReport
+from mapping.objects.detections.detection_reporter import DetectionReporter
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.places.evidence_from_objects import ObjectEvidence
@@ -36,12 +39,9 @@ from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsew
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.places.viewed_floor import update_place_views
-from mapping.pose_monitor import PoseMonitor
-from mapping.progress_report import StageTimer
-from mapping.projection import map_points, robot_at
 from mapping.relations.relation_mapper import RelationMapper
-from mapping.scene_keepers import SceneKeepers
-from mapping.sighting import Sighting
+from mapping.runs.mapper_lease import MapperLease
+from mapping.runs.progress_report import StageTimer
 from perception.frames import Detections, Frame, SceneScores
 
 ROOMS_INTERVAL: Final = 10.0  # [s] between two segmentations of the floor, by the frames' stamps
@@ -140,9 +140,9 @@ class Mapper:
         Raises:
             MapBusyError: another mapper writes the same stream.
             ConflictError: others keep writing the same things.
-            RecordingError: an input is impossible (`mapping.frame_checks`): depth in other units,
-                no depth in the first frames, poses that are no rigid camera-to-map transforms,
-                detections of another type.
+            RecordingError: an input is impossible (`mapping.frames.frame_checks`): depth in other
+                units, no depth in the first frames, poses that are no rigid camera-to-map
+                transforms, detections of another type.
         """
         with self.timer.stage("map"):
             check_detections(detections, scores)
@@ -245,7 +245,7 @@ class Mapper:
         return poses + self._scene.problems
 
     @property
-    def recognised(self) -> tuple[Recognition, ...]:
+    def recognised(self) -> tuple[NamedObject, ...]:
         """Known things that were recognised, once all is flushed."""
         pictures = self._scene.pictures
         return () if pictures is None else pictures.recognised

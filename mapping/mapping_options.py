@@ -31,10 +31,10 @@ class MappingOptions:
         same_frame: whether a recording's world is the map frame, so that `map_recording` does not
             require its floor to fit the map.
         check_poses: whether poses are compared with the depth. Jumps and drift give a warning
-            (`mapping.pose_monitor`), another pose convention is an error
-            (`mapping.frame_checks`).
+            (`mapping.frames.pose_monitor`), another pose convention is an error
+            (`mapping.frames.frame_checks`).
         pictures: whether a small picture of each object is kept in the map's folder
-            (`mapping.picture_keeper`). Pictures of people are never kept.
+            (`mapping.keepers.picture_keeper`). Pictures of people are never kept.
         surface: side [m] of the voxels that keep the surface of the room beside the map
             (`mapping.surface`), without people; None: no surface. A map that has voxels keeps
             their side. A map on a server keeps none.

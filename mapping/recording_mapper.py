@@ -12,11 +12,11 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import RecordingError
 from mapping.alignment.recording_fit import fitted
+from mapping.frames.read_ahead import AHEAD, read_ahead
 from mapping.mapper import Mapper
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
-from mapping.progress_report import FrameReport, MappingReport
-from mapping.read_ahead import AHEAD, read_ahead
-from mapping.resumption import resumed
+from mapping.runs.progress_report import FrameReport, MappingReport
+from mapping.runs.resumption import resumed
 from perception.frames import (
     Detections,
     Detector,
@@ -50,7 +50,7 @@ def map_recording(
     Three threads read frames, detect and map side by side, each in the recording's order, so that
     the map is the same as with one thread. Each frame is one transaction: a run that ends early, by
     an error or by being killed, leaves whole frames, and the same call continues after them. A
-    recording that has grown since keeps its transform (`mapping.resumption`).
+    recording that has grown since keeps its transform (`mapping.runs.resumption`).
 
     Args:
         recording: the frames, with their poses.

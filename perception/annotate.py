@@ -65,7 +65,7 @@ def encode_jpeg(rgb: NDArray[np.uint8], quality: int = 80) -> bytes:
 
 
 def save_image(path: Path | str, rgb: NDArray[np.uint8]) -> None:
-    """Write an RGB image (H, W, 3); the suffix (.jpg, .png) says how.
+    """Write an RGB image (H, W, 3); the suffix (.jpg, .png) sets the format.
 
     Raises RecordingError where it cannot be written.
     """

@@ -13,10 +13,10 @@ _NEAR, _FAR = 0.3, 4.0  # [m] between which depth is used
 _HALF: Final = 3  # pixels around one whose depth gives its normal
 _MARGIN: Final = 3  # pixels of unknown depth around an image
 _BETWEEN: Final = 2  # pixels to the two neighbours in line, between which noise is measured
-_FEWEST: Final = 500  # pixels that noise is measured on
+_MIN_PIXELS: Final = 500  # pixels that noise is measured on
 _USUAL: Final = 0.001  # noise where it cannot be measured
 _SPREAD: Final = 1.48 / 1.22  # from the median of differences to the deviation of one depth
-_LEAST: Final = 0.004  # [m] in front of a plane, from which on a point is no part of it ...
+_MIN_OFFSET: Final = 0.004  # [m] in front of a plane, from which on a point is no part of it ...
 _DEVIATIONS: Final = 3.0  # ... and so many deviations of its depth
 
 Floats = NDArray[np.float64]
@@ -42,7 +42,7 @@ class DepthImage:
         rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(z.shape)], -1)
         normals = _normals(z, rays)
         p_cam = rays * z[:, :, None]
-        apart = _LEAST + _DEVIATIONS * _noise(p_cam, normals) * z**2
+        apart = _MIN_OFFSET + _DEVIATIONS * _noise(p_cam, normals) * z**2
         slant = np.abs((normals * rays).sum(-1)) / np.linalg.norm(rays, axis=-1)
         area = (z * step / K[0, 0]) ** 2 / np.maximum(slant, 0.15)
         R = T_map_cam[:3, :3]
@@ -92,7 +92,7 @@ def _noise(p_cam: Floats, normals: Floats) -> float:
     left, middle, right = p_cam[:, : -2 * k], p_cam[:, k:-k], p_cam[:, 2 * k :]
     normal = normals[:, k:-k]
     known = (normal != 0).any(-1) & (left[..., 2] > 0) & (right[..., 2] > 0)
-    if known.sum() < _FEWEST:
+    if known.sum() < _MIN_PIXELS:
         return _USUAL
     off = ((middle - (left + right) / 2) * normal).sum(-1)[known]
     return float(np.median(np.abs(off) / middle[known][:, 2] ** 2)) * _SPREAD

@@ -22,7 +22,7 @@ class Frame:
     """RGB-D image, registered, with its pose.
 
     Raises FrameError, a ValueError, where shapes or types are not the ones below. The values are
-    checked where frames are mapped (`mapping.frame_checks`).
+    checked where frames are mapped (`mapping.frames.frame_checks`).
     """
 
     id: str

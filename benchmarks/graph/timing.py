@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 BUDGET = 3.0  # [s] a measurement; up to four times that where few runs fit into it
-FEWEST, MOST = 3, 300  # runs
+MIN_RUNS, MAX_RUNS = 3, 300  # runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,11 @@ def goes_on(milliseconds: list[float]) -> bool:
     """Whether more runs are worth it after these."""
     runs = len(milliseconds)
     spent = sum(milliseconds) / 1000
-    return runs == 0 or (runs < FEWEST and spent < 4 * BUDGET) or (runs < MOST and spent < BUDGET)
+    return (
+        runs == 0
+        or (runs < MIN_RUNS and spent < 4 * BUDGET)
+        or (runs < MAX_RUNS and spent < BUDGET)
+    )
 
 
 def timing(

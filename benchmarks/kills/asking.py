@@ -27,7 +27,7 @@ from kg.serving.opening import create_map
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer, WorkerDiedError
 
-LONGEST = 0.6  # [s] from one kill to the next
+MAX_DELAY = 0.6  # [s] from one kill to the next
 WORKERS = 2
 WITHIN = 120.0  # [s] in which the pool must be whole again
 #: Counts of observations by object, after as many joins as take a worker some tens of milliseconds.
@@ -93,7 +93,7 @@ class _Asked:
         self._told({"frames": self._frames, "answers": self._answers, "died": self._died})
 
     def _kill(self, pool: QueryPool) -> None:
-        time.sleep(self._rng.uniform(0.0, LONGEST))
+        time.sleep(self._rng.uniform(0.0, MAX_DELAY))
         end = time.monotonic() + WITHIN
         while time.monotonic() < end:
             if pids := pool.pids:

@@ -23,7 +23,7 @@ from benchmarks.kills.writing import create, finding_of
 from kg.serving.opening import open_map
 from planner.cli import main
 
-LONGEST = 0.4  # [s] from the first frame of a mapper to the kill
+MAX_DELAY = 0.4  # [s] from the first frame of a mapper to the kill
 A_MAP = 20  # kills of one map
 A_STEP = 6  # frames written between two kills of a command
 Told = Callable[[Any], None]
@@ -100,7 +100,7 @@ def _kill_mappers(
         words = _words(command, recording, path)
         before = _commits(path)
         wanted = before + rng.choice((0, 1, 2, 5))
-        killed_in_time = killed(partial(main, words), rng, LONGEST, partial(_has, path, wanted))
+        killed_in_time = killed(partial(main, words), rng, MAX_DELAY, partial(_has, path, wanted))
         told = _commits(path)
         tally.kills += 1
         tally.early += told == before

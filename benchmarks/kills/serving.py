@@ -27,7 +27,7 @@ from benchmarks.kills.writing import AT_WORK, create, replayed, settle
 from kg.serving.opening import open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 
-LONGEST = 0.7  # [s] from when the server answers, or has its first frame, to the kill
+MAX_DELAY = 0.7  # [s] from when the server answers, or has its first frame, to the kill
 A_MAP = 50  # kills of one map and one follower
 TOKEN = "the-token-of-the-killed-servers"
 WITHIN = 120.0  # [s] a server may take to start, a follower to catch up
@@ -92,7 +92,7 @@ class _House:
         self.follower.say("url", url)
         client = Child(lambda told: _write(url, self.known.notes, told))
         first = [server.hear(WITHIN)] if rng.random() < AT_WORK else []
-        time.sleep(rng.uniform(0.0, LONGEST))
+        time.sleep(rng.uniform(0.0, MAX_DELAY))
         server.kill()
         notes = list(client.rest())
         client.end()

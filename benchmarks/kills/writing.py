@@ -15,7 +15,7 @@ from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from kg.serving.opening import create_map, open_map
 
-LONGEST = 0.5  # [s] from the fork, or from the first frame, to the kill
+MAX_DELAY = 0.5  # [s] from the fork, or from the first frame, to the kill
 AT_WORK = 0.7  # share of the kills that wait for the first frame
 WITHIN = 120.0  # [s] in which it comes
 A_MAP = 100  # kills of one map; then another begins
@@ -81,7 +81,7 @@ def _one(path: Path, known: Known, rng: random.Random, tally: Tally) -> Known:
 
     child = Child(work)
     told = [child.hear(WITHIN)] if rng.random() < AT_WORK else []
-    time.sleep(rng.uniform(0.0, LONGEST))
+    time.sleep(rng.uniform(0.0, MAX_DELAY))
     child.kill()
     told += child.rest()
     child.close()

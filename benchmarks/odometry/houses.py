@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House
-from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around
+from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
-from planner.simulation.sensing.depth_sensor import KINECT
 
 PATCH: Final = 0.12  # [m] edge of the patches of the pattern
 CONTRAST: Final = 0.35  # share of a surface's colour by which patches differ, at most
@@ -75,11 +75,11 @@ def _rays(model: CameraModel) -> NDArray[np.float64]:
     return rays
 
 
-def _poses(house: House, way: float) -> list[Pose]:
+def _poses(house: House, way: float) -> list[TimedPose]:
     """Poses from viewpoint to viewpoint, round after round, with a turn at each in the first."""
     floor = FloorGrid(house)
     stops = [np.array(xy) for room in house.rooms for xy in room.viewpoints]
-    pose = Pose(float(stops[0][0]), float(stops[0][1]), 0.0, 0.0)
+    pose = TimedPose(float(stops[0][0]), float(stops[0][1]), 0.0, 0.0)
     poses, gone = [pose], 0.0
     for visit, stop in enumerate(itertools.cycle(stops)):
         for after in drive(pose, floor.path(pose.xy, stop), GAIT):
@@ -94,7 +94,7 @@ def _poses(house: House, way: float) -> list[Pose]:
     raise AssertionError("a drive has no end")
 
 
-def _patterned(camera: SimulatedCamera, poses: Sequence[Pose], seed: int) -> Iterator[Frame]:
+def _patterned(camera: SimulatedCamera, poses: Sequence[TimedPose], seed: int) -> Iterator[Frame]:
     """Frames with a pattern on all surfaces: each patch has a brightness of its own."""
     rays = _rays(camera.model)
     for number, pose in enumerate(poses):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Final
 
@@ -19,6 +19,7 @@ from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidenc
 from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.knowledge.placement.statistics_export import room_type_quads
 from kg.knowledge.placement.statistics_import import read_rooms
+from kg.knowledge.placement.surveys import SurveyFeatures
 from kg.model import vocabulary as v
 
 _STATISTICS: Final = frozenset({v.ROOM_COUNT, v.ROOMS_WITH_OBJECT, v.STATISTICS_PLACE})
@@ -132,6 +133,11 @@ def _elsewhere(statistics: Matrix, own: Matrix, homes: int, counted: bool) -> Ma
     return np.asarray(np.maximum(total, 0.0))
 
 
+def _cut_survey(survey: SurveyFeatures, cells: tuple[NDArray[np.intp], ...]) -> SurveyFeatures:
+    arrays = (field.name for field in fields(survey) if field.name != "name")
+    return replace(survey, **{name: getattr(survey, name)[cells] for name in arrays})
+
+
 def _cut(
     evidence: EvidenceArrays,
     rows: NDArray[np.intp],
@@ -144,7 +150,7 @@ def _cut(
     return EvidenceArrays(
         listed=evidence.listed[cells],
         weight=evidence.weight[cells],
-        surveys=tuple(survey.cut(rows, columns) for survey in evidence.surveys),
+        surveys=tuple(_cut_survey(survey, cells) for survey in evidence.surveys),
         rooms=rooms,
         rooms_with=np.minimum(held, rooms),
         building_with=none,

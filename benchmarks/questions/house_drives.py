@@ -18,14 +18,14 @@ import numpy as np
 from benchmarks.status import HouseTruth, Session, surfaces
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from lab.recordings.simulated_recording import DAY
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, View
-from planner.simulation.sensing.depth_sensor import KINECT
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 SESSIONS: Final = ("session-1", "session-2")
@@ -128,7 +128,7 @@ def _driven(session: Session, folder: Path | None) -> tuple[dict[str, float], Bo
     return stamps, boxes
 
 
-def _boxes(view: View) -> dict[int, Box]:
+def _boxes(view: TrueView) -> dict[int, Box]:
     """The box (x0, y0, x1, y1) [px] around what a view shows of each thing."""
     found = dict[int, Box]()
     for number in np.unique(view.instance[view.instance >= 0]).tolist():

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lab.maps.complete_truth import TrueObject
 from lab.maps.truth_matching import TruthMatcher
-from mapping.projection import to_map
+from mapping.frames.projection import to_map
 from perception.frames import Frame
 
 SINGLE: Final = "single"

@@ -26,7 +26,7 @@ from perception.sources.folders.image_files import read_colour
 
 Belief = Mapping[str, float]
 
-LEAST: Final = 0.15  # belief from which a category counts
+MIN_BELIEF: Final = 0.15  # belief from which a category counts
 FILTERS: Final = {
     "bayes": "Bayes",
     "bayes_prior": "Bayes, prior",
@@ -46,7 +46,7 @@ DRAWS: Final = 50  # of the views, in another order
 def ranked(belief: Belief, first: int) -> set[str]:
     """Of the `first` most believed categories, those believed to at least 15 %."""
     best = sorted(belief, key=lambda category: (-belief[category], category))[:first]
-    return {category for category in best if belief[category] >= LEAST}
+    return {category for category in best if belief[category] >= MIN_BELIEF}
 
 
 def accuracy(places: Iterable[tuple[str, Belief]], first: int) -> float:

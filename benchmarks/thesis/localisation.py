@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.scenarios import DATA, rows_of
-from mapping.projection import to_map
+from lab.recordings.depth_sensor import KINECT, StructuredLightSensor
+from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame
-from planner.simulation.houses.furniture import GREY, NAVY, Solid, SolidPart
+from planner.simulation.houses.furniture import Solid, SolidPart
 from planner.simulation.houses.house import Item
 from planner.simulation.sensing.camera import CameraModel
-from planner.simulation.sensing.depth_sensor import KINECT, DepthSensor
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,11 @@ _HEIGHT: Final = 0.5  # [m] of the camera above the floor
 _NOISES: Final = 10  # depth images of each scene
 _CAMERA: Final = CameraModel(640, 480, 525.0, mount_height=_HEIGHT, pitch=0.0)
 #: of a Kinect v1, without the end of its range: the thesis predicted points at 5.7 m
-_SENSOR: Final = DepthSensor(near=0.5, far=7.0, step=KINECT.step, edge_loss=KINECT.edge_loss)
+_SENSOR: Final = StructuredLightSensor(
+    near=0.5, far=7.0, step=KINECT.step, edge_loss=KINECT.edge_loss
+)
+NAVY: Final = (0.20, 0.28, 0.45)
+GREY: Final = (0.45, 0.46, 0.48)
 _PERSON: Final = (
     SolidPart(-0.10, 0, 0.0, 0.15, 0.17, 0.85, NAVY, "cylinder"),
     SolidPart(0.10, 0, 0.0, 0.15, 0.17, 0.85, NAVY, "cylinder"),

@@ -9,23 +9,23 @@ ontology an OWL 2 DL document without imports. The same map gives the same text.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
-from kg.export.owl_document import owl_document
+from kg.export.owl_document import owl_document, with_one_header
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
-from kg.model.errors import GraphError, did_you_mean
+from kg.model.errors import GraphError, OntologyError, did_you_mean
 from kg.rdf.jsonld import to_jsonld
 from kg.rdf.literals import by_subject
 from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
 from kg.rdf.standard_terms import geometry_quads, standard_quads
-from kg.rdf.turtle_names import with_full_iris
 from kg.rdf.xml_characters import in_xml
 from kg.store.atomic_file import write_atomically
 
@@ -60,6 +60,23 @@ _GRAPHS = (
 _FIRST = {v.RDF_TYPE.value: 0, v.RDFS_LABEL: 1}
 _DOUBLE = NamedNode(v.XSD + "double")
 _Prefixes = dict[str, str]
+
+_TURTLE_TOKEN: Final = re.compile(
+    r"""
+      "(?:[^"\\]|\\.)*" | <[^>]*>
+    | (?P<prefix>[\w-]*):(?P<local>(?:[^\s\\;,()\[\]"<>]|\\.)*)
+    """,
+    re.VERBOSE,
+)
+_ESCAPE: Final = re.compile(r"\\(.)")
+
+#: endings of files that `export_ontology` writes
+_ENDINGS: Final = {
+    ".ttl": RdfFormat.TURTLE,
+    ".owl": RdfFormat.RDF_XML,
+    ".rdf": RdfFormat.RDF_XML,
+    ".nt": RdfFormat.N_TRIPLES,
+}
 
 
 def export_map(
@@ -239,3 +256,48 @@ _BY_LENGTH: Final = (v.HAS_BELIEF, v.HAS_RELATION, v.HAS_LABEL_BELIEF)
 def _rank(predicate: str, value: str) -> tuple[object, ...]:
     length = len(value) if predicate in _BY_LENGTH else 0
     return _FIRST.get(predicate, 2), predicate, length, value
+
+
+def with_full_iris(turtle: str, prefixes: Mapping[str, str]) -> str:
+    """A Turtle or TriG document of the engine, with full IRIs for names that contain an escape.
+
+    ``object:1\\/geometry`` is valid Turtle 1.1, but the OWLAPI (5.1.9) does not read it.
+    Strings must be on one line, in double quotes.
+    """
+    if "\\" not in turtle:
+        return turtle
+
+    def written(match: re.Match[str]) -> str:
+        local, namespace = match["local"], prefixes.get(match["prefix"] or "")
+        if local is None or namespace is None or "\\" not in local:
+            return match[0]
+        return "<" + namespace + _ESCAPE.sub(r"\1", local) + ">"
+
+    return _TURTLE_TOKEN.sub(written, turtle)
+
+
+def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
+    """Write the ontology of the map to `path`, imports included; returns the number of triples.
+
+    The file has one OWL header, with the name of the map's ontology. Raises OntologyError for an
+    ending other than .ttl, .owl, .rdf or .nt, and GraphError if the file cannot be written.
+    """
+    form = _ENDINGS.get(path.suffix.lower())
+    if form is None:
+        raise OntologyError(
+            f"cannot tell the format of {path.name!r} from its ending; use {', '.join(_ENDINGS)}"
+        )
+    merged = with_one_header(
+        (quad.triple for quad in semantic_map.ontology.quads()),
+        semantic_map.base + "ontology",
+        f"ontology of {semantic_map.description.title}",
+    )
+    triples = sorted(set(merged), key=_ontology_order)
+    write_atomically(path, serialised(triples, form, v.PREFIXES))
+    return len(triples)
+
+
+def _ontology_order(triple: Triple) -> tuple[bool, str, bool, str, str]:
+    subject = str(triple.subject)
+    is_type = triple.predicate == v.RDF_TYPE
+    return subject.startswith("_:"), subject, not is_type, str(triple.predicate), str(triple.object)

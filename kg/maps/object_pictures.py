@@ -76,7 +76,7 @@ class ObjectPictures:
             path.unlink(missing_ok=True)
 
     def join(self, iri: str, other: str) -> None:
-        """Give the pictures of the object `other` to `iri`, which is the same thing.
+        """Move the pictures of the object `other` to `iri`, which is the same thing.
 
         The best views of both stay, up to `MAX_VIEWS`. Raises GraphError if the folder cannot be
         written.

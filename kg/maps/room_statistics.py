@@ -33,7 +33,7 @@ def placement_table(
         return table_of(quads, places, objects, parameters=parameters, sought=sought)
 
 
-def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import rooms") -> int:
+def import_rooms(semantic_map: SemanticMap, table: RoomTable) -> int:
     """Import a table's statistics into a map's ontology; returns the number of changed triples.
 
     Statistics of the same source are replaced, in one transaction. A second import of the same
@@ -50,7 +50,7 @@ def import_rooms(semantic_map: SemanticMap, table: RoomTable, by: str = "import 
         compiled -= set(
             semantic_map.engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH)
         )
-        cause = Cause("import", by, "; ".join(sorted(sources)))
+        cause = Cause("import", "import rooms", "; ".join(sorted(sources)))
         change = semantic_map.store.commit(
             sorted(gone, key=str), sorted(wanted | compiled, key=str), cause
         )

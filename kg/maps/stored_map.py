@@ -15,6 +15,8 @@ from kg.history.replay.past_state import background_changes
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.knowledge.ontology.loading import compile_commonsense
+from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.coordinate_frames import changed_frame, maps_in
 from kg.maps.facts.frame_writer import FrameWriter
@@ -32,9 +34,10 @@ from kg.maps.update.completion import complete_change
 from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
 from kg.maps.update.execution import evaluate_update
 from kg.maps.update.ground_update import GroundUpdate
-from kg.maps.update.recompilation import recompile_commonsense
+from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:
@@ -265,3 +268,18 @@ def frame_cause(update: MapUpdate) -> Cause:
     recording = update.recording
     note = f"{recording.name}/{recording.last_frame}" if recording else ""
     return Cause("frame", note=note)
+
+
+def recompile_commonsense(draft: ChangeDraft) -> None:
+    """Recompile graph:commonsense: add its changes that follow from those of the ontology.
+
+    Raises OntologyError where the ontology would be invalid.
+    """
+    if not any(q.graph_name == v.ONTOLOGY_GRAPH for q in (*draft.added, *draft.removed)):
+        return
+    old = named(draft.before(None, None, None, v.ONTOLOGY_GRAPH))
+    before = compiled_before(old, set(draft.before(None, None, None, v.COMMONSENSE_GRAPH)))
+    after = set(compile_commonsense(named(draft.after(None, None, None, v.ONTOLOGY_GRAPH))))
+    present = set(draft.after(None, None, None, v.COMMONSENSE_GRAPH))
+    delete, insert, _ = recompiled(present, before, after)
+    draft.change(delete, insert)

@@ -136,7 +136,7 @@ def marked_categories(engine: QuadStore) -> dict[str, str]:
 
 
 def _meaning(catalogue: Catalogue, name: str) -> Meaning | None:
-    """The meaning of a name, where it says a single category for certain."""
+    """The meaning of a name, where it has a single certain category."""
     try:
         meaning = understand(catalogue, name)
     except UnknownCategoryError:

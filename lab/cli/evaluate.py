@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lab.maps.complete_truth import TrueObject
     from lab.maps.map_evaluation import MapEvaluation, MapScores
     from lab.maps.session_identity import SessionIdentity
-    from mapping.class_scores import MapScore, Truth
+    from mapping.reference.class_scores import MapScore, Truth
 
     AnyTruth = Truth | tuple[TrueObject, ...]  # of some classes, or complete
 
@@ -189,8 +189,8 @@ def _draw_reliability(scored: Sequence[tuple[Run, MapScores]], path: Path) -> No
 
 def _load(path: Path) -> AnyTruth:
     """Read a truth of either kind; raises RecordingError."""
+    from lab.maps.class_truth import load_truth
     from lab.maps.complete_truth import is_complete_truth, load_complete_truth
-    from mapping.class_scores import load_truth
 
     return load_complete_truth(path) if is_complete_truth(path) else load_truth(path)
 
@@ -198,7 +198,7 @@ def _load(path: Path) -> AnyTruth:
 def _score(evaluated: EvaluatedMap, truth: AnyTruth, near: float) -> _Scored:
     from lab.maps.map_evaluation import evaluate_map
     from lab.maps.truth_matching import TruthMatcher
-    from mapping.class_scores import score_map
+    from mapping.reference.class_scores import score_map
 
     semantic_map, T_map_world = evaluated.semantic_map, evaluated.T_map_world
     if isinstance(truth, tuple):

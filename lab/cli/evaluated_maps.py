@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from kg.maps.semantic_map import SemanticMap
-    from mapping.progress_report import MappingReport
+    from mapping.runs.progress_report import MappingReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,10 +154,8 @@ def _mapped(
 
 
 def _remembering(networks: Networks) -> Networks:
-    from lab.networks.repeated_frames import (
-        RememberingDetector,
-        RememberingSceneClassifier,
-    )
+    from lab.networks.repeated_frames import RememberingSceneClassifier
+    from perception.inference.detector_pair import RememberingDetector
 
     scene = None if networks.scene is None else RememberingSceneClassifier(networks.scene)
     return Networks(RememberingDetector(networks.detector), scene)

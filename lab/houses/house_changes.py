@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -20,11 +20,10 @@ from lab.houses.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
-from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, Item
-from planner.simulation.robot.motion import Pose, with_pauses
-from planner.simulation.sensing.camera import CameraModel
+from planner.simulation.robot.motion import TimedPose
+from planner.simulation.sensing.camera import CameraModel, Carry
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
 VANISHED: Final = 0.05  # share of the small things that are gone
@@ -82,8 +81,8 @@ def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
 
 
 def carries(
-    before: House, change: HouseChange, poses: Sequence[Pose], model: CameraModel, start: float
-) -> tuple[tuple[Carry, ...], tuple[Pose, ...]]:
+    before: House, change: HouseChange, poses: Sequence[TimedPose], model: CameraModel, start: float
+) -> tuple[tuple[Carry, ...], tuple[TimedPose, ...]]:
     """Paths and times of the carried things, and the drive with pauses to watch them.
 
     Each thing is picked up when it is in view of the robot, which drives along `poses` from `start`
@@ -93,7 +92,7 @@ def carries(
     numbers = [k for k, item in enumerate(change.house.objects) if item.name in change.carried]
     origins = [old[change.house.objects[k].name] for k in numbers]
     when = [_when_seen(origin, poses, change.house, model) for origin in origins]
-    drive = with_pauses(poses, set(when), PAUSE, INTERVAL)
+    drive = _with_pauses(poses, set(when))
     floor = FloorGrid(change.house)
     found = list[Carry]()
     for index, origin, number in zip(numbers, origins, when, strict=True):
@@ -106,13 +105,24 @@ def carries(
     return tuple(found), drive
 
 
-def _when_seen(item: Item, poses: Sequence[Pose], house: House, model: CameraModel) -> int:
+def _with_pauses(poses: Sequence[TimedPose], pauses: Collection[int]) -> tuple[TimedPose, ...]:
+    """`poses` with PAUSE more pictures, INTERVAL apart, at the poses numbered `pauses`."""
+    out, delay = list[TimedPose](), 0.0
+    for number, pose in enumerate(poses):
+        out.append(replace(pose, seconds=pose.seconds + delay))
+        for _ in range(PAUSE if number in pauses else 0):
+            delay += INTERVAL
+            out.append(replace(pose, seconds=pose.seconds + delay))
+    return tuple(out)
+
+
+def _when_seen(item: Item, poses: Sequence[TimedPose], house: House, model: CameraModel) -> int:
     """Number of the middle one of the poses with `item` in view; without any, of all poses."""
     seen = [k for k, pose in enumerate(poses) if _is_in_view(item, pose, house, model)]
     return seen[len(seen) // 2] if seen else len(poses) // 2
 
 
-def _is_in_view(item: Item, pose: Pose, house: House, model: CameraModel) -> bool:
+def _is_in_view(item: Item, pose: TimedPose, house: House, model: CameraModel) -> bool:
     """Whether `item` is in the middle of the image at a pose in the same room."""
     x, y = item.x - pose.x, item.y - pose.y
     away = float(np.hypot(x, y))

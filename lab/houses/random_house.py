@@ -20,7 +20,7 @@ from lab.houses.small_things import (
     SurfaceSampler,
 )
 from planner.search.plans.orders import nearest_neighbour
-from planner.simulation.houses.floor_grid import FloorGrid, length_of
+from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.furniture import OBJECTS, RGB
 from planner.simulation.houses.house import CHALK, OAK, SLATE, WALNUT, House, HouseRoom, Item, Wall
 
@@ -108,7 +108,8 @@ def _in_tour_order(house: House) -> House:
     def metres(here: HouseRoom | None, room: HouseRoom) -> float:
         if here is None:
             return float(room.category != "corridor")
-        return length_of(floor.path(np.array(here.viewpoints[-1]), np.array(room.viewpoints[0])))
+        path = floor.path(np.array(here.viewpoints[-1]), np.array(room.viewpoints[0]))
+        return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
 
     return replace(house, rooms=tuple(nearest_neighbour(house.rooms, metres)))
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.maps.complete_truth import TrueObject
-from mapping.projection import to_map
+from mapping.frames.projection import to_map
 
 LARGE: Final = ("bed", "couch", "dining table")
 FAR: Final = 1.0  # [m] reach of large things

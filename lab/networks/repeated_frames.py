@@ -1,27 +1,8 @@
-"""Networks over frames that are read several times: each frame goes through them once."""
+"""Scene classifiers over frames that are read several times: each frame goes through once."""
 
 from __future__ import annotations
 
-from perception.frames import Detections, Detector, Frame, SceneClassifier, SceneScores
-
-
-class RememberingDetector:
-    """Detector that keeps the detections of each frame of one recording, by the frame's id."""
-
-    def __init__(self, detector: Detector) -> None:
-        self._detector = detector
-        self._known: dict[str, Detections] = {}
-
-    @property
-    def name(self) -> str:
-        """Name of the detector behind it."""
-        return self._detector.name
-
-    def detect(self, frame: Frame) -> Detections:
-        """Detections of `frame`, from the network where it is new."""
-        if frame.id not in self._known:
-            self._known[frame.id] = self._detector.detect(frame)
-        return self._known[frame.id]
+from perception.frames import Frame, SceneClassifier, SceneScores
 
 
 class RememberingSceneClassifier:

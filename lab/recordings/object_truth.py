@@ -10,7 +10,7 @@ import numpy as np
 from lab.houses.house_changes import HouseChange
 from lab.houses.small_things import SurfaceSampler
 from planner.simulation.houses.house import House, Item
-from planner.simulation.sensing.camera import CameraModel, View
+from planner.simulation.sensing.camera import CameraModel, TrueView
 
 MIN_FRAMES: Final = 3  # frames that show a thing well; a thing with fewer is ignored
 MIN_PIXELS: Final = 120.0  # of a thing that is shown well, in an image 320 wide
@@ -35,7 +35,7 @@ class VisibilityRecord:
         self._house = house
         self._min_pixels = MIN_PIXELS * (model.width / 320) ** 2
 
-    def add(self, frame_id: str, view: View) -> None:
+    def add(self, frame_id: str, view: TrueView) -> None:
         """Count one frame."""
         numbers, counts = np.unique(view.instance, return_counts=True)
         for i, visible in zip(numbers.tolist(), counts.tolist(), strict=True):

@@ -13,6 +13,7 @@ import numpy as np
 from kg.model.errors import RecordingError
 from lab.houses.house_changes import HouseChange, carries, changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.depth_sensor import KINECT
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from lab.recordings.odometry import with_drift
 from perception.frames import Detections
@@ -23,7 +24,6 @@ from perception.sources.recording_writer import RecordingWriter, pose_line, writ
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.mapping_tour import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
-from planner.simulation.sensing.depth_sensor import KINECT
 from planner.simulation.sensing.sensors import SENSES, DetectorFaults, SimulatedDetector
 
 TRUTH: Final = "objects_full_gt.json"

@@ -32,7 +32,7 @@ from perception.sources.ros.headers import NANOSECONDS, frame_name
 from perception.sources.ros.message_maker import MessageMaker
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House
-from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
+from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, turn
 from planner.simulation.sensing.camera import SimulatedCamera
 
 BASE: Final = "base_link"
@@ -55,17 +55,17 @@ class _Goal:
     """A goal and its state."""
 
     id: Any  # actionlib_msgs/GoalID
-    way: Sequence[Pose]  # the last one is the end
+    way: Sequence[TimedPose]  # the last one is the end
     status: int = ACTIVE
     text: str = ""
     ended: float = math.inf  # [s] of time.monotonic()
 
-    def pose(self, seconds: float) -> Pose:
+    def pose(self, seconds: float) -> TimedPose:
         """The pose of the robot on the way at a time [s]."""
         x, y, headings, times = np.array([(p.x, p.y, p.heading, p.seconds) for p in self.way]).T
         values = (x, y, np.unwrap(headings))
         x, y, heading = (float(np.interp(seconds, times, value)) for value in values)
-        return Pose(x, y, heading, seconds)
+        return TimedPose(x, y, heading, seconds)
 
 
 class Ros1HouseNode:
@@ -86,7 +86,7 @@ class Ros1HouseNode:
         self._camera, self._floor = SimulatedCamera(house, seed=seed), FloorGrid(house)
         self._gait = MotionLimits()
         self._began = time.time(), time.monotonic()
-        self.pose = Pose(*start, 0.0, self.seconds)
+        self.pose = TimedPose(*start, 0.0, self.seconds)
         self._goals = deque[_Goal](maxlen=100)
         self._orders = deque[tuple[str, Any]](maxlen=100)
         self._cancelled = deque[str](maxlen=100)  # ids of goals that have not arrived yet
@@ -184,7 +184,7 @@ class Ros1HouseNode:
             except LayoutError as error:
                 self._end(goal, ABORTED, str(error))
 
-    def _way(self, goal: np.ndarray, heading: float) -> Sequence[Pose]:
+    def _way(self, goal: np.ndarray, heading: float) -> Sequence[TimedPose]:
         """Poses of the way to `goal` [m]; raises LayoutError where none leads there."""
         path = self._floor.path(self.pose.xy, goal)
         if math.dist(self.pose.xy, goal) <= self._gait.stride / 10:
@@ -198,7 +198,7 @@ class Ros1HouseNode:
     def _move(self) -> None:
         """Move on, and publish the pose."""
         goal, now = self._active, self.seconds
-        self.pose = Pose(self.pose.x, self.pose.y, self.pose.heading, now)
+        self.pose = TimedPose(self.pose.x, self.pose.y, self.pose.heading, now)
         if goal is not None:
             self.pose = goal.pose(now)
             if now >= goal.way[-1].seconds:

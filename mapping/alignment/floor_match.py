@@ -41,8 +41,8 @@ class FloorPoints:
 
 
 @dataclass(frozen=True, slots=True)
-class Match:
-    """Match of one floor laid on another."""
+class FloorMatch:
+    """FloorMatch of one floor laid on another."""
 
     score: float  # sum of the worth of all cells
     known: float  # sum of the worth of those where the map knows the floor
@@ -80,14 +80,14 @@ class FloorField:
     free: Floats  # (nx, ny)
     known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
 
-    def match(self, points: FloorPoints) -> Match:
-        """Match of `points` laid on this floor."""
+    def match(self, points: FloorPoints) -> FloorMatch:
+        """FloorMatch of `points` laid on this floor."""
         worth = self._at(self.obstacle, points.obstacles)
         known = self._at(self.known, points.obstacles) > 0
         near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())
         free = float(self._at(self.free, points.free).sum())
         sums = float(worth.sum()) + free, float(worth[known].sum()) + free
-        return Match(*sums, near, through, len(points.obstacles))
+        return FloorMatch(*sums, near, through, len(points.obstacles))
 
     def _at(self, field: Floats | NDArray[np.bool_], xy: Floats) -> Floats:
         cells = np.floor((xy - self.origin) / self.cell).astype(np.intp)
@@ -97,11 +97,9 @@ class FloorField:
         return found
 
 
-def floor_tiles(
-    frames: Iterable[Frame], settings: OccupancySettings | None = None
-) -> dict[Key, States]:
+def floor_tiles(frames: Iterable[Frame]) -> dict[Key, States]:
     """Tiles of the floor at height 0 that `frames` show."""
-    s = settings or OccupancySettings()
+    s = OccupancySettings()
     tiles = dict[Key, OccupancyTile]()
     for frame in frames:
         points = frame_points(frame.depth, frame.K, frame.T_map_cam, s)
@@ -116,9 +114,9 @@ def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
     return _points(floor_tiles(frames), OccupancySettings().cell)
 
 
-def floor_of_map(tiles: Iterable[FloorTile], storey: int = 0) -> FloorPoints:
-    """Floor of one storey of a map."""
-    held = [tile for tile in tiles if tile.storey == storey]
+def floor_of_map(tiles: Iterable[FloorTile]) -> FloorPoints:
+    """Floor of the lowest storey of a map."""
+    held = [tile for tile in tiles if tile.storey == 0]
     if not held:
         return _points({}, 1.0)
     return _points({(t.column, t.row): t.cells for t in held}, held[0].resolution)

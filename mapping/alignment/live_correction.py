@@ -14,7 +14,7 @@ from typing import Final
 from kg.maps.semantic_map import SemanticMap
 from mapping.alignment.pose_correction import CorrectionReport, correct_poses
 from mapping.mapping_options import MappingOptions
-from mapping.progress_report import MappingReport
+from mapping.runs.progress_report import MappingReport
 from perception.frames import Frame, Recording
 from perception.sources.live.kept_frames import KeptFrames
 from perception.sources.live.live_recording import LiveRecording

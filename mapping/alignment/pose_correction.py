@@ -21,15 +21,15 @@ from mapping.alignment.floor_match import floor_tiles
 from mapping.alignment.temporary_map import temporary_map
 from mapping.key_views.view_store import ViewStore
 from mapping.mapper import Mapper
-from mapping.mapper_lease import MapperLease
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.association import assign
 from mapping.objects.sightings import intersection_over_union
 from mapping.occupancy.tiles import States
 from mapping.places.layout import Layout
 from mapping.places.place_registry import PlaceRegistry
-from mapping.progress_report import MappingReport
-from mapping.resumption import resumed
+from mapping.runs.mapper_lease import MapperLease
+from mapping.runs.progress_report import MappingReport
+from mapping.runs.resumption import resumed
 from perception.sources.recording import FolderRecording
 
 Floats = NDArray[np.float64]

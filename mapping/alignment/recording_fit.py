@@ -14,10 +14,11 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
-from mapping.alignment.floor_match import Match, floor_field, floor_of_frames, floor_of_map
+from mapping.alignment.floor_match import FloorMatch, floor_field, floor_of_frames, floor_of_map
 from mapping.alignment.object_match import landmarks
 from mapping.alignment.relocalisation import placed_by_views
 from mapping.alignment.search import Alignment, AlignmentSearch
@@ -29,10 +30,10 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from perception.frames import Detector, Frame, Recording
 from perception.sources.recording import FolderRecording
 
-FITS: Final = 0.9  # minimum `Match.quality` of a floor in poses that were not aligned
-ALIGNED: Final = 0.6  # minimum `Match.quality` of a floor after alignment
+FITS: Final = 0.9  # minimum `FloorMatch.quality` of a floor in poses that were not aligned
+ALIGNED: Final = 0.6  # minimum `FloorMatch.quality` of a floor after alignment
 RIVAL: Final = 0.8  # maximum score of the second best alignment, as a share of the best score
-CONTRADICTS: Final = 0.0  # `Match.quality` below which a floor contradicts the given transform
+CONTRADICTS: Final = 0.0  # `FloorMatch.quality` below which a floor contradicts the given transform
 OBJECTS: Final = 5  # matched objects that are enough where the floors hardly overlap
 CHECKED: Final = 24  # frames whose floor is compared, spread evenly over the recording
 SEARCHED: Final = 80  # frames for an alignment, spread evenly over the recording
@@ -42,6 +43,8 @@ _WAYS: Final = (
     "are in the map frame"
 )
 _log = logging.getLogger(__name__)
+
+_OTHERWISE = "--pose X,Y,Z,DEG"
 
 
 def fitted(
@@ -182,7 +185,7 @@ def summary_of(name: str, found: Alignment) -> str:
     )
 
 
-def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> Match | None:
+def _floor_match(recording: FolderRecording, semantic_map: SemanticMap) -> FloorMatch | None:
     tiles = semantic_map.floor()
     cell = tiles[0].resolution if tiles else OccupancySettings().cell
     field = floor_field(floor_of_map(tiles), cell)
@@ -193,3 +196,25 @@ def spread(recording: FolderRecording, count: int) -> Iterator[Frame]:
     """`count` frames, spread evenly over the recording."""
     for index in np.unique(np.linspace(0, len(recording) - 1, count).astype(int)):
         yield recording.frame(int(index))
+
+
+def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray[np.float64], str]:
+    """T_other_map (4, 4), and what was found in one line.
+
+    Raises LayoutError where no transform fits, or several do.
+    """
+    title = semantic_map.description.title
+    search = AlignmentSearch(
+        floor_of_map(semantic_map.floor()),
+        floor_of_map(other.floor()),
+        landmarks(semantic_map.objects()),
+        landmarks(other.objects()),
+    )
+    found = search.best()
+    if found is None:
+        raise LayoutError(
+            f"{title!r} cannot be aligned: neither floor nor objects are in both maps; "
+            f"{_OTHERWISE} would work"
+        )
+    check_certain(title, found, _OTHERWISE)
+    return found.T, summary_of(title, found)

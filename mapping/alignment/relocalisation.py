@@ -24,7 +24,7 @@ from perception.odometry.spread_poses import is_new
 from perception.sources.recording import FolderRecording
 
 COMPARED: Final = 80  # views of a recording at most, spread evenly
-MOST: Final = 300  # views of a live camera
+MAX_VIEWS: Final = 300  # views of a live camera
 NO_VIEWS: Final = Doubt("the map keeps no views, as on a server or from older versions")
 
 _WAYS: Final = (
@@ -49,7 +49,7 @@ def recognised_live(
 ) -> tuple[Pose, str]:
     """T_map_world (4, 4) of the world of live frames, and a line, as soon as that is sure.
 
-    Raises LayoutError where the frames end, or MOST views were compared, before it is sure, or
+    Raises LayoutError where the frames end, or MAX_VIEWS views were compared, before it is sure, or
     where the map keeps no views.
     """
     views = stored_views(semantic_map.store.path, semantic_map.sequence)
@@ -62,7 +62,7 @@ def recognised_live(
             found = recogniser.result()
         if isinstance(found, Recognition):
             return found.T, _summary(found, views)
-        if len(recogniser.images) == MOST:
+        if len(recogniser.images) == MAX_VIEWS:
             break
     assert isinstance(found, Doubt)
     ways = "a camera that shows what those show, or a new map would work"

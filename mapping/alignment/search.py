@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.alignment.floor_match import FloorField, FloorPoints, Match, floor_field
+from mapping.alignment.floor_match import FloorField, FloorMatch, FloorPoints, floor_field
 from mapping.alignment.object_match import Landmarks, ObjectMatcher, about_z
 
 Floats = NDArray[np.float64]
@@ -36,7 +36,7 @@ class Alignment:
     """The best transform found, and how much better it is than any other."""
 
     T: Floats  # (4, 4) source to target
-    floor: Match
+    floor: FloorMatch
     objects: int  # source objects that lie on a target object of their category
     score: float
     rival: float  # score of the best transform to another spot
@@ -78,7 +78,7 @@ class AlignmentSearch:
         score, T = refined[0]
         rival = max((other for other, elsewhere in refined if not _same(T, elsewhere)), default=0.0)
         moved = self._floor.moved(T)
-        floor = Match(0.0, 0.0, 0, 0, 0) if self._fine is None else self._fine.match(moved)
+        floor = FloorMatch(0.0, 0.0, 0, 0, 0) if self._fine is None else self._fine.match(moved)
         return Alignment(T, floor, len(self._objects.pairs(T)[0]), score, rival)
 
     def _score(self, T: Floats, field: FloorField | None) -> float:

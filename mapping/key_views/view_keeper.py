@@ -10,7 +10,7 @@ from mapping.key_views.view_store import MAX_VIEWS, Key, StoredView, ViewStore
 from perception.camera.poses import Pose
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
-from perception.odometry.recognition import FEWEST, view_of
+from perception.odometry.recognition import MIN_FEATURES, view_of
 from perception.odometry.spread_poses import is_new, spare
 
 Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
@@ -31,13 +31,13 @@ class ViewKeeper:
         self._new: StoredView | None = None  # not in the map yet
 
     def add(self, frame: Frame, people: Boxes) -> None:
-        """Take in a frame, for `save` and `accept`, without what is in the boxes of `people`."""
+        """Add a frame, for `save` and `accept`, without what is in the boxes of `people`."""
         self._new = None
         T = frame.T_map_cam
         if self._store is None or not is_new(T, self._poses):
             return
         view, _ = view_of(frame, self._detector, without=people)
-        if len(view.features) >= FEWEST:
+        if len(view.features) >= MIN_FEATURES:
             self._new = StoredView(self._recording, frame.id, view)
 
     def save(self, sequence: int) -> None:

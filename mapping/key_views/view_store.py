@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
 from perception.camera.poses import Pose, checked_pose
-from perception.odometry.recognition import View
+from perception.odometry.recognition import KeyView
 from perception.odometry.view_encoding import decoded, encoded
 
 FILE: Final = "views.sqlite"
@@ -50,7 +50,7 @@ class StoredView:
 
     recording: str
     frame: str
-    view: View  # its pose is in the map frame
+    view: KeyView  # its pose is in the map frame
 
     @property
     def key(self) -> Key:

@@ -114,7 +114,7 @@ class KnownThings:
 
 
 @dataclass(frozen=True, slots=True)
-class Recognition:
+class NamedObject:
     """An object that was named as a known thing."""
 
     iri: str
@@ -149,7 +149,7 @@ def remember_named(semantic_map: SemanticMap) -> None:
     known.save(folder)
 
 
-def recognise(semantic_map: SemanticMap) -> tuple[Recognition, ...]:
+def recognise(semantic_map: SemanticMap) -> tuple[NamedObject, ...]:
     """Name the objects that are known things, by a mark or by their looks; returns them.
 
     Each is an assertion of `AUTHOR` that is made once: where somebody retracts it, it stays so.
@@ -168,7 +168,7 @@ def recognise(semantic_map: SemanticMap) -> tuple[Recognition, ...]:
     free = [one for one in records if one.iri not in taken]
     if not wanted or not free:
         return ()
-    found, used = list[Recognition](), set[str]()
+    found, used = list[NamedObject](), set[str]()
     pairs = _pairs(folder, known, wanted, records, {one.iri for one in free})
     for _, one in sorted(pairs, key=lambda pair: (-pair[0], pair[1].iri, pair[1].name)):
         if not used & {one.iri, one.name}:
@@ -212,7 +212,7 @@ def _pairs(
     wanted: Sequence[KnownThing],
     records: Sequence[ObjectRecord],
     free: Collection[str],
-) -> Iterator[tuple[float, Recognition]]:
+) -> Iterator[tuple[float, NamedObject]]:
     """Pairs of a free object and a known thing that may be one, with how clear that is."""
     from perception.inference.markers import markers_in  # loads OpenCV
 
@@ -226,7 +226,7 @@ def _pairs(
         for path in pictures.views_of(record.iri) if marks else ():
             seen |= markers_in(path.read_bytes(), {mark.partition("/")[0] for mark in marks})
         for mark in seen & marks.keys():
-            yield math.inf, Recognition(record.iri, marks[mark], 1.0)
+            yield math.inf, NamedObject(record.iri, marks[mark], 1.0)
         if record.iri not in looks:
             continue
         features = looks[record.iri].features
@@ -245,7 +245,7 @@ def _pairs(
             rival = most_alike(features, [*before, *named])
             clear = alike if rival is None else 2 * alike - rival
             if clear >= MIN_DISTINCT:
-                yield clear, Recognition(record.iri, one.name, min(alike, 0.99))
+                yield clear, NamedObject(record.iri, one.name, min(alike, 0.99))
 
 
 def _fits(one: KnownThing, record: ObjectRecord) -> bool:

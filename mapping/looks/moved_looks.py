@@ -24,7 +24,7 @@ from mapping.objects.tracks import Track
 #: lounge and judged on the kitchen (docs/reference/benchmarks.md).
 EVEN: Final = 0.5
 SLOPE: Final = 6.9
-_MOST: Final = 3.0  # of the log-likelihood ratio, either way
+_MAX_LOG_RATIO: Final = 3.0  # of the log-likelihood ratio, either way
 _KEPT: Final = 1000  # things in memory
 
 Floats = NDArray[np.float32]
@@ -51,7 +51,7 @@ class MovedLooks:
         if rival is None:
             return 1.0
         log_ratio = EVEN + SLOPE * (likeness(a, b) - rival)
-        return math.exp(min(max(log_ratio, -_MOST), _MOST))
+        return math.exp(min(max(log_ratio, -_MAX_LOG_RATIO), _MAX_LOG_RATIO))
 
     def _features(self, track: Track) -> Floats | None:
         """(n, F) features of a track's views; None without any."""

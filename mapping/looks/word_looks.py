@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -38,23 +38,18 @@ def imagenet_classes() -> dict[str, tuple[int, ...]]:
     }
 
 
-def things_that_look_like(
-    semantic_map: SemanticMap, synset: str, *, among: Iterable[str] | None = None
-) -> tuple[Resemblance, ...] | None:
+def things_that_look_like(semantic_map: SemanticMap, synset: str) -> tuple[Resemblance, ...] | None:
     """Things of a map that look like `synset`, most first; empty where nothing does.
 
-    `among`: IRIs of the things that are compared; by default all believed objects, and things
-    without a name. None where it cannot be known: for a synset without classes of ImageNet, and a
-    map without pictures here.
+    Believed objects are compared, and things without a name. None where it cannot be known: for a
+    synset without classes of ImageNet, and a map without pictures here.
     """
     folder = semantic_map.store.path
     classes = imagenet_classes().get(synset)
     if folder is None or classes is None:
         return None
-    if among is None:
-        named = semantic_map.objects(min_existence=0.5)
-        among = [record.iri for record in (*named, *semantic_map.unnamed_things())]
-    looks = ObjectLooks(folder).of(among)
+    records = (*semantic_map.objects(min_existence=0.5), *semantic_map.unnamed_things())
+    looks = ObjectLooks(folder).of([record.iri for record in records])
     if not looks:
         return None
     found = (Resemblance(iri, ratio(look, classes)) for iri, look in looks.items())

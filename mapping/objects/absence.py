@@ -57,7 +57,7 @@ class Absence:
         self.run = min(self.run, other.run)
 
     def probability(self, prior: float) -> float:
-        """Probability that the thing has left; 0 without a view that says so."""
+        """Probability that the thing has left; 0 unless views are evidence of it."""
         if self.log_ratio <= 0:
             return 0.0
         return 1 / (1 + (1 - prior) / prior * math.exp(-min(self.log_ratio, 50.0)))

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
-from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 #: position (3,) [m] and categories of a track as people assert them; None where they do not

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord
-from mapping.detection_report import Fate
+from mapping.frames.sighting import Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.labels.label_table import LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
-from mapping.objects.detection_fates import DetectionFates
+from mapping.objects.detections.detection_fates import DetectionFates
+from mapping.objects.detections.detection_report import Fate
 from mapping.objects.extents.extent_grower import ExtentGrower
 from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
@@ -35,7 +36,6 @@ from mapping.objects.tracks import CELL, Track, Viewpoint, count_together, viewp
 from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
-from mapping.sighting import Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
 

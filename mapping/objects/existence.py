@@ -46,10 +46,9 @@ class CategoryEvidence:
             SEEN * math.log1p(self.strength) - MISSED * math.log1p(missed) + SIZE * size - NOTHING
         )
 
-    def set_log_odds(self, log_odds: float, looks: float, size: float) -> None:
-        """Choose the hits so that these `log_odds` follow, with no more misses than there are."""
-        missed = max(looks - self.looks, 0.0)
-        rest = log_odds + NOTHING - SIZE * size + MISSED * math.log1p(missed)
+    def set_log_odds(self, log_odds: float, size: float) -> None:
+        """Choose the hits so that these `log_odds` follow before any look."""
+        rest = log_odds + NOTHING - SIZE * size
         self.strength = math.expm1(max(rest, 0.0) / SEEN)
 
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.detection_report import Fate
+from mapping.frames.projection import back_project, to_map
+from mapping.frames.sighting import Box, Floats, Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
-from mapping.objects.detection_fates import DetectionFates
+from mapping.objects.detections.detection_fates import DetectionFates
+from mapping.objects.detections.detection_report import Fate
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf
-from mapping.projection import back_project, to_map
 from mapping.reference.depth_histogram import box_depth
-from mapping.sighting import Box, Floats, Sighting, ThingSighting
 from perception.frames import Detections, Frame
 
 _SAMPLES = 1000  # pixels of a box that are sampled

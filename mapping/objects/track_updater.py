@@ -8,6 +8,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
 from mapping.objects.existence import visibility
 from mapping.objects.extents.box_views import view_row
@@ -16,7 +17,6 @@ from mapping.objects.tracks import Track, Viewpoint
 from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
 from mapping.objects.volume_view import VolumeView, ray_test
 from mapping.persistence import departed, listed_half_life
-from mapping.sighting import ThingSighting
 from perception.frames import Frame
 
 

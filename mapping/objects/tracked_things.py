@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.records import ObjectRecord
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.existence import logit
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import RunState, TrackStore
 from mapping.objects.track_updater import TrackUpdater
 from mapping.objects.tracks import Track, numbers, same_facts, track_of
-from mapping.sighting import ThingSighting
 
 _NEARBY = 6.0  # [m] tracks farther from every sighting are skipped
 

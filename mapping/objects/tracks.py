@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from kg.maps.facts.label_beliefs import STEP
 from kg.model.oriented_boxes import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
 from mapping.objects.extents.box_views import MAX_VIEWS, Row, pose_of
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
-from mapping.sighting import ThingSighting
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track
@@ -39,7 +39,7 @@ class _Numbers:
         return self._last
 
     def reserve(self, given: Iterable[int]) -> None:
-        """Give none of the numbers that other runs gave."""
+        """Reserve the numbers of other runs."""
         self._last = max([self._last, *given])
 
 
@@ -228,7 +228,7 @@ class Track:
         return found
 
     def merge(self, other: Track) -> None:
-        """Take over the evidence of `other`, which is the same thing."""
+        """Merge the evidence of `other`, which is the same thing."""
         for category, held in other.evidence.items():
             self.evidence.setdefault(category, CategoryEvidence()).merge(held)
         self.looks += other.looks
@@ -250,7 +250,7 @@ class Track:
         self.last_frame = max(self.last_frame, other.last_frame)
 
     def becomes(self, old: Track) -> None:
-        """Go on as `old`, the same thing before it moved here."""
+        """Continue as `old`, the same thing before it moved here."""
         self.iri, self.written = old.iri, old.written
         self.first_seen = min(self.first_seen, old.first_seen)
         self.observations += old.observations
@@ -306,7 +306,7 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
     evidence = dict[str, CategoryEvidence]()
     for category, odds in _log_odds(record).items():
         evidence[category] = CategoryEvidence()
-        evidence[category].set_log_odds(odds, 0.0, prior[category])
+        evidence[category].set_log_odds(odds, prior[category])
     track = Track(
         p_map=record.p_map,
         size=max(size or float(extent.max()), 0.05),

@@ -9,15 +9,22 @@ from __future__ import annotations
 import csv
 import functools
 import math
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import median
 from typing import Final
 
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 SPREAD: Final = 0.5  # standard deviation of log size within a category
 OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things look smaller
 WORST: Final = -4.0  # an outlier by size costs no more than this
+
+MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
+LARGE: Final = 1.6  # factor from which sizes are unusual ...
+SMALL: Final = 0.35  # ... and below which: things are often seen in part
+ALIKE: Final = 0.75  # share of the categories that must agree
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,3 +62,24 @@ def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
 
 #: usual size of a category by IRI, None where it has none
 SizeOf = Callable[[str], UsualSize | None]
+
+
+def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
+    """Factor by which things are larger than usual, by (label, longest dimension [m]) of each.
+
+    A wrong unit of depth makes a room that is consistent, and larger or smaller by one factor.
+    None where they are about as large as usual, or too few of their usual sizes are known.
+    """
+    usual, found = usual_sizes(), defaultdict[str, list[float]](list)
+    for label, size in sizes:
+        if label in usual and size > 0:
+            found[label].append(math.log(size / usual[label].longest))
+    if len(found) < MIN_CATEGORIES:
+        return None
+    by_category = [median(ratios) for ratios in found.values()]
+    factor = math.exp(median(by_category))
+    for limit, sign in ((LARGE, 1), (SMALL, -1)):
+        beyond = sum(sign * (ratio - math.log(limit)) > 0 for ratio in by_category)
+        if beyond >= ALIKE * len(by_category):
+            return factor
+    return None

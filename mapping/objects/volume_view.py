@@ -7,8 +7,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.frames.projection import to_camera
 from mapping.objects.settings import ObjectSettings
-from mapping.projection import to_camera
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]

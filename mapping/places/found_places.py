@@ -170,16 +170,14 @@ class FoundPlaces:
         return tuple(gone)
 
 
-def find_places(
-    semantic_map: SemanticMap, settings: SegmentationSettings | None = None
-) -> tuple[PlaceRecord, ...]:
+def find_places(semantic_map: SemanticMap) -> tuple[PlaceRecord, ...]:
     """Find the places of a finished map in its floor, and put its objects into them.
 
     One transaction; returns the places. Without floor nothing changes.
     """
     with semantic_map.hold():
         places = PlaceRegistry(semantic_map, recording=None)
-        found = FoundPlaces(semantic_map, places, settings).update()
+        found = FoundPlaces(semantic_map, places).update()
         objects = objects_elsewhere(semantic_map, places)
         update = MapUpdate(
             objects=objects,

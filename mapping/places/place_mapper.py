@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
+from mapping.frames.projection import map_points
 from mapping.labels.label_resolver import LabelResolver
 from mapping.labels.label_table import LabelTable
 from mapping.places.place_registry import PlaceRegistry
-from mapping.projection import map_points
 from mapping.reference.belief_filters import bayes_update, mean_update, with_prior
 from mapping.reference.settings import INDOOR_CATEGORIES, ReferenceSettings
 from mapping.reference.viewpoint_gate import main_owner, repeats_view, unknown_share

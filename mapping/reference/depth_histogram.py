@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from mapping.projection import back_project
+from mapping.frames.projection import back_project
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame, box_pixels
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kg.model.records import ObjectRecord
-from mapping.sighting import Sighting
+from mapping.frames.sighting import Sighting
 
 
 @dataclass(frozen=True, slots=True)

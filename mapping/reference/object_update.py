@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.records import ObjectRecord
+from mapping.frames.sighting import Sighting
 from mapping.reference.settings import ReferenceSettings
-from mapping.sighting import Sighting
 
 
 def reinforced(confidence: float, score: float, phi: float, nu: float) -> float:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.projection import project, to_camera
+from mapping.frames.projection import project, to_camera
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
 

@@ -42,14 +42,9 @@ class RelationMapper:
     Geometry is that of believed positions, so an asserted position moves a thing's relations too.
     """
 
-    def __init__(
-        self,
-        semantic_map: SemanticMap,
-        objects: ObjectCache,
-        settings: RelationSettings | None = None,
-    ) -> None:
+    def __init__(self, semantic_map: SemanticMap, objects: ObjectCache) -> None:
         self._map, self._objects = semantic_map, objects
-        self._settings = settings or RelationSettings()
+        self._settings = RelationSettings()
         self._boxes = BoxIndex()
         self._relations: dict[str, _Relations] = {}
         self._uncomputed = set(objects.perceived)  # since this run began

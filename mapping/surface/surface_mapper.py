@@ -21,9 +21,9 @@ from kg.maps.surface.voxels import (
     keys_of,
     surface_of,
 )
+from mapping.frames.projection import to_camera
 from mapping.occupancy.depth_projection import FramePoints, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.projection import to_camera
 from perception.frames import Frame
 
 _SETTINGS: Final = replace(OccupancySettings(), columns=128)  # pixels sampled across a frame
@@ -52,7 +52,7 @@ class SurfaceMapper:
         self._mark = 0
 
     def add(self, frame: Frame, people: Boxes) -> None:
-        """Take in a frame, for `save` and `accept`; what is in the boxes of `people` is left out.
+        """Add a frame, for `save` and `accept`; what is in the boxes of `people` is left out.
 
         A frame that was not accepted is forgotten.
         """

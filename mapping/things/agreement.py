@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.oriented_boxes import along
-from mapping.things.view_parts import LARGEST, Part
+from mapping.things.view_parts import MAX_LENGTH, Part
 
 _SAME: Final = 0.4  # overlap of boxes of one part in two views
 _VIEWS: Final = 2  # that show a thing, at least
@@ -55,7 +55,7 @@ class _Boxes:
 
     def shared(self, one: int) -> tuple[NDArray[np.intp], Floats]:
         """The boxes near one, and the volumes [m^3] that they have in common with it."""
-        reach = np.array([-1, 1]) * (LARGEST + 2 * _AROUND)
+        reach = np.array([-1, 1]) * (MAX_LENGTH + 2 * _AROUND)
         near = np.arange(*np.searchsorted(self.middle, self.middle[one] + reach))
         sides = np.minimum(self.high[near], self.high[one])
         sides = sides - np.maximum(self.low[near], self.low[one])

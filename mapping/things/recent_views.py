@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.frames.projection import to_camera
 from mapping.objects.tracks import Viewpoint, viewpoint
-from mapping.projection import to_camera
 from perception.annotate import encode_jpeg
 from perception.frames import Frame
 
@@ -18,7 +18,7 @@ _STEP: Final = 8  # [px] between kept values of depth
 _NEAR: Final = 0.3  # [m] from which on a camera sees things
 _BEHIND: Final = 0.1  # [m], and a share, by which a point may lie behind the measured depth
 _POINTS: Final = 60  # of a thing that are looked for
-_LEAST: Final = 0.5  # share of these that a view must show
+_MIN_SHARE: Final = 0.5  # share of these that a view must show
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class SeenView:
         u = p[:, 0] / p[:, 2] * self.K[0, 0] + self.K[0, 2]
         v = p[:, 1] / p[:, 2] * self.K[1, 1] + self.K[1, 2]
         inside = (u >= 0) & (v >= 0) & (u < self.size[0]) & (v < self.size[1])
-        if inside.mean() < _LEAST:
+        if inside.mean() < _MIN_SHARE:
             return None
         rows, columns = self.depth.shape
         row = np.clip(v[inside] / _STEP, 0, rows - 1).astype(np.intp)
@@ -83,7 +83,7 @@ class RecentViews:
         """Number of the views that show most of `points` (n, 3) [m]."""
         some = points[:: max(1, len(points) // _POINTS)]
         shown = (view.shows(some) for view in self._views.values())
-        return sum(one is not None and one[0] >= _LEAST for one in shown)
+        return sum(one is not None and one[0] >= _MIN_SHARE for one in shown)
 
     def best(self, points: Floats) -> tuple[SeenView, float, tuple[float, ...]] | None:
         """The view that shows most of `points` (n, 3) [m], large, with the share and the box."""
@@ -91,7 +91,7 @@ class RecentViews:
         found = None
         for view in self._views.values():
             shown = view.shows(some)
-            if shown is None or shown[0] < _LEAST:
+            if shown is None or shown[0] < _MIN_SHARE:
                 continue
             share, box = shown
             worth = share * ((box[2] - box[0]) * (box[3] - box[1])) ** 0.25

@@ -14,11 +14,11 @@ from kg.model.oriented_boxes import OrientedBox, along, along_nearest_axes
 from kg.model.records import ObjectRecord
 from mapping.objects.extents.walls import Walls
 from mapping.things.agreement import AgreedPart, SeenPart, agreed_parts
-from mapping.things.view_parts import LARGEST, parts_of
+from mapping.things.view_parts import MAX_LENGTH, parts_of
 from perception.depth_image import DepthImage
 from perception.frames import Frame
 
-SMALLEST: Final = 0.08  # [m] longest side of a thing, at least; at most LARGEST
+MIN_LENGTH: Final = 0.08  # [m] longest side of a thing, at least; at most MAX_LENGTH
 MAX_PARTS: Final = 20_000  # that are kept; those of the oldest views are dropped
 _THERE: Final = 0.3  # share of the voxels of a thing that the surface still has, at least
 _COVERED: Final = 0.5  # share of its points in the box of a named object, from which on it is that
@@ -45,7 +45,7 @@ class ThingFinder:
         self._seen, self._views = list[SeenPart](), 0
 
     def add(self, frame: Frame, people: NDArray[np.float32]) -> None:
-        """Take in the parts of a view, without what is in the boxes xyxy [px] of `people`."""
+        """Add the parts of a view, without what is in the boxes xyxy [px] of `people`."""
         depth = frame.depth.copy()
         for x1, y1, x2, y2 in np.maximum(people, 0).astype(np.intp).tolist():
             depth[y1 : y2 + 1, x1 : x2 + 1] = 0
@@ -66,7 +66,7 @@ class ThingFinder:
             points = np.concatenate([one.part.points for one in agreed.seen])
             cells, first = np.unique(_cells(points, surface.size), axis=0, return_index=True)
             longest = (agreed.high - agreed.low).max()
-            if SMALLEST <= longest <= LARGEST and _share(cells, there) >= _THERE:
+            if MIN_LENGTH <= longest <= MAX_LENGTH and _share(cells, there) >= _THERE:
                 found.append(_thing(agreed, points[first].astype(np.float64), yaw))
         return found
 

@@ -1,8 +1,8 @@
 """Thing mapper: things without a name, as the views of a recording show them at its end.
 
-What stands out of its surroundings and lies in no box of a named object is a thing. A thing that
-was there before keeps its IRI. One that nobody named leaves the map where the surface no longer
-shows it, where views show the place and not the thing, or once a named object is there.
+A part that stands out of its surroundings and lies in no box of a named object is a thing. A thing
+that was there before keeps its IRI. One that nobody named leaves the map where the surface no
+longer shows it, where views show the place and not the thing, or once a named object is there.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
 from mapping.things.recent_views import RecentViews, SeenView
 from mapping.things.thing_finder import FoundThing, ThingFinder, is_covered
-from mapping.things.view_parts import LARGEST
+from mapping.things.view_parts import MAX_LENGTH
 from perception.annotate import decode_jpeg
 from perception.frames import Frame
 from perception.object_picture import object_picture
@@ -163,6 +163,6 @@ class ThingMapper:
 
 
 def _overlap(one: FoundThing, record: ObjectRecord) -> float:
-    if record.extent is None or np.abs(record.p_map - one.box.centre).max() > LARGEST:
+    if record.extent is None or np.abs(record.p_map - one.box.centre).max() > MAX_LENGTH:
         return 0.0
     return one.box.overlap(OrientedBox(record.p_map, record.extent, record.yaw))

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from perception.binary_masks import connected_components
 from perception.depth_image import DepthImage
 
-LARGEST: Final = 1.0  # [m] longest side of a thing, at most
-_SMALLEST: Final = 0.06  # [m] of a part that a view shows
+MAX_LENGTH: Final = 1.0  # [m] longest side of a thing, at most
+_MIN_LENGTH: Final = 0.06  # [m] of a part that a view shows
 _REACH: Final = 3  # pixels from one to the two points that are compared, beside it
 _DIAGONAL: Final = 2  # the same in x and y for points that lie obliquely
-_FEWEST: Final = 20  # pixels of a part
-_FARTHEST: Final = 3.5  # [m] from the camera to a part
+_MIN_PIXELS: Final = 20  # pixels of a part
+_MAX_DISTANCE: Final = 3.5  # [m] from the camera to a part
 _CARRYING: Final = 0.15  # [m^2] of a level piece, which is no part of a thing
 _UP: Final = 0.8  # upward component of the normal of what carries things
 _STEP: Final = 3.0  # times the noise, a step of depth
@@ -66,7 +66,7 @@ def parts_of(image: DepthImage) -> list[Part]:
     free = np.array([not _is_background(image, mine) for mine in members], np.bool_)
     candidates = [mine for mine, is_free in zip(members, free, strict=True) if is_free]
     candidates += _unions(members, *_contacts(image, pieces, free))
-    found = (outlines.part(mine) for mine in candidates if len(mine) >= _FEWEST)
+    found = (outlines.part(mine) for mine in candidates if len(mine) >= _MIN_PIXELS)
     return [part for part in found if part is not None]
 
 
@@ -109,11 +109,11 @@ def _grown(image: DepthImage, pieces: Labels) -> Labels:
 
 def _is_background(image: DepthImage, mine: Members) -> bool:
     """Whether a piece is too long for a thing, or carries things."""
-    if len(mine) < _FEWEST:
+    if len(mine) < _MIN_PIXELS:
         return False
     length = _length(image.points.reshape(-1, 3)[mine])
     level = image.normals.reshape(-1, 3)[mine, 2].mean() > _UP
-    return length > LARGEST or bool(level and image.area.ravel()[mine].sum() > _CARRYING)
+    return length > MAX_LENGTH or bool(level and image.area.ravel()[mine].sum() > _CARRYING)
 
 
 def _length(points: Floats) -> float:
@@ -175,7 +175,7 @@ def _unions(
         _, a, b, first, second = heapq.heappop(waiting)
         if a not in parts or b not in parts or (version[a], version[b]) != (first, second):
             continue
-        large = len(parts[b]) >= _FEWEST
+        large = len(parts[b]) >= _MIN_PIXELS
         parts[a] = np.concatenate([parts[a], parts.pop(b)])
         outline[a] += outline[b] - 2 * touching[a][b]
         version[a] += 1
@@ -205,10 +205,10 @@ class _Outlines:
         rows, columns = np.divmod(mine, width)
         if min(rows.min(), columns.min()) < far or rows.max() >= height - far:
             return None
-        if columns.max() >= width - far or np.median(self._depth[mine]) > _FARTHEST:
+        if columns.max() >= width - far or np.median(self._depth[mine]) > _MAX_DISTANCE:
             return None
         points = self._points[mine]
-        if not _SMALLEST <= _length(points) <= LARGEST:
+        if not _MIN_LENGTH <= _length(points) <= MAX_LENGTH:
             return None
         low, high = _ends(points[:, 2])
         self._inside[mine] = True

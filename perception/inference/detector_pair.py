@@ -7,6 +7,7 @@ Detections keep the name of their network.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from typing import Final
 
@@ -81,3 +82,36 @@ def joined(found: list[tuple[str, Detections]]) -> Detections:
         tuple(text for name, one in found for text in one.detectors or (name,)),
         tuple(masks[int(i)] for i in order) if any(one.mask for _, one in found) else (),
     )
+
+
+class RememberingDetector:
+    """Detector that keeps the detections of another one in the first frames, by their ids."""
+
+    def __init__(self, detector: Detector, max_frames: int = sys.maxsize) -> None:
+        self._detector, self._max_frames = detector, max_frames
+        self._found: dict[str, Detections] = {}
+
+    @property
+    def name(self) -> str:
+        """Name of the other detector."""
+        return self._detector.name
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the other detector; () where they are unknown."""
+        return tuple(getattr(self._detector, "labels", ()))
+
+    @property
+    def device(self) -> str:
+        """Device of the other detector; "" where it is no network."""
+        return str(getattr(self._detector, "device", ""))
+
+    def detect(self, frame: Frame) -> Detections:
+        """Detections of `frame`, by the other detector where it is new."""
+        known = self._found.get(frame.id)
+        if known is not None:
+            return known
+        found = self._detector.detect(frame)
+        if len(self._found) < self._max_frames:
+            self._found[frame.id] = found
+        return found

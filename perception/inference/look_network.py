@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
 import cv2
@@ -52,12 +51,12 @@ class LookNetwork:
         return features[0].astype(np.float32), log_p.astype(np.float32)
 
 
-def load_look_network(name_or_path: str | Path = "default") -> LookNetwork:
-    """The network "default", or another scene classifier with features and ImageNet's classes.
+def load_look_network() -> LookNetwork:
+    """The default scene classifier, which has features and ImageNet's classes too.
 
     Raises ModelError for a network without them.
     """
-    path, card = resolve(name_or_path, "scene")
+    path, card = resolve("default", "scene")
     session = Session(path, None, "cpu")
     sizes = [tuple(session.outputs.get(output, ())[1:]) for output in _OUTPUTS]
     if sizes != [(FEATURES,), (CLASSES,)]:

@@ -87,7 +87,6 @@ def load_scene_classifier(
     name_or_path: str | Path = "default",
     *,
     labels: Sequence[str] | Path | None = None,
-    threads: int | None = None,
     device: str = "cpu",
 ) -> OnnxSceneClassifier:
     """Open a scene classifier: "default", a known name (see perception.inference.model_zoo), or an
@@ -98,7 +97,7 @@ def load_scene_classifier(
     is no image classifier.
     """
     path, card = resolve(name_or_path, "scene")
-    session = Session(path, threads, device)
+    session = Session(path, None, device)
     output, classes = _interface(session)
     return OnnxSceneClassifier(
         name=card.name if card is not None else path.stem,

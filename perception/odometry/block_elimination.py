@@ -60,7 +60,7 @@ class BlockSystem:
         return found
 
     def _eliminated(self, row: int) -> tuple[list[int], Floats]:
-        """Take `row` out of the others; its unknown is right - factor @ unknowns of the rows."""
+        """Eliminate `row` from the others; its unknown is right - factor @ unknowns of the rows."""
         near = list(self.beside[row])
         if not near:
             self.right[row] = np.linalg.solve(self.diagonal[row], self.right[row])

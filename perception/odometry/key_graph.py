@@ -18,8 +18,8 @@ from perception.camera.rigid_motions import inverse
 from perception.odometry.features import Features
 from perception.odometry.key_frames import KeyFrame, spare_image
 from perception.odometry.place_memory import PlaceMemory
-from perception.odometry.pose_graph import ITERATIONS, Edge, adjusted, needs_adjustment
-from perception.odometry.relative_motion import Motion
+from perception.odometry.pose_graph import ITERATIONS, PoseConstraint, adjusted, needs_adjustment
+from perception.odometry.relative_motion import RelativeMotion
 
 NEAR: Final = 1.5  # [m] between key frames that may show the same
 SAME_DIRECTION: Final = np.deg2rad(50)
@@ -36,7 +36,7 @@ class KeyGraph:
     """Key frames in their order, and the motions that link them."""
 
     keys: list[KeyFrame] = field(default_factory=list)
-    edges: list[Edge] = field(default_factory=list)
+    edges: list[PoseConstraint] = field(default_factory=list)
     loops: int = 0
     _memory: PlaceMemory = field(default_factory=PlaceMemory)
     _joints: dict[tuple[int, int], list[Pose]] = field(default_factory=dict)
@@ -57,18 +57,20 @@ class KeyGraph:
         return len(self.keys) - 1
 
     def spare(self, max_images: int, used: Collection[int]) -> None:
-        """Take the image of a key frame that others replace, where more have theirs."""
+        """Drop the image of a key frame that others replace, where too many have one."""
         number = spare_image(self.keys, max_images, 2 * APART, used)
         if number is not None:
             self.keys[number].features = Features.none()
             self._memory.forget(number)
 
-    def link(self, first: int, second: int, measured: Motion) -> None:
+    def link(self, first: int, second: int, measured: RelativeMotion) -> None:
         """Add the motion between two key frames of a piece."""
-        self.edges.append(Edge(first, second, measured.T, measured.information))
+        self.edges.append(PoseConstraint(first, second, measured.T, measured.information))
         self.loops += abs(first - second) > APART
 
-    def join(self, first: int, second: int, measured: Motion, *, sure: bool = False) -> None:
+    def join(
+        self, first: int, second: int, measured: RelativeMotion, *, sure: bool = False
+    ) -> None:
         """Join the pieces of two key frames, if it is sure or another pair has said the same."""
         old, new = self.keys[first], self.keys[second]
         joint = old.pose @ inverse(measured.T) @ inverse(new.pose)  # new piece -> old piece

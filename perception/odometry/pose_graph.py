@@ -25,7 +25,7 @@ _ANCHOR: Final = 1e-4  # share of the mean information that holds each pose wher
 
 
 @dataclass(frozen=True, slots=True)
-class Edge:
+class PoseConstraint:
     """A measured motion: `T` takes points of key frame `first` to key frame `second`."""
 
     first: int
@@ -34,7 +34,9 @@ class Edge:
     information: Floats  # (6, 6) of a small motion (rotation, translation) after T
 
 
-def adjusted(poses: Sequence[Pose], edges: Sequence[Edge], iterations: int = ITERATIONS) -> Floats:
+def adjusted(
+    poses: Sequence[Pose], edges: Sequence[PoseConstraint], iterations: int = ITERATIONS
+) -> Floats:
     """Poses (n, 4, 4), camera to world, that fit the edges best; the first pose stays.
 
     Gauss-Newton with the weights of Geman and McClure, by which wrong edges lose their influence;
@@ -64,7 +66,9 @@ def adjusted(poses: Sequence[Pose], edges: Sequence[Edge], iterations: int = ITE
     return found
 
 
-def needs_adjustment(poses: Sequence[Pose], edges: Sequence[Edge], adjusted_edges: int) -> bool:
+def needs_adjustment(
+    poses: Sequence[Pose], edges: Sequence[PoseConstraint], adjusted_edges: int
+) -> bool:
     """Whether edges after the first `adjusted_edges` are many, or contradict the poses."""
     new = edges[adjusted_edges:]
     if len(new) > _MANY * len(edges):

@@ -1,10 +1,10 @@
 """Recognition: where images of one world lie in another, by key views that were kept of it.
 
 Each image is compared with the kept views that look most like it. A pair counts where the features
-of both fit one motion and their depth shows one scene by it. Each such match says where the whole
-other world lies. Matches of several images with several views have to say the same, no second
-place may be matched nearly as often, and all views that look at the same part of the room have to
-show the same depth.
+of both fit one motion and their depth shows one scene by it. Each such match gives a pose of the
+whole other world. Matches of several images with several views must agree on the pose, no second
+place may be matched nearly as often, and all views of the same part of the room must show the same
+depth.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from perception.camera.rigid_motions import adjoints, inverse
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector, Features, Image
 from perception.odometry.place_memory import PlaceMemory
-from perception.odometry.pose_graph import Edge, adjusted
-from perception.odometry.relative_motion import Motion, confirmed_motion
+from perception.odometry.pose_graph import PoseConstraint, adjusted
+from perception.odometry.relative_motion import RelativeMotion, confirmed_motion
 from perception.odometry.tracking_report import contradictions, contradicts
 
 KEPT: Final = 300  # features of a view
-FEWEST: Final = 40  # features of a view that is kept
+MIN_FEATURES: Final = 40  # features of a view that is kept
 SIMILAR: Final = 5  # kept views that an image is compared with
 AGREES: Final = 0.75  # of the depth of two images that show one scene
 OVERLAP: Final = 0.2  # of their depth that both show
-MATCHES: Final = 3  # that say the same
+MATCHES: Final = 3  # that agree on the pose
 VIEWS: Final = 2  # of either world that take part in them
-RIVAL: Final = 0.3  # of the matches, in which another place is seen, and nothing is sure
-SAME: Final = (0.3, np.deg2rad(8))  # [m], [rad] between two matches that say the same
+RIVAL: Final = 0.3  # of the matches, in which another place is seen, so that no pose is certain
+SAME: Final = (0.3, np.deg2rad(8))  # [m], [rad] between the poses of two matches that agree
 CHANGED: Final = 0.2  # share of contradicting pairs of views, as things may have moved since
 MAX_TILT: Final = np.deg2rad(8)  # between the verticals of two levelled worlds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class View:
+class KeyView:
     """The view of a camera from one pose, for images to be compared with."""
 
     features: Features  # without the grey image
@@ -47,13 +47,13 @@ class View:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Match:
+class ViewMatch:
     """A view of one world and an image of the other that show one scene."""
 
     view: int
     image: int
-    measured: Motion  # view to image
-    T: Pose  # (4, 4) the image's world in the view's, as this match says
+    measured: RelativeMotion  # view to image
+    T: Pose  # (4, 4) the image's world in the view's, by this match
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,20 +61,20 @@ class Recognition:
     """Pose of a world in another one."""
 
     T: Pose  # (4, 4) takes it to the other
-    matches: tuple[Match, ...]
+    matches: tuple[ViewMatch, ...]
     error: float  # [m] by which the matches differ (root mean square)
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Why nothing was recognised surely."""
+    """Reason why no pose is certain."""
 
     reason: str
 
 
 def view_of(
     frame: Frame, detector: FeatureDetector, without: NDArray[np.float32] | None = None
-) -> tuple[View, Image]:
+) -> tuple[KeyView, Image]:
     """The view of a frame with its pose, and its image, without what is in boxes (n, 4) [px]."""
     hidden = None
     if without is not None and len(without):
@@ -86,23 +86,23 @@ def view_of(
     some = slice(0, KEPT)
     empty = np.zeros((0, 0), np.uint8)
     kept = Features(empty, f.samples, f.pixels[some], f.points[some], f.descriptors[some])
-    return View(kept, frame.T_map_cam), image
+    return KeyView(kept, frame.T_map_cam), image
 
 
 @dataclass(slots=True)
 class Recogniser:
     """Finds images of another world among kept views."""
 
-    views: Sequence[View]
-    matches: list[Match] = field(default_factory=list)
-    images: list[View] = field(default_factory=list)
+    views: Sequence[KeyView]
+    matches: list[ViewMatch] = field(default_factory=list)
+    images: list[KeyView] = field(default_factory=list)
     _memory: PlaceMemory = field(default_factory=PlaceMemory)
 
     def __post_init__(self) -> None:
         for number, view in enumerate(self.views):
             self._memory.add(number, view.features)
 
-    def look(self, view: View, image: Image) -> int:
+    def look(self, view: KeyView, image: Image) -> int:
         """Compare an image, a view of the other world, with the kept ones; returns its matches."""
         self.images.append(view)
         before = len(self.matches)
@@ -114,11 +114,11 @@ class Recogniser:
             )
             if measured is not None:
                 T = kept.pose @ inverse(measured.T) @ inverse(view.pose)
-                self.matches.append(Match(number, len(self.images) - 1, measured, T))
+                self.matches.append(ViewMatch(number, len(self.images) - 1, measured, T))
         return len(self.matches) - before
 
     def result(self) -> Recognition | Doubt:
-        """Pose of the images' world, or the reason why it is not sure."""
+        """Pose of the images' world, or the reason why it is not certain."""
         best = self._agreeing(self.matches)
         count = f"{len(best)} of {len(self.images)} views match"
         seen = min(len({match.image for match in best}), len({match.view for match in best}))
@@ -148,18 +148,18 @@ class Recogniser:
         off = [motion(T @ self.images[m.image].pose, m.T @ self.images[m.image].pose) for m in best]
         return Recognition(T, tuple(best), float(np.sqrt(np.mean([far**2 for far, _ in off]))))
 
-    def _agreeing(self, matches: Sequence[Match]) -> list[Match]:
-        """The most matches that say the same."""
+    def _agreeing(self, matches: Sequence[ViewMatch]) -> list[ViewMatch]:
+        """The largest group of matches that agree on the pose."""
         groups = [[other for other in matches if self._same([one], other)] for one in matches]
         return max(groups, key=len, default=[])
 
-    def _same(self, group: Sequence[Match], match: Match) -> bool:
-        """Whether a match says the same as one of a group, at the image's camera."""
+    def _same(self, group: Sequence[ViewMatch], match: ViewMatch) -> bool:
+        """Whether a match agrees with one of a group on the pose of the image's camera."""
         at = self.images[match.image].pose
         apart = (motion(other.T @ at, match.T @ at) for other in group)
         return any(far < SAME[0] and turned < SAME[1] for far, turned in apart)
 
-    def _joint(self, matches: Sequence[Match]) -> Pose:
+    def _joint(self, matches: Sequence[ViewMatch]) -> Pose:
         """The motion that fits the matches best, by their information."""
         edges = []
         for match in matches:
@@ -167,7 +167,7 @@ class Recogniser:
             A = np.linalg.inv(
                 adjoints((self.views[match.view].pose @ inverse(match.measured.T))[None])[0]
             )
-            edges.append(Edge(1, 0, match.T, A.T @ match.measured.information @ A))
+            edges.append(PoseConstraint(1, 0, match.T, A.T @ match.measured.information @ A))
         first = max(matches, key=lambda match: match.measured.inliers).T
         T: Pose = adjusted([np.eye(4), first], edges)[1]
         return T

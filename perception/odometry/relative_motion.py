@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import Agreement, agreement
-from perception.camera.depth_registration import plane_residuals, surface_normals
+from perception.camera.icp import plane_residuals, surface_normals
 from perception.camera.poses import Pose
 from perception.camera.rigid_motions import inverse, logarithms, motion_of, rigid, skew
 from perception.odometry.features import Features, Image, depth_at, matched
@@ -40,7 +40,7 @@ _TOGETHER: Final = 4.0  # neighbouring corners share errors: so many count as on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RelativeMotion:
     """Motion between two cameras, with its information."""
 
     T: Pose  # (4, 4) takes points of the first camera to the second
@@ -49,7 +49,7 @@ class Motion:
     share: float  # of the matches that are inliers
 
 
-def motion_by_features(first: Features, second: Features, image: Image) -> Motion | None:
+def motion_by_features(first: Features, second: Features, image: Image) -> RelativeMotion | None:
     """Motion from the camera of `first` to that of `second`, with its image; None: none found.
 
     Where the motion that most features show is not that of the image, since they are on something
@@ -67,14 +67,14 @@ def motion_by_features(first: Features, second: Features, image: Image) -> Motio
     return None
 
 
-def coarse_motion(first: Features, second: Features, K: Floats) -> Motion | None:
+def coarse_motion(first: Features, second: Features, K: Floats) -> RelativeMotion | None:
     """Motion between two cameras by their features alone, where at least MIN_COARSE agree."""
     return _coarse(first, second, *matched(first, second), K)[0]
 
 
 def _coarse(
     first: Features, second: Features, a: NDArray[np.intp], b: NDArray[np.intp], K: Floats
-) -> tuple[Motion | None, NDArray[np.intp]]:
+) -> tuple[RelativeMotion | None, NDArray[np.intp]]:
     """Motion by the matches of features `a` and `b` (m,), and those that agree by RANSAC."""
     if len(a) < MIN_COARSE:
         return None, np.zeros(0, np.intp)
@@ -85,7 +85,9 @@ def _coarse(
     return refined(points, pixels, z, K, T, MIN_COARSE), inliers
 
 
-def motion_by_flow(first: Features, second: Image, T: Pose, *, levels: int) -> Motion | None:
+def motion_by_flow(
+    first: Features, second: Image, T: Pose, *, levels: int
+) -> RelativeMotion | None:
     """The motion near `T`, by features of `first` found in the second image to a part of a pixel.
 
     Lucas and Kanade's optical flow on a pyramid of `levels` above the image.
@@ -137,7 +139,7 @@ def _consensus(points: Floats, pixels: Floats, K: Floats) -> tuple[Pose | None, 
 
 def refined(
     points: Floats, pixels: Floats, z: Floats, K: Floats, T: Pose, least: int = MIN_INLIERS
-) -> Motion | None:
+) -> RelativeMotion | None:
     """The motion that fits projections and depths (nan: none) best, near `T`.
 
     Gauss-Newton with Huber's weights. None where fewer than `least` features agree.
@@ -159,7 +161,7 @@ def refined(
     inliers = int((norm < REPROJECTION).sum())
     if inliers < least:
         return None
-    return Motion(rigid(T), H / _TOGETHER, inliers, inliers / len(points))
+    return RelativeMotion(rigid(T), H / _TOGETHER, inliers, inliers / len(points))
 
 
 def linearised(
@@ -181,7 +183,7 @@ def linearised(
     return np.stack([u, v, disparity], axis=1), to_p @ moved
 
 
-def with_depth(measured: Motion, first: Features, second: Image) -> Motion:
+def with_depth(measured: RelativeMotion, first: Features, second: Image) -> RelativeMotion:
     """The motion that fits both the measured one and the surfaces of two depth images best.
 
     Iterative closest points from point to plane, with the features' motion as a prior.
@@ -211,7 +213,7 @@ def confirmed_motion(
     agrees: float,
     overlap: float,
     min_share: float = 0.0,
-) -> Motion | None:
+) -> RelativeMotion | None:
     """Motion by the features of two views, with depth; `image` is that of the second.
 
     None where less than `min_share` of the matches agree on it, or depth shows two scenes: at least

@@ -28,7 +28,7 @@ EPIPOLAR: Final = 1.5  # [px] of a match, by no intrinsics at all
 COARSE: Final = 8.0  # [px] of a match, by intrinsics that may be wrong
 STEPS: Final = 15
 WIDTHS: Final = np.maximum(8.0 * 0.6 ** np.arange(STEPS), 1.5)  # [px] from which residuals fade
-LARGEST: Final = 0.15  # of a parameter in a step
+MAX_STEP: Final = 0.15  # of a parameter in a step
 _TOGETHER: Final = 4.0  # neighbouring corners share errors: so many count as one
 _NUDGE: Final = 1e-5
 
@@ -110,7 +110,7 @@ def self_calibrated(pairs: Sequence[MatchedPair], K: Floats) -> CalibrationFit |
             steps.append(solved)
         if not weights or not np.isfinite(A).all() or np.linalg.cond(A) > 1e9:
             return None
-        step = np.clip(-np.linalg.solve(A, g), -LARGEST, LARGEST)
+        step = np.clip(-np.linalg.solve(A, g), -MAX_STEP, MAX_STEP)
         T = [
             motion_of(-(solved[:, 3] + solved[:, :3] @ step)) @ at
             for solved, at in zip(steps, T, strict=True)

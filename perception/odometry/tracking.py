@@ -28,7 +28,7 @@ from perception.odometry.key_frames import KeyFrame
 from perception.odometry.key_graph import APART, RECENT, KeyGraph
 from perception.odometry.relative_motion import (
     MAX_FLOW_POINTS,
-    Motion,
+    RelativeMotion,
     depth_agreement,
     motion_by_features,
     motion_by_flow,
@@ -52,7 +52,7 @@ LINK_OVERLAP: Final = 0.35  # by where both are taken to be, for a link to be tr
 STRONG_INLIERS: Final = 60
 STRONG_SHARE: Final = 0.3
 STILL: Final = (0.03, np.deg2rad(2))  # [m], [rad] from a key frame, which is none of its own
-STAYED: Final = Motion(np.eye(4), np.eye(6), 0, 1.0)
+STAYED: Final = RelativeMotion(np.eye(4), np.eye(6), 0, 1.0)
 MAX_TRACKS: Final = 20  # of the last images, where memory is bounded
 SOON: Final = 15  # lost images after which a strong recognition still is enough
 MAX_WIDE: Final = 600  # key frames whose pieces are compared by better features at the end
@@ -61,7 +61,7 @@ MAX_WIDE: Final = 600  # key frames whose pieces are compared by better features
 @dataclass(frozen=True, slots=True)
 class _Track:
     key: int  # number of the key frame
-    measured: Motion  # key frame to image
+    measured: RelativeMotion  # key frame to image
     moved: Pose  # (4, 4) the camera's motion since the image before
 
     @property
@@ -180,7 +180,9 @@ class Odometry:
         self._tracks[frame - (self._added - 1)] = track
         return track
 
-    def _matched(self, features: Features, image: Image, last: _Track) -> tuple[int, Motion] | None:
+    def _matched(
+        self, features: Features, image: Image, last: _Track
+    ) -> tuple[int, RelativeMotion] | None:
         """The recent key frame that an image shows, by the looks of its features."""
         for number in self.graph.recent(last.key):
             measured = motion_by_features(self.graph.keys[number].features, features, image)
@@ -192,7 +194,7 @@ class Odometry:
                 return number, measured
         return None
 
-    def _far(self, image: Image, last: _Track) -> tuple[int, Motion] | None:
+    def _far(self, image: Image, last: _Track) -> tuple[int, RelativeMotion] | None:
         """The recent key frame that an image shows from farther away, soon after it was lost."""
         if self._lost > RECENT:
             return None
@@ -201,7 +203,7 @@ class Odometry:
         )
         return next(((number, found) for number, found in tried if found is not None), None)
 
-    def _is_followed(self, measured: Motion | None, key: Features, image: Image) -> bool:
+    def _is_followed(self, measured: RelativeMotion | None, key: Features, image: Image) -> bool:
         return (
             measured is not None
             and measured.share >= MIN_SHARE
@@ -209,7 +211,9 @@ class Odometry:
             and self._is_confirmed(measured, key, image, FITS)
         )
 
-    def _is_confirmed(self, measured: Motion, first: Features, second: Image, share: float) -> bool:
+    def _is_confirmed(
+        self, measured: RelativeMotion, first: Features, second: Image, share: float
+    ) -> bool:
         """Whether the depth of two images shows one scene by a motion."""
         shown = depth_agreement(first, second, measured.T)
         return (
@@ -218,11 +222,11 @@ class Odometry:
             and shown.share + measured.share >= MIN_EVIDENCE
         )
 
-    def _is_near(self, measured: Motion) -> bool:
+    def _is_near(self, measured: RelativeMotion) -> bool:
         far, turned = motion(np.eye(4), inverse(measured.T))
         return far < KEY_DISTANCE and turned < KEY_ANGLE
 
-    def _track(self, last: _Track | None, key: int, measured: Motion) -> _Track:
+    def _track(self, last: _Track | None, key: int, measured: RelativeMotion) -> _Track:
         """The track of an image, with its motion since the one before."""
         if (
             last is None
@@ -251,7 +255,7 @@ class Odometry:
         self._link(number, image, ())
         return _Track(number, STAYED, np.eye(4))
 
-    def _recognised(self, number: int, features: Features, image: Image) -> Motion | None:
+    def _recognised(self, number: int, features: Features, image: Image) -> RelativeMotion | None:
         """The motion from a key frame that an image surely shows; None: it may be another."""
         key = self.graph.keys[number].features
         measured = motion_by_features(key, features, image)
@@ -273,7 +277,13 @@ class Odometry:
         return number
 
     def _new_key(
-        self, features: Features, image: Image, last: _Track, key: int, measured: Motion, frame: int
+        self,
+        features: Features,
+        image: Image,
+        last: _Track,
+        key: int,
+        measured: RelativeMotion,
+        frame: int,
     ) -> _Track:
         track = self._track(last, key, measured)
         before = self.graph.keys[key]
@@ -310,7 +320,7 @@ class Odometry:
             elif self.graph.keys[other].makes_loop(new, recognised.T):
                 self.graph.link(other, number, recognised)
 
-    def _is_link(self, found: Motion | None, other: int, image: Image) -> bool:
+    def _is_link(self, found: RelativeMotion | None, other: int, image: Image) -> bool:
         return (
             found is not None
             and found.inliers >= LINK_INLIERS

@@ -18,7 +18,7 @@ from perception.odometry.relative_motion import depth_agreement
 if TYPE_CHECKING:
     from perception.odometry.features import Features
     from perception.odometry.key_frames import KeyFrame
-    from perception.odometry.pose_graph import Edge
+    from perception.odometry.pose_graph import PoseConstraint
 
 DRIFT_SHARE: Final = 0.015  # [m] of standard deviation a metre on the shortest way of links
 TURN: Final = 0.5  # [m] that a radian of turning counts like
@@ -78,7 +78,7 @@ class TrackingReport:
 
 def tracking_report(
     keys: Sequence[KeyFrame],
-    edges: Sequence[Edge],
+    edges: Sequence[PoseConstraint],
     loops: int,
     tracks: Sequence[int | None],
     main: int,
@@ -106,7 +106,7 @@ def tracking_report(
     )
 
 
-def _shortest_ways(count: int, edges: Sequence[Edge], start: int) -> NDArray[np.float64]:
+def _shortest_ways(count: int, edges: Sequence[PoseConstraint], start: int) -> NDArray[np.float64]:
     """Shortest way (count,) [m] from a key frame to each by linked ones (Dijkstra)."""
     beside: list[list[tuple[int, float]]] = [[] for _ in range(count)]
     for edge in edges:

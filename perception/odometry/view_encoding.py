@@ -10,30 +10,30 @@ import numpy as np
 from perception.camera.depth_agreement import COLUMNS, gridded_samples
 from perception.camera.poses import Pose
 from perception.odometry.features import Features
-from perception.odometry.recognition import KEPT, View
+from perception.odometry.recognition import KEPT, KeyView
 
 _STEPS: Final = 1000  # of a metre, in which points and depth are kept
 _HEAD: Final = np.dtype([("points", "<u2"), ("shape", "<u2", 2), ("K", "<f4", (3, 3))])
 _POINT: Final = np.dtype([("xyz", "<i2", 3), ("descriptor", "u1", 32)])
-_FARTHEST: Final = 32.0  # [m] of depth and points that are kept
+_MAX_DEPTH: Final = 32.0  # [m] of depth and points that are kept
 _MAX_SIDE: Final = 4 * COLUMNS  # of the grid of depth
 
 
-def encoded(view: View) -> bytes:
+def encoded(view: KeyView) -> bytes:
     """A view without its pose."""
     f = view.features
-    near = np.flatnonzero((np.abs(f.points) < _FARTHEST).all(axis=1))[:KEPT]
+    near = np.flatnonzero((np.abs(f.points) < _MAX_DEPTH).all(axis=1))[:KEPT]
     points = np.zeros(len(near), _POINT)
     points["xyz"] = np.rint(f.points[near] * _STEPS)
     points["descriptor"] = f.descriptors[near]
-    depth = np.where(f.samples.depth < _FARTHEST, f.samples.depth, 0.0)  # nan: 0
+    depth = np.where(f.samples.depth < _MAX_DEPTH, f.samples.depth, 0.0)  # nan: 0
     head = np.zeros((), _HEAD)
     head["points"], head["shape"], head["K"] = len(near), depth.shape, f.samples.K
     grid = np.rint(depth * _STEPS).astype("<u2").tobytes()
     return head.tobytes() + points.tobytes() + zlib.compress(grid)
 
 
-def decoded(data: bytes, pose: Pose) -> View:
+def decoded(data: bytes, pose: Pose) -> KeyView:
     """The view of `encoded` with its pose; raises ValueError for anything else."""
     head = np.frombuffer(data, _HEAD, 1)[0]
     count, (height, width) = int(head["points"]), map(int, head["shape"])
@@ -58,4 +58,4 @@ def decoded(data: bytes, pose: Pose) -> View:
         points=points["xyz"] / float(_STEPS),
         descriptors=np.ascontiguousarray(points["descriptor"]),
     )
-    return View(features, pose)
+    return KeyView(features, pose)

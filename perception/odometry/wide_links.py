@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from perception.odometry.features import Features, Image, ScaleFeatureDetector
-from perception.odometry.relative_motion import Motion, confirmed_motion
+from perception.odometry.relative_motion import RelativeMotion, confirmed_motion
 
 MIN_SHARE: Final = 0.2  # of the matches that have to agree on the motion
 AGREES: Final = 0.9  # of the depth of two views that show one scene
@@ -40,7 +40,7 @@ class WideLinks:
         """Keep the features of a key frame."""
         self._features[key] = replace(self._features_of(image), grey=np.zeros((0, 0), np.uint8))
 
-    def motion(self, key: int, image: Image) -> Motion | None:
+    def motion(self, key: int, image: Image) -> RelativeMotion | None:
         """The motion from a key frame to an image that surely shows the same; None: not found."""
         if key not in self._features:
             if key not in self._images:

@@ -34,7 +34,7 @@ EDGE_FRAMES: Final = 24  # whose edges are compared
 MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anything
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
-FARTHEST: Final = 100.0  # [m] median of an image's depth
+MAX_DEPTH: Final = 100.0  # [m] median of an image's depth
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
 POOR: Final = 0.8  # another reading may be the right one
 BETTER: Final = 0.15  # by how much another reading must agree better
@@ -68,29 +68,14 @@ class FramePair:
 class DepthFindings:
     """Findings of a sample of a recording's depth."""
 
-    share: float | None  # of points that two frames share and agree on; None: too few to tell
-    registration: EdgeOffset | None  # of depth's edges against colour's; None: too few to tell
+    share: float | None  # of points that two frames share and agree on; None: too few points
+    registration: EdgeOffset | None  # of depth's edges against colour's; None: too few edges
     error: str | None  # names another depth scale or pose convention that explains the depth
     warnings: tuple[str, ...]
 
 
-def check_depth(
-    name: str,
-    poses: Sequence[Pose],
-    convention: str,
-    depth_scale: float,
-    frame_at: FrameAt,
-    others: Mapping[str, Pose] | None = None,
-) -> None:
-    """Check `poses` (n of (4, 4), camera -> world by `convention`) against the frames' depth.
-
-    `depth_scale` [units a metre] is the one that depth was read with; `frame_at` reads a frame.
-    `others` has poses (4, 4) of the camera in frames that the poses may be of, by the option that
-    says so. Raises RecordingError where depth and poses disagree, and names another depth scale,
-    frame or convention of poses that explains the depth; warns where depth is not registered to
-    colour.
-    """
-    findings = depth_findings(name, poses, convention, depth_scale, frame_at, others)
+def check_depth(findings: DepthFindings) -> None:
+    """Raise RecordingError where depth and poses disagree, and log the warnings."""
     if findings.error is not None:
         raise RecordingError(findings.error)
     for warning in findings.warnings:
@@ -105,7 +90,13 @@ def depth_findings(
     frame_at: FrameAt,
     others: Mapping[str, Pose] | None = None,
 ) -> DepthFindings:
-    """Findings by which `check_depth` raises and warns."""
+    """Compare `poses` (n of (4, 4), camera -> world by `convention`) with the frames' depth.
+
+    `depth_scale` [units a metre] is the one that depth was read with; `frame_at` reads a frame.
+    `others` has poses (4, 4) of the camera in frames that the poses may be of, by the option that
+    selects the frame. The error names another depth scale, frame or convention of poses that
+    explains the depth; a warning tells of depth that is not registered to colour.
+    """
     read = dict[int, Frame]()
     readings: Readings = CONVENTIONS | {
         option: partial(_times, T) for option, T in (others or {}).items()
@@ -127,7 +118,7 @@ def depth_findings(
         ]
 
     middle = float(np.nanmedian(frame(0).depth)) if np.isfinite(frame(0).depth).any() else 0.0
-    if middle > FARTHEST:
+    if middle > MAX_DEPTH:
         return DepthFindings(None, None, _too_far(name, middle, depth_scale), ())
     pairs = pairs_by(convention)
     share = _median_share(pairs, convention, 1.0)

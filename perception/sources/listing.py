@@ -14,7 +14,7 @@ from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics
 from perception.sources.association import TOLERANCE
 
-FRAME_RATE = 30.0  # [Hz] of formats that number their frames and say nothing of time
+FRAME_RATE = 30.0  # [Hz] of formats that number their frames and have no times
 
 
 def stamp_of_number(number: int) -> float:
@@ -23,7 +23,7 @@ def stamp_of_number(number: int) -> float:
 
 
 class StoredImage(Protocol):
-    """An image of a recording, decoded when it is asked for; `str` says where it is."""
+    """An image of a recording, decoded on request; `str` gives its location."""
 
     def check(self) -> None:
         """Raise RecordingError for damage that shows without decoding the image."""
@@ -59,16 +59,16 @@ class RecordingListing:
     """All entries of a recording, in time order, and the camera of the colour images."""
 
     entries: tuple[FrameEntry, ...]
-    camera: Intrinsics | None  # None = the folder does not say
-    depth_scale: float  # depth units a metre, unless the intrinsics or the caller say otherwise
+    camera: Intrinsics | None  # None = not in the folder
+    depth_scale: float  # depth units a metre, unless the intrinsics or the caller have another
     depth_camera: DepthCamera | None = None  # None = depth is registered to colour
     up: NDArray[np.float64] | None = None  # (3,) up in the recording's world, where it is known
-    T_map_world: NDArray[np.float64] | None = None  # (4, 4) where the recording itself says it
-    no_poses: str = ""  # why those of the entries are none, in a sentence; "": they are poses
-    #: why poses that there are cannot be used, and what would help; the entries have none then
+    T_map_world: NDArray[np.float64] | None = None  # (4, 4) where the recording itself has it
+    no_poses: str = ""  # reason, in a sentence, why the entries' poses are not real; "": they are
+    #: reason why the existing poses cannot be used, and a remedy; the entries have none then
     unused_poses: str = ""
     up_of_first_camera: NDArray[np.float64] | None = None  # (3,) of an IMU, where poses are missing
-    no_camera: str = ""  # why there is no camera, and what would give it
+    no_camera: str = ""  # reason why there is no camera, and a remedy
     #: poses (4, 4) of the camera in other frames that the entries may be poses of, by option
     other_frames: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 

@@ -21,8 +21,7 @@ from perception.camera.gravity_alignment import (
 )
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
-from perception.camera.rectification import Rectifier
-from perception.camera.registration import register_depth
+from perception.camera.rectification import Rectifier, register_depth
 from perception.camera.turns import (
     clear_turns,
     side_up,
@@ -33,7 +32,7 @@ from perception.camera.turns import (
 from perception.frames import Frame
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
-from perception.sources.depth_check import check_depth
+from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.estimated_poses import (
     OnEstimated,
     check_height,
@@ -188,14 +187,8 @@ def open_recording(
     if o.check:
         check_intrinsics(recording.name, [e.T_world_cam for e in entries], recording.frame)
         others = listing.other_frames if o.poses is None else {}
-        check_depth(
-            recording.name,
-            as_read,
-            o.pose_convention,
-            recording.depth_scale,
-            recording.frame,
-            others,
-        )
+        scale, read = recording.depth_scale, recording.frame
+        check_depth(depth_findings(recording.name, as_read, o.pose_convention, scale, read, others))
     if o.T_map_world is not None:
         T = np.asarray(o.T_map_world, np.float64)
         checked_pose(T, "given T_map_world")

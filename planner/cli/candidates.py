@@ -7,7 +7,7 @@ from typing import Final
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
-from mapping.detection_report import (
+from mapping.objects.detections.detection_report import (
     FILE,
     CategoryFates,
     DetectionReport,

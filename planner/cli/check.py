@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.model.resources import ONTOLOGIES
     from kg.rdf.findings import Finding
     from kg.serving.opening import open_map
-    from mapping.kept_files import unreadable_files
+    from mapping.keepers.kept_files import unreadable_files
 
     folder = Path(arguments.ontologies) if arguments.ontologies else ONTOLOGIES
     findings = list(check_ontologies(folder))
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _note_missing_history(semantic_map: SemanticMap) -> None:
-    """Tell where a folder has lost its history, as an incomplete copy has."""
+    """Warn where a folder has lost its history, as an incomplete copy has."""
     from kg.model.errors import HistoryError
 
     try:

@@ -25,7 +25,7 @@ from planner.cli.console import (
 
 if TYPE_CHECKING:
     from kg.maps.query.evaluation import Table
-    from mapping.class_scores import MapScore
+    from mapping.reference.class_scores import MapScore
     from planner.simulation.demo.house_demo import DemoProgress, DemoReport
 
 

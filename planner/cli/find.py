@@ -116,7 +116,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _take_undetectable(
     semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> list[dict[str, object]]:
-    """Take words that no category includes out of the wanted objects, and answer them."""
+    """Remove words that no category includes from the wanted objects, and answer them."""
     from planner.search.goals.targets import as_one, undetectable_target
 
     arguments.object = as_one(semantic_map, arguments.object)
@@ -294,7 +294,7 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
 
 
 def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    """Say what is known, and why a map without floor has nowhere to look."""
+    """Print the known facts, and the reason why a map without floor has nowhere to look."""
     from planner.search.goals.search_goals import explain_none
     from planner.search.goals.targets import resolve
     from planner.search.plans.report import empty_answer

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _place(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
     from kg.maps.facts.coordinate_frames import frame_of
     from kg.serving.opening import open_map
-    from mapping.alignment.map_fit import aligned_maps
+    from mapping.alignment.recording_fit import aligned_maps
 
     with open_map(arguments.relative_to, read_only=True) as other:
         frame = frame_of(other.engine, other.base)

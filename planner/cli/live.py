@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from mapping.alignment.live_correction import LiveCorrection
     from mapping.mapping_options import MappingOptions
-    from mapping.progress_report import MappingReport
     from mapping.recording_mapper import OnDetections
+    from mapping.runs.progress_report import MappingReport
     from perception.frames import Detections, Frame, Recording, SceneScores
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
@@ -183,7 +183,7 @@ def _stream_run(
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
     from mapping.alignment.live_correction import LiveCorrection
-    from perception.inference.remembered_detections import RememberingDetector
+    from perception.inference.detector_pair import RememberingDetector
     from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
     from perception.sources.live.live_recording import LiveRecording
     from perception.sources.live.stream import FrameStream
@@ -268,7 +268,7 @@ def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> 
 
 
 def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
-    """Tell what tracking took, and how far loops moved what stays where it was mapped."""
+    """Print the cost of tracking, and how far loops moved images that were mapped before."""
     from mapping.alignment.live_correction import MOVED
 
     images = tracker.tracked + tracker.lost
@@ -310,7 +310,7 @@ def _folder_run(
 ) -> Callable[[], None] | None:
     """A function that maps a growing folder's frames until it is ended; None without a frame."""
     from mapping.alignment.recording_fit import check_fit
-    from mapping.resumption import resumed
+    from mapping.runs.resumption import resumed
     from perception.sources.live.growing_folder import GrowingRecording, first_opened
     from perception.sources.recording import FolderRecording, open_recording
 

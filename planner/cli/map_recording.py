@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from mapping.labels.label_table import LabelTable
     from mapping.mapping_options import MappingOptions
-    from mapping.progress_report import FrameReport, MappingReport
     from mapping.recording_mapper import OnDetections
+    from mapping.runs.progress_report import FrameReport, MappingReport
     from perception.frames import Detections, Frame, Recording, SceneScores
     from planner.cli.network_options import Networks
     from planner.display.viewers.viewer import Viewer
@@ -195,7 +195,7 @@ def map_frames(
     lost: Callable[[], str] | None = None,
 ) -> MappingReport:
     """Run the mapping pipeline under a progress bar; `lost` tells the number of dropped frames."""
-    from mapping.read_ahead import AHEAD
+    from mapping.frames.read_ahead import AHEAD
     from mapping.recording_mapper import map_recording
 
     with progress() as bar:
@@ -307,7 +307,7 @@ def print_outcome(
 
 def _note_sizes(semantic_map: SemanticMap) -> None:
     """A line where things of most categories are larger or smaller than they usually are."""
-    from mapping.objects.size_check import unusual_scale
+    from mapping.objects.usual_sizes import unusual_scale
 
     label = semantic_map.catalogue.label
     factor = unusual_scale(

@@ -104,7 +104,7 @@ def _fetch(model: ModelCard) -> Path:
 def run_check(arguments: argparse.Namespace) -> int:
     """List the labels of a detector with the categories that they get in a map."""
     from kg.knowledge.ontology.shipped import shipped_ontology
-    from mapping.labels.label_check import check_labels
+    from mapping.labels.label_resolver import check_labels
     from perception.inference.class_labels import is_object, read_labels
     from perception.inference.detector import load_detector
 

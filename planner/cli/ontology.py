@@ -201,7 +201,7 @@ def _reload(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
-    from kg.serving.editing.single_file import export_ontology
+    from kg.export.serialization import export_ontology
     from kg.serving.opening import open_map
 
     output = Path(arguments.output)

@@ -27,7 +27,7 @@ from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from kg.serving.server import Settings
-    from mapping.progress_report import FrameReport
+    from mapping.runs.progress_report import FrameReport
     from perception.frames import Detections, Frame, SceneScores
     from planner.display.viewers.viewer import Viewer
 
@@ -48,38 +48,18 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="tokens to read a private map: lines of NAME TOKEN (default: all may read)",
     )
-    parser.add_argument(
-        "--public-host",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="host name of this server for other machines (repeatable)",
-    )
-    parser.add_argument(
-        "--trusted-proxy",
-        action="append",
-        default=[],
-        metavar="ADDRESS",
-        help="address of a reverse proxy, whose X-Forwarded-For names the client (repeatable)",
-    )
-    parser.add_argument(
-        "--allow-origin",
-        action="append",
-        default=[],
-        metavar="ORIGIN",
-        help="let scripts of web pages from ORIGIN use the server (repeatable)",
-    )
+    for option, value, text in (
+        ("--public-host", "NAME", "host name of this server for other machines"),
+        ("--trusted-proxy", "ADDRESS", "reverse proxy, whose X-Forwarded-For names the client"),
+        ("--allow-origin", "ORIGIN", "let scripts of web pages from ORIGIN use the server"),
+        ("--allow-service", "URL", "SPARQL endpoint that queries may ask by SERVICE"),
+    ):
+        text = f"{text} (repeatable)"
+        parser.add_argument(option, action="append", default=[], metavar=value, help=text)
     parser.add_argument(
         "--public",
         action="store_true",
         help="serve other machines without a token file: everybody there may read",
-    )
-    parser.add_argument(
-        "--allow-service",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="SPARQL endpoint that queries may ask by SERVICE (repeatable)",
     )
     parser.add_argument(
         "--timeout",

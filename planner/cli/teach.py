@@ -159,7 +159,7 @@ def _frames_in(
     semantic_map: SemanticMap, place: PlaceRecord, arguments: argparse.Namespace
 ) -> Iterator[NDArray[np.uint8]]:
     """Images of the recording's frames that were taken in the place."""
-    from mapping.resumption import resumed
+    from mapping.runs.resumption import resumed
     from perception.sources.recording import open_recording
 
     recording = open_recording(

@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _candidates(arguments: argparse.Namespace) -> int:
-    """Tell what became of detections."""
+    """Print the fates of detections."""
     from kg.serving.opening import open_map
     from planner.cli.candidates import explain_detections
 

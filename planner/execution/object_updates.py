@@ -13,12 +13,12 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord
+from mapping.frames.sighting import Sighting, ThingSighting
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
 from mapping.relations.relation_mapper import RelationMapper
-from mapping.sighting import Sighting, ThingSighting
-from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
+from planner.execution.protocol import Detected, DetectedFrame, DetectionsMessage, RobotPose
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import ViewpointAdapter
 from planner.search.goals.targets import Target
@@ -103,7 +103,7 @@ class ObjectUpdates:
         return self._relations.update(self._mapper.decay(iri, times, recall))
 
     def _map_views(
-        self, views: Sequence[View], stamp: float
+        self, views: Sequence[DetectedFrame], stamp: float
     ) -> tuple[ObjectChanges, list[_Located]]:
         self._has_views = True
         changes, located = ObjectChanges(), list[_Located]()

@@ -113,7 +113,7 @@ class Detected:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class DetectedFrame:
     """A picture with depth and pose, and its detections; it is never sent over a connection."""
 
     frame: Frame
@@ -131,7 +131,7 @@ class DetectionsMessage:
     id: int | None
     objects: tuple[Detected, ...] = ()
     pose: RobotPose | None = None
-    views: tuple[View, ...] = ()
+    views: tuple[DetectedFrame, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,7 +112,7 @@ class RobotSession:
         return Failed(number, f"no detections after {limit:.0f} s")
 
     def go_to(self, x: float, y: float, heading: float) -> Iterator[Message]:
-        """Go to (x, y) [m] nearby with `heading` [rad]; messages until it arrives or fails."""
+        """Drive to (x, y) [m] nearby with `heading` [rad]; messages until it arrives or fails."""
         number = self.next_id()
         self.send(GoTo(number, x, y, heading))
         for message in self.messages(limit=2 * self._timeout):

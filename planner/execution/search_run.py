@@ -165,7 +165,7 @@ class SearchRun:
         return "arrived"
 
     def _look_or_go_on(self, goal: NextView) -> None:
-        """Take the best view from here, or go to a better one: pictures on the way count now."""
+        """Look from here if that is best, or drive to a better view: pictures on the way count."""
         pose = self._robot.pose
         if math.dist((goal.x, goal.y), (pose.x, pose.y)) <= OFF:
             self._count_passing_views()
@@ -185,7 +185,7 @@ class SearchRun:
             self._adapter.missed_picture(*picture)
 
     def _look(self, goal: NextView) -> None:
-        """Take the view, record it, update the belief; verify doubtful detections by another."""
+        """Look, record the view, update the belief; verify doubtful detections by another."""
         pose = self._robot.pose
         turned = abs(math.remainder(goal.heading - pose.heading, 2 * math.pi))
         if turned > ALIKE and self._go(pose.x, pose.y, goal.heading) == "found":
@@ -328,7 +328,7 @@ class SearchRun:
         return shown
 
     def _go(self, x: float, y: float, heading: float) -> Literal["there", "found", "failed"]:
-        """Go to (x, y) [m] nearby, or turn on the spot, until there or a target is found."""
+        """Drive to (x, y) [m] nearby, or turn on the spot, until there or a target is found."""
         for message in self._robot.go_to(x, y, heading):
             if isinstance(message, DetectionsMessage) and self._apply_passing(message)[1]:
                 self._robot.halt()

@@ -26,6 +26,7 @@ _MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor
 _MAX_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
 _MAX_CELL: float = 1.0  # [m] larger cells show no doors
 _MAX_MARGIN_ROOMS: int = 40
+_NEAR = 0.5  # [m] from a room within which a spot needs no margin of its own
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
 
@@ -156,9 +157,9 @@ def _margin_rooms(
     return margins
 
 
-def _near(room: Room, x: float, y: float, margin: float = 0.5) -> bool:
-    across = room.xmin - margin <= x <= room.xmax + margin
-    return across and room.ymin - margin <= y <= room.ymax + margin
+def _near(room: Room, x: float, y: float) -> bool:
+    across = room.xmin - _NEAR <= x <= room.xmax + _NEAR
+    return across and room.ymin - _NEAR <= y <= room.ymax + _NEAR
 
 
 def _cell(rooms: Sequence[Room]) -> float:

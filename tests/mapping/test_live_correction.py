@@ -18,7 +18,7 @@ from mapping.recording_mapper import map_recording
 from perception.camera.poses import motion
 from perception.frames import Detector, Recording
 from perception.inference.detector import load_detector
-from perception.inference.remembered_detections import RememberingDetector
+from perception.inference.detector_pair import RememberingDetector
 from perception.sources.bag_writer import write_bag
 from perception.sources.live import stream
 from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames

@@ -10,6 +10,7 @@ from kg.model.errors import LabelsError
 from kg.model.records import MapUpdate
 from kg.model.vocabulary import MAP_GRAPH
 from kg.serving.opening import in_memory_map
+from mapping.frames.sighting import Sighting
 from mapping.labels.label_table import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
@@ -17,7 +18,6 @@ from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.recording_mapper import map_recording
 from mapping.reference.settings import ReferenceSettings
-from mapping.sighting import Sighting
 from perception.frames import SceneScores
 
 MIDDLE = (28, 20, 33, 25)

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import pytest
 
 from kg.serving.opening import create_map
-from mapping.class_scores import load_truth, score_map
+from lab.maps.class_truth import load_truth
+from mapping.alignment.transform_file import load_transform
 from mapping.recording_mapper import map_recording
-from mapping.transform_file import load_transform
+from mapping.reference.class_scores import score_map
 from perception.frames import Frame
 from perception.inference.detector import load_detector
 from perception.inference.scene_classifier import load_scene_classifier

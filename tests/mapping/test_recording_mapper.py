@@ -8,11 +8,11 @@ import pytest
 from kg.model.areas import Rectangle
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import create_map, in_memory_map, open_map
+from mapping.frames.projection import robot_at
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
-from mapping.progress_report import STAGES
-from mapping.projection import robot_at
 from mapping.recording_mapper import map_recording
+from mapping.runs.progress_report import STAGES
 
 MIDDLE = (30, 22, 34, 26)
 

@@ -10,7 +10,7 @@ from typing import Final
 from pyoxigraph import Literal, Quad
 
 from kg.knowledge.ontology.diff_side import OntologySummary
-from kg.knowledge.ontology.relations import KINDS, Relation
+from kg.knowledge.ontology.relations import KINDS, CategoryRelation
 from kg.model import vocabulary as v
 
 _NAMING: Final = {
@@ -97,7 +97,9 @@ def _relations(before: OntologySummary, after: OntologySummary) -> Iterator[Onto
             yield from _restated(old, new, after)
 
 
-def _restated(old: Relation, new: Relation, side: OntologySummary) -> Iterator[OntologyChange]:
+def _restated(
+    old: CategoryRelation, new: CategoryRelation, side: OntologySummary
+) -> Iterator[OntologyChange]:
     what = _stated(new, side)
     if old.probability != new.probability:
         was, is_ = f"{old.probability:g}", f"{new.probability:g}"
@@ -109,12 +111,12 @@ def _restated(old: Relation, new: Relation, side: OntologySummary) -> Iterator[O
         yield OntologyChange("~", "source", new.subject, words, was, is_)
 
 
-def _stated(relation: Relation, side: OntologySummary) -> str:
+def _stated(relation: CategoryRelation, side: OntologySummary) -> str:
     verb = _VERBS[relation.kind]
     return f"{side.name(relation.subject)} {verb} {side.name(relation.target)}"
 
 
-def _listed(relation: Relation) -> str:
+def _listed(relation: CategoryRelation) -> str:
     return ", ".join(repr(getattr(source, "value", source)) for source in relation.sources)
 
 

@@ -16,7 +16,7 @@ from typing import Final, TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
@@ -208,7 +208,7 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     return tuple(compiled)
 
 
-def _relation_quads(relation: Relation) -> Iterator[Quad]:
+def _relation_quads(relation: CategoryRelation) -> Iterator[Quad]:
     iri = relation.iri
     yield _quad(iri, v.RDF_TYPE.value, _RELATION_CLASSES[relation.kind])
     yield _quad(iri, v.RELATION_SUBJECT, NamedNode(relation.subject))

@@ -43,7 +43,7 @@ class RelationEvidence:
 
 
 @dataclass(frozen=True, slots=True)
-class Relation:
+class CategoryRelation:
     """A relation of common sense: objects of class `subject` are found at, or near, `target`.
 
     `probability` is the one stated by people, or else the highest imported one. `sources` are the
@@ -67,7 +67,7 @@ def _name(iri: str) -> str:
     return iri.removeprefix(v.HERE) if iri.startswith(v.HERE) else quote(iri, safe="")
 
 
-def relations(quads: Iterable[Quad]) -> tuple[Relation, ...]:
+def relations(quads: Iterable[Quad]) -> tuple[CategoryRelation, ...]:
     """The relations between classes, each with its annotated evidence.
 
     An owl:Axiom node that is unchanged since its import (`kg.knowledge.ontology.import_digest`) is
@@ -114,7 +114,7 @@ def annotated_key(axiom: Notes) -> Key | None:
     return kind, subject, target
 
 
-def _relation(key: Key, axioms: list[Notes], default: Notes) -> Relation:
+def _relation(key: Key, axioms: list[Notes], default: Notes) -> CategoryRelation:
     imported = [notes for notes in axioms if as_imported(notes)]
     by_people = [note for notes in axioms if not as_imported(notes) for note in notes]
     evidence = [_evidence(key, notes, [], stated=False) for notes in imported]
@@ -126,7 +126,7 @@ def _relation(key: Key, axioms: list[Notes], default: Notes) -> Relation:
         e for e in evidence if (e.stated, e.probability) == (evidence[0].stated, probability)
     ]
     sources = sorted({source for e in decisive for source in e.sources}, key=str)
-    return Relation(*key, probability, tuple(sources), tuple(evidence))
+    return CategoryRelation(*key, probability, tuple(sources), tuple(evidence))
 
 
 def _evidence(key: Key, own: Notes, default: Notes, *, stated: bool) -> RelationEvidence:

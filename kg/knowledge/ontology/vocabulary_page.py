@@ -9,7 +9,7 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category
-from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, relations
 from kg.model import vocabulary as v
 
 _KINDS: Final = (
@@ -91,7 +91,7 @@ def _supercategories(
 
 
 def _objects(
-    catalogue: Catalogue, properties: _PropertiesBySubject, found: tuple[Relation, ...]
+    catalogue: Catalogue, properties: _PropertiesBySubject, found: tuple[CategoryRelation, ...]
 ) -> Iterator[tuple[str, ...]]:
     yield from [
         (
@@ -118,7 +118,7 @@ def _objects(
 
 
 def _targets(
-    category: Category, kind: str, found: tuple[Relation, ...], catalogue: Catalogue
+    category: Category, kind: str, found: tuple[CategoryRelation, ...], catalogue: Catalogue
 ) -> str:
     edges = [r for r in found if (r.kind, r.subject) == (kind, category.iri)]
     named = [(catalogue.by_iri(r.target), r) for r in edges]

@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import csv
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 from pyoxigraph import Quad
 
+from kg.knowledge.conceptnet.strength import probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import superclasses
-from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, RelationEvidence, relations
 from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
-from kg.knowledge.placement.shipped_conceptnet import shipped_relations
 from kg.knowledge.placement.statistics import RoomStatistics, statistics
 from kg.knowledge.placement.surveys import survey_features
 from kg.model import vocabulary as v
 
 #: prefix of the sources of the shipped relations: a list without probabilities of its own
 _THESIS = "thesis"
+
+TABLE: Final = Path(__file__).with_name("tables") / "conceptnet.csv"
+SOURCE: Final = "ConceptNet 4 (CC BY-SA 4.0)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +47,6 @@ class PlacementEvidence:
     evidence: EvidenceArrays
     stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
     near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
-    counted: Mapping[str, float]  # place IRI -> number of such rooms in the statistics
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
@@ -51,8 +57,7 @@ def placement_evidence(
 
     A relation of a class counts for its subclasses too. The class here:Place is a column for places
     of unknown category. With `shipped`, an ontology without ConceptNet relations gets the shipped
-    weights (`kg.knowledge.placement.shipped_conceptnet`). Raises OntologyError as `relations` and
-    `statistics`.
+    weights. Raises OntologyError as `relations` and `statistics`.
     """
     quads = tuple(quads)
     above = superclasses(quads)
@@ -89,7 +94,6 @@ def placement_evidence(
             cell: tuple(dict.fromkeys(found)) for cell, found in builder.stated_relations.items()
         },
         near=_near(edges),
-        counted=_rooms_of(counts),
         sources=tuple(sorted({count.source for count in counts})),
     )
 
@@ -109,7 +113,7 @@ class _Builder:
         self.stated, self.statements = np.zeros(shape), np.zeros(shape)
         self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
 
-    def add(self, relation: Relation) -> None:
+    def add(self, relation: CategoryRelation) -> None:
         """Add a here:locatedAt; other relations are ignored."""
         if relation.kind != v.LOCATED_AT:
             return
@@ -191,7 +195,7 @@ def _inherit_counts(
             rooms[row], held[row] = rooms[objects[nearest]], held[objects[nearest]]
 
 
-def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float]]:
+def _near(edges: Iterable[CategoryRelation]) -> dict[tuple[str, str], tuple[float, float]]:
     found: dict[tuple[str, str], tuple[float, float]] = {}
     for edge in edges:
         if edge.kind == v.NEAR_BY:
@@ -200,3 +204,27 @@ def _near(edges: Iterable[Relation]) -> dict[tuple[str, str], tuple[float, float
                 float(len(edge.evidence)),
             )
     return found
+
+
+def shipped_relations(catalogue: Catalogue) -> Iterator[CategoryRelation]:
+    """A here:locatedAt for each row of `tables/conceptnet.csv` with two known categories.
+
+    The table has the weights that `hereabouts import conceptnet` finds in ConceptNet 4 for the
+    shipped categories. The shipped ontologies contain only the relations of the thesis.
+    """
+    for thing, place, weight, against in _rows():
+        subject, target = catalogue.get(thing, "object"), catalogue.get(place, "place")
+        if subject is None or target is None:
+            continue
+        p = probability_of(max(weight - against, 0.0))
+        evidence = RelationEvidence(p, (SOURCE,), weight, against, stated=False)
+        yield CategoryRelation(v.LOCATED_AT, subject.iri, target.iri, p, (SOURCE,), (evidence,))
+
+
+@lru_cache(maxsize=1)
+def _rows() -> tuple[tuple[str, str, float, float], ...]:
+    with TABLE.open(encoding="utf-8", newline="") as file:
+        return tuple(
+            (row["object"], row["place"], float(row["weight"]), float(row["weight_against"]))
+            for row in csv.DictReader(file)
+        )

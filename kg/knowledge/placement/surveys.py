@@ -53,12 +53,6 @@ class SurveyFeatures:
     rooms: Matrix  # (n, m) rooms that `lift` counts
     rooms_with: Matrix  # (n, m)
 
-    def cut(self, rows: ArrayLike, columns: ArrayLike) -> SurveyFeatures:
-        """The features of the objects `rows` in the places `columns`, by number."""
-        cells = np.ix_(np.asarray(rows), np.asarray(columns))
-        arrays = [name for name in self.__dataclass_fields__ if name != "name"]
-        return SurveyFeatures(self.name, *(getattr(self, name)[cells] for name in arrays))
-
     def log_odds(self, weights: SurveyWeights) -> Matrix:
         """(n, m) contribution of the survey to the log-odds of a pair."""
         return np.asarray(

@@ -94,7 +94,7 @@ def class_quads(
 def add_label_classes(
     store: TransactionalStore, catalogue: Catalogue, labels: Iterable[str], model: str
 ) -> ChangeSet | None:
-    """Give labels of a network their meaning in the map in `store`, in one transaction.
+    """Store the meaning of a network's labels in the map in `store`, in one transaction.
 
     A label that means the same as a category becomes a name of it (skos:hiddenLabel). Any other
     known word becomes a class. Unknown words and names of supercategories are left out.

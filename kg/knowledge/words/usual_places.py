@@ -24,8 +24,8 @@ Source = Literal["homes", "activities", "stated"]
 
 _MIN_PROBABILITY: Final = 0.1  # of a place that an answer names
 _FEW: Final = int(FITTED.kappa)  # counts below which a stated place is preferred
-_LEAST: Final = 2  # count of a place that is named, unless there are few counts
-_LEAST_OUTSIDE: Final = 3  # count of a place outside of homes that is named
+_MIN_COUNT: Final = 2  # count of a place that is named, unless there are few counts
+_MIN_COUNT_OUTSIDE: Final = 3  # count of a place outside of homes that is named
 _MUCH_MORE: Final = 2  # times as many counts of activities as of homes, which then come later
 #: Places that are named only where no room of a home is.
 _NOT_INSIDE: Final = frozenset(("yard", "supermarket", "classroom", "conference room", "bar"))
@@ -88,9 +88,9 @@ def _preference(synset: str) -> Iterator[tuple[Source, int]]:
 def _counted(synset: str, source: Source, least: int) -> tuple[UsualPlace, ...]:
     """Places by counts, if there are `least`; none otherwise.
 
-    Where there are not few, only rooms of homes that were counted `_LEAST` times or more; else any
-    room, or a place outside of homes with `_LEAST_OUTSIDE`. Smoothed as if `FITTED.kappa` more
-    rooms or activities had the rate of all.
+    Where there are not few, only rooms of homes that were counted `_MIN_COUNT` times or more; else
+    any room, or a place outside of homes with `_MIN_COUNT_OUTSIDE`. Smoothed as if `FITTED.kappa`
+    more rooms or activities had the rate of all.
     """
     totals, counts = _counts()[source]["*"], _counts()[source].get(synset, {})
     found, everywhere, kappa = sum(counts.values()), sum(totals.values()), FITTED.kappa
@@ -99,9 +99,9 @@ def _counted(synset: str, source: Source, least: int) -> tuple[UsualPlace, ...]:
     places = []
     for label, count in counts.items():
         if label in _NOT_INSIDE:
-            enough = least == 1 and count >= _LEAST_OUTSIDE
+            enough = least == 1 and count >= _MIN_COUNT_OUTSIDE
         else:
-            enough = least == 1 or count >= _LEAST
+            enough = least == 1 or count >= _MIN_COUNT
         if not enough:
             continue
         if source == "homes":

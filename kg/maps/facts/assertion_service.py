@@ -22,8 +22,8 @@ from kg.maps.facts.assertions import (
     value_of,
 )
 from kg.maps.facts.frame_writer import FrameWriter
+from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.facts.relations import NOTHING, SINGLE
 from kg.maps.thing_names import checked_line
 from kg.model.areas import Area
 from kg.model.errors import InvalidFactError, did_you_mean

@@ -29,10 +29,10 @@ from kg.maps.facts.doors import OWN as OWN_OF_DOORS
 from kg.maps.facts.doors import facts_of_door
 from kg.maps.facts.label_beliefs import OWN as OWN_OF_LABELS
 from kg.maps.facts.label_beliefs import label_nodes
+from kg.maps.facts.object_relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.occupancy import OWN as OWN_OF_TILES
 from kg.maps.facts.occupancy import facts_of_tile, iri_of
-from kg.maps.facts.relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
 from kg.maps.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads
 from kg.maps.facts.searches import OWN as OWN_OF_SEARCHES
 from kg.maps.facts.searches import facts_of, subjects_of

@@ -45,7 +45,7 @@ _SCHEMA: Final = (
 )
 _BATCH: Final = 8  # frames that go into the grid together, by their number
 _DUE: Final = 64  # frames after which chunks are written
-_LEAST_SPACE: Final = 1 << 16  # [bytes] of the disk, for the files that SQLite makes while reading
+_MIN_SPACE: Final = 1 << 16  # [bytes] of the disk, for the files that SQLite makes while reading
 _MAX_CHUNK: Final = 1 << LOCAL_BITS
 
 
@@ -267,7 +267,7 @@ def _opened(path: Path, read_only: bool) -> sqlite3.Connection:
 def _lacks_space(path: Path, error: Exception) -> bool:
     """Whether an error is that of a full disk, which SQLite may call an error of input."""
     unclear = isinstance(error, sqlite3.OperationalError) and "disk I/O" in str(error)
-    return is_disk_full(error) or (unclear and free_space(path.parent) < _LEAST_SPACE)
+    return is_disk_full(error) or (unclear and free_space(path.parent) < _MIN_SPACE)
 
 
 def _up_to(records: Records, sequence: int) -> Records:

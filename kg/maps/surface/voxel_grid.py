@@ -25,7 +25,7 @@ from kg.maps.surface.voxels import (
 
 MAX_VOXELS: Final = 1_500_000  # of one map: about 150 m2 of flat at 2.5 cm
 _MEMORY: Final = 16  # frames that the mean colour remembers
-_MOST: Final = 65535  # that a count holds
+_MAX_COUNT: Final = 65535  # that a count holds
 _LOCAL: Final = (1 << LOCAL_BITS) - 1
 
 
@@ -148,7 +148,7 @@ class VoxelGrid:
         known = held[rows]
         back = known["gone"] > 0
         before = np.where(back, 0, known["count"]).astype(np.int64)
-        total = np.minimum(before + new["count"], _MOST)
+        total = np.minimum(before + new["count"], _MAX_COUNT)
         weight = np.maximum(np.minimum(total, _MEMORY) // new["count"], 1)[:, None]
         colour = known["colour"].astype(np.int64)
         change = new["colour"] - colour

@@ -20,8 +20,8 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.assertions import Assertions
+from kg.maps.facts.object_relations import relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.facts.relations import relation_nodes
 from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.deletion_guard import is_place
 from kg.maps.update.implicit_assertions import assert_perceived_properties, categories

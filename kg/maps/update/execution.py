@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Protocol, Self
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QuerySolution, Store
 from pyoxigraph import Triple as TripleTerm
 
-from kg.maps.update.change_draft import ChangeDraft, Term
-from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.maps.update.change_draft import Term
+from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
@@ -35,7 +35,7 @@ from kg.rdf.sparql.update_parser import (
 from kg.rdf.sparql.vetting import check_no_load, check_no_service, check_unicode
 
 if TYPE_CHECKING:
-    from kg.store.transactional import TransactionalStore
+    pass
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
@@ -82,22 +82,12 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     return GroundUpdate(tuple(view.steps), reads=reads)
 
 
-def execute_update(store: TransactionalStore, sparql: str, base: str | None = None) -> ChangeDraft:
-    """The net change that an update makes to a map, evaluated in this process.
-
-    Raises QueryError as `evaluate_update`.
-    """
-    pending = ChangeDraft(store)
-    pending.apply(evaluate_update(store, sparql, base))
-    return pending
-
-
 class _View:
     """The dataset after the operations so far; a copy is made by the first change."""
 
     def __init__(self, dataset: Dataset) -> None:
         self._dataset = dataset
-        self.steps: list[Step] = []
+        self.steps: list[QuadChange] = []
         self._copies = contextlib.ExitStack()
         self._copy: Store | None = None
 
@@ -112,7 +102,7 @@ class _View:
         return self._copy
 
     def change(self, delete: Iterable[Quad], insert: Iterable[Quad]) -> None:
-        step = Step(tuple(delete), tuple(insert))
+        step = QuadChange(tuple(delete), tuple(insert))
         if not (step.delete or step.insert):
             return
         self.steps.append(step)

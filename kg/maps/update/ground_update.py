@@ -13,7 +13,7 @@ from kg.model.errors import ShapeError
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class QuadChange:
     """One operation: the quads it deletes, then those it inserts."""
 
     delete: tuple[Quad, ...]
@@ -24,7 +24,7 @@ class Step:
 class GroundUpdate:
     """The operations of an update; `reads` is true if they depend on the state of the map."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[QuadChange, ...]
     reads: bool = False
 
     def encode(self) -> tuple[dict[str, Any], bytes]:
@@ -62,6 +62,6 @@ def check_triple_terms(quads: Iterable[Quad]) -> None:
             raise ShapeError("the update is refused: triple terms <<( )>> are not used in maps")
 
 
-def _steps(counts: Iterable[tuple[int, int]], quads: Iterator[Quad]) -> Iterator[Step]:
+def _steps(counts: Iterable[tuple[int, int]], quads: Iterator[Quad]) -> Iterator[QuadChange]:
     for deleted, inserted in counts:
-        yield Step(tuple(islice(quads, deleted)), tuple(islice(quads, inserted)))
+        yield QuadChange(tuple(islice(quads, deleted)), tuple(islice(quads, inserted)))

@@ -7,8 +7,7 @@ import time
 from pyoxigraph import NamedNode
 
 from kg.maps.facts.assertions import Assertions
-from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.facts.relations import (
+from kg.maps.facts.object_relations import (
     NOTHING,
     PREDICATES,
     SINGLE,
@@ -16,6 +15,7 @@ from kg.maps.facts.relations import (
     perceived_value,
     relation_quads,
 )
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError

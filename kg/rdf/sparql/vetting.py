@@ -42,20 +42,15 @@ def check_unicode(text: str) -> None:
         ) from error
 
 
-def check_length(sparql: str, limit: int = MAX_LENGTH) -> None:
+def check_length(sparql: str) -> None:
     """Raises QueryRefusedError if the text is too long."""
-    if len(sparql) > limit:
+    if len(sparql) > MAX_LENGTH:
         raise QueryRefusedError(
-            f"a query may have {limit:,} characters, got {len(sparql):,}; split it"
+            f"a query may have {MAX_LENGTH:,} characters, got {len(sparql):,}; split it"
         )
 
 
-def vet(
-    sparql: str,
-    *,
-    services: Collection[str] = (),
-    max_depth: int = MAX_DEPTH,
-) -> None:
+def vet(sparql: str, *, services: Collection[str] = ()) -> None:
     """Raises QueryRefusedError if the text writes, reads beyond the map, or nests too deeply.
 
     `services` are the IRIs that SERVICE may name. FROM only selects graphs of the map and needs no
@@ -63,7 +58,7 @@ def vet(
     """
     for text in _readings(sparql):
         _check_no_update(text)
-        _check_nesting(text, max_depth)
+        _check_nesting(text)
         _check_services(text, services)
 
 
@@ -95,10 +90,10 @@ def check_no_update(sparql: str) -> None:
         _check_no_update(text, "; write through SemanticMap.update")
 
 
-def check_nesting(sparql: str, limit: int = MAX_DEPTH) -> None:
-    """Raises QueryRefusedError if brackets nest deeper than `limit`."""
+def check_nesting(sparql: str) -> None:
+    """Raises QueryRefusedError if brackets nest deeper than MAX_DEPTH."""
     for text in _readings(sparql):
-        _check_nesting(text, limit)
+        _check_nesting(text)
 
 
 def _readings(sparql: str) -> Iterable[str]:
@@ -114,12 +109,12 @@ def _check_no_update(sparql: str, hint: str = "") -> None:
         )
 
 
-def _check_nesting(sparql: str, limit: int) -> None:
+def _check_nesting(sparql: str) -> None:
     depth = 0
     for token in tokens_of(sparql):
         depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
-        if depth > limit:
-            raise QueryRefusedError(f"brackets may nest {limit} deep, here they nest deeper")
+        if depth > MAX_DEPTH:
+            raise QueryRefusedError(f"brackets may nest {MAX_DEPTH} deep, here they nest deeper")
 
 
 def has_allowed_service(sparql: str, allowed: Collection[str]) -> bool:

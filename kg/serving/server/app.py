@@ -26,16 +26,13 @@ from kg.serving.server.endpoints.change_endpoint import changes
 from kg.serving.server.endpoints.find_endpoint import find
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.serving.server.endpoints.history_endpoints import diff, log, timeline, why
-from kg.serving.server.endpoints.page_files import page_file
-from kg.serving.server.endpoints.picture_endpoint import picture
+from kg.serving.server.endpoints.page_files import page_file, picture
 from kg.serving.server.endpoints.question_endpoint import question, questions
-from kg.serving.server.endpoints.restore_endpoint import restore
-from kg.serving.server.endpoints.room_endpoint import rooms
 from kg.serving.server.endpoints.sparql_protocol import sparql
 from kg.serving.server.endpoints.state_endpoint import state
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
 from kg.serving.server.endpoints.surface_endpoint import surface
-from kg.serving.server.endpoints.write_endpoints import labels, numbers, records
+from kg.serving.server.endpoints.write_endpoints import labels, numbers, records, restore, rooms
 from kg.serving.server.http.bodies import json_response
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.http.problems import Problem, problem_of, problem_response, without_paths

@@ -22,7 +22,7 @@ from kg.model.errors import (
     QueryError,
     WorkerDiedError,
 )
-from kg.rdf.sparql.vetting import MAX_LENGTH, check_length, has_allowed_service
+from kg.rdf.sparql.vetting import check_length, has_allowed_service
 from kg.serving.workers.admission import FairQueue, Lane, Turn
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.history_file import HistoryFile
@@ -65,12 +65,10 @@ class QueryPool:
         max_result_bytes: int = 64 << 20,
         refresh: float = 1.0,
         queue: int = 32,
-        max_query_length: int = MAX_LENGTH,
         services: Collection[str] = (),
     ) -> None:
         self.timeout = timeout
         self.max_result_bytes = max_result_bytes
-        self.max_query_length = max_query_length
         self._services = frozenset(services)
         self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
         self._last_query = time.monotonic()
@@ -241,7 +239,7 @@ class QueryPool:
             self._workers.refresh()
 
     def _query(self, sparql: str, options: QueryOptions) -> QueryCall:
-        check_length(sparql, self.max_query_length)
+        check_length(sparql)
         return self._call(
             request_of(sparql, options),
             options.get("timeout"),

@@ -8,7 +8,7 @@ concurrency control). The last attempt makes other writers wait for a limited ti
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any, Final
@@ -40,13 +40,12 @@ def update_map(
     request: UpdateRequest,
     *,
     by: str | None,
-    check: Callable[[], None] | None = None,
     confirmed: bool = False,
 ) -> ChangeSet | None:
     """Evaluate an update in a worker and apply it as one transaction; None without changes.
 
-    `check` may raise an error right before the update is applied, while nobody else writes. Raises
-    as `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the pool.
+    Raises as `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the
+    pool.
     """
     semantic_map.store.check_writable()
     for attempt in range(ATTEMPTS + 1):
@@ -56,8 +55,6 @@ def update_map(
             with semantic_map.hold():
                 if update.reads and sequence != semantic_map.sequence:
                     continue
-                if check is not None:
-                    check()
                 return semantic_map.apply_ground(update, request.sparql, by=by, confirmed=confirmed)
     raise ConflictError("others write faster than this update is evaluated; try again later")
 

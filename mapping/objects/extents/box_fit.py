@@ -18,7 +18,7 @@ from mapping.objects.extents.box_views import BoxViews
 
 _STEPS: Final = 5
 _CLOSE: Final = 0.003  # [m or rad] step that ends the fit
-_FARTHEST: Final = 0.2  # [m or rad] of a step
+_MAX_STEP: Final = 0.2  # [m or rad] of a step
 _DELTA: Final = 0.005  # [m or rad] of a numeric derivative
 _EDGE: Final = (0.05, 1.5)  # standard deviation of an edge: share of the box's side, and [px]
 _BORDER: Final = 4.0  # [px] an edge this near the image's border is no edge of the thing
@@ -58,7 +58,7 @@ def fitted_box(grown: OrientedBox, views: BoxViews, parallel: bool = False) -> O
         weighted = residuals / np.sqrt(np.maximum(np.abs(residuals[0]), 1.0))
         slope = (weighted[1:] - weighted[0]).T / _DELTA
         step = np.linalg.solve(slope.T @ slope + np.eye(7), -slope.T @ weighted[0])
-        state = state + np.clip(step, -_FARTHEST, _FARTHEST)
+        state = state + np.clip(step, -_MAX_STEP, _MAX_STEP)
         state[3:6] = np.maximum(state[3:6], _MIN_SIDE)
         if np.abs(step).max() < _CLOSE:
             break

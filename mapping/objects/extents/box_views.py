@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.sighting import ThingSighting
+from mapping.frames.sighting import ThingSighting
 from perception.frames import Frame
 
 MAX_VIEWS: Final = 16  # kept of each thing

@@ -26,7 +26,7 @@ _SAME: Final = 0.85  # overlap with its former box from which on it keeps that
 
 
 class ExtentGrower:
-    """Gives tracks boxes, at most one a frame, and all that changed at the end."""
+    """Fits boxes to tracks: at most one a frame, and all that changed at the end."""
 
     def __init__(self, voxels: Voxels) -> None:
         self._voxels = voxels

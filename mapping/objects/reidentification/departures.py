@@ -89,7 +89,7 @@ class Departures:
         now: float,
         count: Callable[[str], int],
     ) -> list[Move]:
-        """Give things that `appeared` the identity of objects that left; returns these moves.
+        """Assign the identity of objects that left to things that `appeared`; returns the moves.
 
         `absent` are objects of the map that are perhaps not where they were last seen; the other
         arguments are those of `moved_things`.

@@ -42,7 +42,7 @@ class Head(Protocol):
 
     @property
     def classes(self) -> int | None:
-        """Number of classes; None: the network does not say."""
+        """Number of classes; None: unknown from the network."""
 
     @property
     def resize(self) -> str:

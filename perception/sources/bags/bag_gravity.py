@@ -27,7 +27,7 @@ MAX_MESSAGES: Final = 2000
 
 
 class Reading(NamedTuple):
-    """What an Imu says of acceleration."""
+    """Reading of an IMU: the acceleration in a frame at a time."""
 
     stamp: int  # [ns]
     frame: str

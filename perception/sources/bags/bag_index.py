@@ -18,7 +18,7 @@ from perception.sources.bags.bag_file import BagFile, RawMessage
 from perception.sources.bags.librealsense import IMAGE, TEXT, LibrealsenseText
 from perception.sources.ros.camera_info import is_calibrated
 from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
-from perception.sources.ros.images import ImageKind, image_kind
+from perception.sources.ros.image_messages import ImageKind, image_kind
 from perception.sources.ros.transform_tree import TransformTree, pose_numbers
 
 IMAGES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -153,7 +153,7 @@ def read_index(path: Path) -> BagIndex:
 
 
 def _use_text(index: BagIndex) -> None:
-    """Give images the stamps, and where they have none the cameras, of librealsense's text."""
+    """Set the stamps of images, and missing cameras, from librealsense's text."""
     found = {m[1]: s for s in index.streams.values() if (m := IMAGE.fullmatch(s.topic))}
     stamps = index.text.stamps({sensor: images.times for sensor, images in found.items()})
     for sensor, images in found.items():

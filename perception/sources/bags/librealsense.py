@@ -54,7 +54,7 @@ class LibrealsenseText:
 
     @property
     def depth_scale(self) -> float | None:
-        """Depth units a metre; None where the file does not say it, or says several."""
+        """Depth units a metre; None where the file has none, or several."""
         different = {round(unit, 9) for unit in self.units}
         return 1 / different.pop() if len(different) == 1 else None
 

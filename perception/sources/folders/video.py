@@ -100,7 +100,7 @@ class VideoFrame:
         return f"{self.video.path}, frame {self.number}"
 
     def check(self) -> None:
-        """Raise RecordingError where the video says that it has no such frame."""
+        """Raise RecordingError where the video has no such frame."""
         if self.number >= self.video.count:
             raise RecordingError(f"{self.video.path} has {self.video.count} frames; {self} is none")
 

@@ -26,7 +26,7 @@ class Inbox(Protocol):
         """Those of `topics` (name -> type, e.g. sensor_msgs/msg/Image) to subscribe to."""
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a message, serialised as ROS 1 or as ROS 2 does."""
+        """Receive a message, serialised as ROS 1 or as ROS 2 does."""
 
 
 class Connection(Protocol):
@@ -37,7 +37,7 @@ class Connection(Protocol):
         """Address of the source, for people."""
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give messages to `inbox` until `ended`; reconnects where the connection breaks off.
+        """Pass messages to `inbox` until `ended`; reconnects where the connection breaks off.
 
         It returns before that at the end of a file that is played.
         """

@@ -56,7 +56,7 @@ class FoxgloveConnection:
         return cls(address)
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give what comes to `inbox` until `ended`."""
+        """Pass messages to `inbox` until `ended`."""
         from websockets.exceptions import WebSocketException
         from websockets.sync.client import connect
         from websockets.typing import Subprotocol

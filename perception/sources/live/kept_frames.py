@@ -68,7 +68,7 @@ class KeptFrames:
             self._camera = Intrinsics(K[0, 0], K[1, 1], K[0, 2], K[1, 2], width, height)
 
     def moved(self, poses: Mapping[str, Pose]) -> None:
-        """Take poses in the map (4, 4), by the frames' ids, for those they were mapped by."""
+        """Replace the poses that frames were mapped by, with poses in the map (4, 4) by id."""
         self._entries = [replace(e, T_world_cam=poses[e.id]) for e in self._entries]
 
     def recording(

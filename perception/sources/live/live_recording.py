@@ -15,7 +15,7 @@ from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import FRAMES, Up, gravity_aligned_transform
 from perception.camera.poses import Pose
 from perception.frames import Frame
-from perception.sources.depth_check import check_depth
+from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.live.connection import Connection
 from perception.sources.live.live_tracker import LiveTracker
 from perception.sources.live.stream import PATIENCE, SETTLING, SILENT, UNPOSED, FrameStream
@@ -69,7 +69,7 @@ class LiveRecording:
         return "; ".join(line for line in (drift, self.found) if line)
 
     def level(self, up: Up = "z", *, check: bool = True) -> None:
-        """Take the first frames, up to FRAMES; turn `up` to z, and the floor that they show to 0.
+        """Read the first frames, up to FRAMES; turn `up` to z, and the floor that they show to 0.
 
         Raises RecordingError where their depth contradicts their poses, with `check`.
         """
@@ -90,7 +90,8 @@ class LiveRecording:
             if check and self._first and self.tracker is None:
                 poses = [frame.T_map_cam for frame in self._first]
                 scale, at = self.stream.depth_scale, self._first.__getitem__
-                check_depth(self.name, poses, "camera-to-world", scale, at)
+                found = depth_findings(self.name, poses, "camera-to-world", scale, at)
+                check_depth(found)
         except BaseException:
             self.close()
             raise

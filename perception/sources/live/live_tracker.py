@@ -118,7 +118,7 @@ class LiveTracker:
         return self.odometry.graph.keys[self._key].piece if self._tracks else None
 
     def hold(self) -> None:
-        """Give only images of the last given one's piece: others were not recognised in it yet."""
+        """Yield only images of the last one's piece: others were not recognised in it yet."""
         keys = self.odometry.graph.keys
         with self._graph:
             if self._tracks:

@@ -82,7 +82,7 @@ class RealSenseCamera:
         return cls(address, context, device, streams)
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give messages to `inbox` until `ended`, or until the recording has been played.
+        """Pass messages to `inbox` until `ended`, or until the recording has been played.
 
         Raises RecordingError where the camera cannot be started, or is unplugged.
         """

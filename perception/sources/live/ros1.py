@@ -71,7 +71,7 @@ class Ros1Master:
         return ask(self.uri, method, *arguments, caller=self.caller)
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
-        """Give messages to `inbox` until `ended`."""
+        """Pass messages to `inbox` until `ended`."""
         retry = Retry(self.address, ended)
         running: dict[_Key, _Subscription] = {}
         warned = set[tuple[str, str]]()

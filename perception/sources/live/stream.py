@@ -47,7 +47,7 @@ from perception.sources.bags.bag_index import (
 )
 from perception.sources.bags.bag_poses import add_poses
 from perception.sources.listing import FrameEntry, RecordingListing
-from perception.sources.live.images import HeldImages, LiveDecoder, LiveImage
+from perception.sources.live.live_images import HeldImages, LiveDecoder, LiveImage
 from perception.sources.live.stream_counts import StreamCounts
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
@@ -169,7 +169,7 @@ class FrameStream:
             return wanted
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a message; unreadable ones give one warning for each topic."""
+        """Receive a message; unreadable ones give one warning for each topic."""
         decoder = LiveDecoder(self.address, is_ros1)
         with self._changed:
             try:

@@ -1,4 +1,4 @@
-"""Foxglove's schemas, in protobuf or JSON, as the messages of ROS that say the same.
+"""Foxglove's schemas, in protobuf or JSON, as the messages of ROS with the same content.
 
 The fields' numbers and names are Foxglove's own (foxglove.dev/docs/sdk/schemas); definitions in a
 file are not looked at.

@@ -87,7 +87,7 @@ class TransformTree:
         link.add(0 if static else stamp, numbers, static)
 
     def prefer(self, parent: str, child: str) -> None:
-        """Take `parent` for the parent of `child`, whatever other links there are."""
+        """Set `parent` as the parent of `child`, whatever other links there are."""
         self._preferred[frame_name(child)] = frame_name(parent)
 
     def link(self, parent: str, child: str, T: Pose) -> None:

@@ -106,7 +106,7 @@ def overlapping(boxes: Boxes, taken: Boxes) -> NDArray[np.bool_]:
 
 
 class WallsBelow:
-    """Tells which boxes on the page [px] lie over walls.
+    """Tests which boxes on the page [px] lie over walls.
 
     A summed-area table (Crow 1984) makes the cost of a box independent of its size.
     """

@@ -70,7 +70,7 @@ class Extent(Rectangle):
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class ListItem:
     """An entry of a listing: its number on the drawing, a line of text, and a fainter line."""
 
     number: str
@@ -83,7 +83,7 @@ class Listing:
     """Numbered items with a line of summary above."""
 
     title: str
-    items: tuple[Item, ...]
+    items: tuple[ListItem, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,7 +260,7 @@ class Sheet:
                 lines[-1] = longer
         return lines
 
-    def _write_item(self, item: Item, x: float, y: float, width: float) -> None:
+    def _write_item(self, item: ListItem, x: float, y: float, width: float) -> None:
         style: dict[str, Any] = {"ha": "center", "va": "center_baseline", "fontweight": "bold"}
         spot = Line2D([], [], marker="o", ms=11, mfc=ROUTE, mec="none")
         spot.set_data(*np.array([self._at(x + 0.09, y + 0.06)]).T)
@@ -278,14 +278,14 @@ def _metres_text(value: float, _: object = None) -> str:
     return f"{value:,.10g}"
 
 
-def _item_height(item: Item) -> float:
+def _item_height(item: ListItem) -> float:
     return _ITEM[bool(item.detail)]
 
 
-def _columns(items: Sequence[Item], columns: int) -> list[list[Item]]:
+def _columns(items: Sequence[ListItem], columns: int) -> list[list[ListItem]]:
     """`items` in their order, cut into columns of about the same height."""
     high, share = sum(map(_item_height, items)), 0.0
-    cut: list[list[Item]] = [[] for _ in range(columns)]
+    cut: list[list[ListItem]] = [[] for _ in range(columns)]
     for item in items:
         cut[min(int(columns * share / high), columns - 1)].append(item)
         share += _item_height(item)

@@ -54,7 +54,7 @@ from planner.display.plots.palette import (
     top_category,
 )
 from planner.display.plots.picture_file import checked_ending, picture_style, save_picture
-from planner.display.plots.place_names import NamedPlace, write_place_names
+from planner.display.plots.place_labels import NamedPlace, write_place_names
 from planner.display.plots.point_labels import PointLabel, write_labels
 
 Legend = Literal["class", "place"]

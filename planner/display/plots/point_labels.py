@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planner.display.plots.label_placement import Box, Covers, Label, place_labels
 from planner.display.plots.layout import Sheet
-from planner.display.plots.place_names import haloed
+from planner.display.plots.place_labels import haloed
 
 _CROWD = 60  # more points than this have smaller labels
 _THRONG = 300  # more than this have theirs close by, or none

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from kg.maps.semantic_map import SemanticMap
 from planner.display.plots.drawing import SHOWN_EXISTENCE, GroundTruth, Shade, Stop
 from planner.display.plots.label_text import drawable
-from planner.display.plots.layout import Item, Listing
+from planner.display.plots.layout import Listing, ListItem
 from planner.display.plots.map_plot import Legend, SearchDrawing, plot_map
 from planner.freespace.grid import visible_cells
 from planner.search.plans.report import direction, fact_chain, plan_lines, step_purpose
@@ -113,7 +113,9 @@ def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
         reason = fact_chain(why.facts) if why is not None and why.iri not in given else ""
         given |= {why.iri} if why is not None else set()
         chance = f"finds it with {step.probability:.3f} by {step.seconds:.0f} s"
-        items.append(Item(str(number), f"{drawable(head)}, {chance}", drawable(reason, _REASON)))
+        items.append(
+            ListItem(str(number), f"{drawable(head)}, {chance}", drawable(reason, _REASON))
+        )
     rest = len(plan.steps) - len(items)
     more = f"; {rest} more looks follow" if rest else ""
     return Listing(drawable(plan_lines(plan)[0], _REASON) + more, tuple(items))

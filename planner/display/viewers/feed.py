@@ -13,7 +13,7 @@ import numpy as np
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError
 from kg.model.records import RobotRecord
-from mapping.projection import robot_at
+from mapping.frames.projection import robot_at
 from perception.frames import Detections, Frame, SceneScores
 from planner.display.viewers.scene import ScenePlan, SceneReader, SceneStop
 from planner.display.viewers.viewer import Viewer

@@ -63,7 +63,7 @@ class RerunViewer:
         if self._changed("places", scene.places):
             self._places(scene.places)
         if self._changed("relations", scene.relations):
-            self._lines("map/relations", [relation.ends for relation in scene.relations])
+            self._lines("map/relations", scene.relations)
         if self._changed("floor", scene.floor) and scene.floor is not None:
             self._log.log("map/floor", _floor(scene.floor))
         if len(scene.surface) and self._changed("surface", scene.surface):

@@ -93,7 +93,7 @@ class RosMessages(MessageMaker):
         for thing in scene.objects:
             markers += self._object(header, thing)
         if scene.relations:
-            ends = [end for relation in scene.relations for end in relation.ends]
+            ends = [end for ends in scene.relations for end in ends]
             style: dict[str, Any] = {"scale": (0.015, 0, 0), "colour": to_rgb(INK), "alpha": 0.6}
             markers.append(self._marker(header, "relations", _LINES, points=ends, **style))
         if scene.plan is not None:

@@ -56,7 +56,6 @@ class SceneObject:
     existence: float  # 0..1
     p_map: Point
     extent: Point | None  # [m] of its box along its own axes, centred at `p_map`
-    place: str | None  # place/1
     yaw: float = 0.0  # [rad] of its box about z
 
 
@@ -69,16 +68,6 @@ class ScenePlace:
     colour: Colour | None  # None: not viewed yet
     outline: Outline  # rings [m], holes after the first
     centre: Point  # a point well inside, on the floor
-
-
-@dataclass(frozen=True, slots=True)
-class SceneRelation:
-    """A line between two objects that are on, inside or beside one another."""
-
-    kind: str
-    name: str  # object/17
-    target: str  # object/3
-    ends: tuple[Point, Point]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +113,8 @@ class Scene:
     title: str
     objects: tuple[SceneObject, ...] = ()
     places: tuple[ScenePlace, ...] = ()
-    relations: tuple[SceneRelation, ...] = ()
+    #: ends of lines between objects that are on, inside or beside one another
+    relations: tuple[tuple[Point, Point], ...] = ()
     floor: SceneFloor | None = None
     robot: RobotRecord | None = None
     plan: ScenePlan | None = None
@@ -184,7 +174,6 @@ class SceneReader:
                 existence=round(min(max(record.existence, 0.0), 1.0), 3),
                 p_map=_point(record.p_map),
                 extent=_point(extent) if extent is not None and sized else None,
-                place=None if record.place is None else self._name(record.place),
                 yaw=record.yaw if math.isfinite(record.yaw) else 0.0,
             )
 
@@ -212,17 +201,12 @@ class SceneReader:
                 centre=(*place.area.centre, height),
             )
 
-    def _relations(self, records: Sequence[ObjectRecord]) -> Iterable[SceneRelation]:
+    def _relations(self, records: Sequence[ObjectRecord]) -> Iterable[tuple[Point, Point]]:
         at = {record.iri: _point(record.p_map) for record in records}
         for record in records:
             for relation in record.relations or ():
                 if relation.probability >= _MIN_PROBABILITY and relation.target in at:
-                    yield SceneRelation(
-                        kind=relation.kind,
-                        name=self._name(record.iri),
-                        target=self._name(relation.target),
-                        ends=(at[record.iri], at[relation.target]),
-                    )
+                    yield at[record.iri], at[relation.target]
 
 
 def past_scenes(

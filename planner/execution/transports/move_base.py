@@ -75,7 +75,7 @@ class MoveBase:
         return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Take a status or result; warns once for each topic with unreadable messages."""
+        """Receive a status or result; warns once for each topic with unreadable messages."""
         if raw.type not in (_STATUS, _RESULT) or len(raw.data) > MAX_SIZE:
             return
         try:

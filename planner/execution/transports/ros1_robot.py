@@ -23,6 +23,7 @@ from perception.sources.ros.headers import NANOSECONDS
 from planner.execution.protocol import (
     MAX_COORDINATE,
     Arrived,
+    DetectedFrame,
     DetectionsMessage,
     Failed,
     GoTo,
@@ -30,7 +31,6 @@ from planner.execution.protocol import (
     LookAround,
     Message,
     RobotPose,
-    View,
 )
 from planner.execution.stepwise_robot import Step, StepwiseRobot
 from planner.execution.transports.move_base import MoveBase
@@ -67,7 +67,7 @@ class _Inboxes:
         return self.stream.wanted(topics) | self.navigation.wanted(topics)
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Give a message to both; each ignores the messages of the other."""
+        """Pass a message to both; each ignores the messages of the other."""
         self.stream.offer(raw, is_ros1=is_ros1)
         self.navigation.offer(raw, is_ros1=is_ros1)
 
@@ -152,7 +152,7 @@ class Ros1Robot(StepwiseRobot):
         """Turn on the spot by goals, and take a picture after each."""
         start = self._pose()
         turns = math.ceil(abs(look.turn) / (OVERLAP * self._field_of_view) - 1e-6)
-        views = list[View]()
+        views = list[DetectedFrame]()
         for number in range(turns + 1):
             if number:
                 self._go(start.x, start.y, start.heading + look.turn * number / turns)
@@ -180,8 +180,8 @@ class Ros1Robot(StepwiseRobot):
         yield self._pose()
         return outcome
 
-    def _view(self, frame: Frame) -> View:
-        return View(frame, self._detector.detect(frame))
+    def _view(self, frame: Frame) -> DetectedFrame:
+        return DetectedFrame(frame, self._detector.detect(frame))
 
     def _picture_after(self, since: float) -> Generator[Step, None, Frame | None]:
         """A frame taken at `since` [s by the robot's clock] or later; None if none comes."""

@@ -24,11 +24,11 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.errors import GraphError, MapBusyError
 from kg.serving.opening import create_map, open_map
-from mapping.class_scores import MapScore, Truth, score_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
-from mapping.progress_report import FrameReport, MappingReport
 from mapping.recording_mapper import map_recording
+from mapping.reference.class_scores import MapScore, Truth, score_map
+from mapping.runs.progress_report import FrameReport, MappingReport
 from planner.display.plots.drawing import GroundTruth
 from planner.display.plots.search_plot import plot_search
 from planner.execution.options import Event

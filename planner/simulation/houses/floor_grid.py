@@ -77,8 +77,3 @@ class FloorGrid:
         n = 3 * max(abs(a[0] - b[0]), abs(a[1] - b[1]), 1)
         line = np.rint(np.linspace(a, b, n + 1)).astype(int)
         return bool(self.free[line[:, 0], line[:, 1]].all())
-
-
-def length_of(path: NDArray[np.float64]) -> float:
-    """Length [m] of a polyline (n, 2)."""
-    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())

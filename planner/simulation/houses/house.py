@@ -7,14 +7,19 @@ Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is ra
 from __future__ import annotations
 
 import colorsys
+import csv
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
 
+#: items of the demo's house
+_ITEMS: Final = Path(__file__).with_name("furnished_house.csv")
 WALL_HEIGHT = 2.5  # [m]
 WALL_THICKNESS = 0.10  # [m]
 DOOR_HEIGHT = 2.05  # [m]
@@ -160,7 +165,13 @@ class House:
 
 def furnished_house() -> House:
     """The demo's house: 11.4 m x 9.2 m, seven rooms, 54 objects of COCO classes."""
-    return House(ROOMS, WALLS, OBJECTS_OF_THE_HOUSE, FURNISHINGS_OF_THE_HOUSE)
+    items: dict[str, list[Item]] = {"object": [], "furnishing": []}
+    with _ITEMS.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            x, y, z = (float(row[axis]) for axis in "xyz")
+            facing = cast("Facing", row["facing"])
+            items[row["kind"]].append(Item(row["label"], x, y, z, facing))
+    return House(ROOMS, WALLS, tuple(items["object"]), tuple(items["furnishing"]))
 
 
 OAK: RGB = (0.76, 0.58, 0.40)
@@ -194,100 +205,4 @@ WALLS = (
     Wall((8.6, 0), (8.6, 4)),
     Wall((4, 5.4), (4, 9.2), doors=((6.5, 7.7),)),
     Wall((7.4, 5.4), (7.4, 9.2)),
-)
-
-OBJECTS_OF_THE_HOUSE = (
-    # living room
-    Item("tv", 0.28, 2.0, 0.46, "east"),
-    Item("vase", 0.28, 2.7, 0.46),
-    Item("couch", 4.45, 1.9, 0, "west"),
-    Item("teddy bear", 4.40, 2.45, 0.42, "west"),
-    Item("chair", 2.0, 0.45, 0, "north"),
-    Item("remote", 2.65, 1.75, 0.42),
-    Item("cup", 2.35, 2.05, 0.42),
-    Item("book", 0.26, 1.35, 0.46, "east"),
-    Item("potted plant", 0.45, 3.5),
-    Item("clock", 3.2, 0.08, 1.55, "north"),
-    # home office
-    Item("laptop", 6.25, 0.42, 0.74, "north"),
-    Item("tv", 7.15, 0.22, 0.74, "north"),
-    Item("keyboard", 7.05, 0.55, 0.74),
-    Item("mouse", 7.42, 0.55, 0.74),
-    Item("scissors", 5.85, 0.50, 0.74),
-    Item("chair", 6.75, 1.15, 0, "south"),
-    Item("book", 8.38, 2.55, 0.89, "west"),
-    Item("book", 8.38, 1.85, 1.29, "west"),
-    Item("backpack", 5.25, 2.0, 0, "east"),
-    Item("potted plant", 8.2, 3.6),
-    # bathroom
-    Item("toilet", 11.0, 1.45, 0, "west"),
-    Item("sink", 8.90, 1.9, 0.84, "east"),
-    Item("toothbrush", 8.85, 2.4, 0.84),
-    Item("hair drier", 8.90, 1.45, 0.84),
-    Item("bottle", 10.95, 0.12, 0.52),
-    # kitchen
-    Item("refrigerator", 0.42, 8.8, 0, "south"),
-    Item("sink", 1.45, 8.85, 0.90, "south"),
-    Item("microwave", 2.15, 8.9, 0.90, "south"),
-    Item("oven", 2.85, 8.85, 0, "south"),
-    Item("toaster", 3.40, 8.9, 0.90, "south"),
-    Item("banana", 0.36, 6.55, 0.90),
-    Item("bowl", 0.36, 7.05, 0.90),
-    Item("bottle", 0.30, 7.55, 0.90),
-    Item("knife", 0.42, 7.85, 0.90),
-    Item("chair", 3.55, 5.9, 0, "west"),
-    # dining room
-    Item("dining table", 5.7, 7.5),
-    Item("chair", 5.25, 6.85, 0, "north"),
-    Item("chair", 6.15, 6.85, 0, "north"),
-    Item("chair", 5.25, 8.15, 0, "south"),
-    Item("chair", 6.15, 8.15, 0, "south"),
-    Item("wine glass", 5.15, 7.3, 0.75),
-    Item("vase", 5.7, 7.55, 0.75),
-    Item("cake", 6.25, 7.45, 0.75),
-    Item("potted plant", 7.05, 5.8),
-    # bedroom
-    Item("bed", 9.6, 8.1, 0, "south"),
-    Item("clock", 10.85, 8.85, 0.50, "south"),
-    Item("book", 8.35, 8.9, 0.50, "south"),
-    Item("cell phone", 11.0, 8.72, 0.50),
-    Item("suitcase", 7.75, 5.85, 0, "east"),
-    Item("handbag", 10.9, 7.35, 0.48, "west"),
-    Item("chair", 10.9, 7.35, 0, "west"),
-    # corridor
-    Item("bench", 7.6, 5.12, 0, "south"),
-    Item("umbrella", 0.30, 5.1),
-    Item("potted plant", 11.0, 4.7),
-)
-
-FURNISHINGS_OF_THE_HOUSE = (
-    Item("low board", 0.28, 2.0, 0, "east"),
-    Item("rug", 2.6, 1.9),
-    Item("coffee table", 2.5, 1.9),
-    Item("picture", 4.93, 1.9, 1.3, "west"),
-    Item("window", 1.2, 0.04, 0.95, "north"),
-    Item("desk", 6.6, 0.42),
-    Item("bookcase", 8.38, 2.2, 0, "west"),
-    Item("picture", 5.07, 2.6, 1.3, "east"),
-    Item("window", 6.6, 0.04, 1.05, "north"),
-    Item("vanity", 8.90, 1.9, 0, "east"),
-    Item("bathtub", 10.1, 0.43),
-    Item("window", 11.36, 2.6, 1.05, "west"),
-    Item("counter", 1.30, 8.87, 0, "south"),
-    Item("counter", 2.05, 8.87, 0, "south"),
-    Item("counter", 3.45, 8.87, 0, "south"),
-    Item("counter", 0.33, 6.35, 0, "east"),
-    Item("counter", 0.33, 7.35, 0, "east"),
-    Item("window", 1.5, 9.16, 1.2, "south"),
-    Item("sideboard", 7.10, 8.0, 0, "west"),
-    Item("picture", 7.33, 7.3, 1.35, "west"),
-    Item("window", 5.7, 9.16, 0.95, "south"),
-    Item("cabinet", 8.4, 8.9, 0, "south"),
-    Item("cabinet", 10.85, 8.9, 0, "south"),
-    Item("lamp", 8.55, 8.95, 0.50),
-    Item("lamp", 10.65, 9.0, 0.50),
-    Item("wardrobe", 11.05, 6.2, 0, "west"),
-    Item("picture", 9.6, 9.13, 1.4, "south"),
-    Item("picture", 4.4, 5.33, 1.3, "south"),
-    Item("rug", 9.6, 6.9),
 )

@@ -14,19 +14,19 @@ from kg.model.errors import LayoutError
 from planner.execution.protocol import (
     Aborted,
     Arrived,
+    DetectedFrame,
     DetectionsMessage,
     GoTo,
     Hello,
     LookAround,
     Message,
     RobotPose,
-    View,
 )
 from planner.execution.stepwise_robot import StepwiseRobot
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.robot.mapping_tour import DEMO_RECORDING
-from planner.simulation.robot.motion import MotionLimits, Pose, drive, turn
+from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, turn
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector
 
@@ -39,7 +39,7 @@ class SimulatedHouseRobot(StepwiseRobot):
 
     name = "the simulated robot"
 
-    def __init__(self, house: House, start: Pose, *, seed: int = 0) -> None:
+    def __init__(self, house: House, start: TimedPose, *, seed: int = 0) -> None:
         super().__init__()
         self._camera = SimulatedCamera(house, seed=seed)
         self._detector = SimulatedDetector(self._camera)
@@ -106,11 +106,11 @@ class SimulatedHouseRobot(StepwiseRobot):
             views.append(self._view())
         yield DetectionsMessage(look.id, views=tuple(views))
 
-    def _pass(self, pose: Pose) -> Iterator[Message]:
+    def _pass(self, pose: TimedPose) -> Iterator[Message]:
         yield self._move(pose)
         yield DetectionsMessage(None, pose=self._robot_pose(), views=(self._view(),))
 
-    def _move(self, pose: Pose) -> RobotPose:
+    def _move(self, pose: TimedPose) -> RobotPose:
         self._pose = pose
         self._positions.append(pose.xy)
         return self._robot_pose()
@@ -119,12 +119,12 @@ class SimulatedHouseRobot(StepwiseRobot):
         pose = self._pose
         return RobotPose(pose.x, pose.y, pose.heading, pose.seconds)
 
-    def _view(self) -> View:
+    def _view(self) -> DetectedFrame:
         pose = self._pose
         self._pictures += 1
         T_map_cam = self._camera.model.pose(pose.x, pose.y, pose.heading)
         frame = self._camera.frame(f"search-{self._pictures:06d}", T_map_cam, pose.seconds)
-        return View(frame, self._detector.detect(frame))
+        return DetectedFrame(frame, self._detector.detect(frame))
 
 
 def simulated_robot(
@@ -143,6 +143,6 @@ def simulated_robot(
     robot = semantic_map.robot()
     if robot is None:
         x, y = house.rooms[0].viewpoints[0]
-        return SimulatedHouseRobot(house, Pose(x, y, 0.0, 0.0), seed=seed)
-    start = Pose(float(robot.p_map[0]), float(robot.p_map[1]), robot.heading, 0.0)
+        return SimulatedHouseRobot(house, TimedPose(x, y, 0.0, 0.0), seed=seed)
+    start = TimedPose(float(robot.p_map[0]), float(robot.p_map[1]), robot.heading, 0.0)
     return SimulatedHouseRobot(house, start, seed=seed)

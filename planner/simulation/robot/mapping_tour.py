@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.frames import Frame
 from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.robot.motion import MotionLimits, Pose, drive, look_around
+from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
 from planner.simulation.sensing.camera import SimulatedCamera
 
 #: Name of the demo's recording. The simulated robot searches maps of this recording only.
@@ -33,7 +33,7 @@ class SimulatedTour:
         name: str = "tour",
         start: float = START,
         end: float | None = None,
-        poses: Sequence[Pose] | None = None,
+        poses: Sequence[TimedPose] | None = None,
     ) -> None:
         self._camera = camera
         self._name = name
@@ -67,10 +67,10 @@ class SimulatedTour:
         return self._camera.model.pose(pose.x, pose.y, pose.heading)
 
 
-def _poses(camera: SimulatedCamera, gait: MotionLimits) -> Iterator[Pose]:
+def _poses(camera: SimulatedCamera, gait: MotionLimits) -> Iterator[TimedPose]:
     floor = FloorGrid(camera.house)
     stops = [np.array(xy) for room in camera.house.rooms for xy in room.viewpoints]
-    pose = Pose(float(stops[0][0]), float(stops[0][1]), 0.0, 0.0)
+    pose = TimedPose(float(stops[0][0]), float(stops[0][1]), 0.0, 0.0)
     yield pose
     for stop in stops:
         for pose in drive(pose, floor.path(pose.xy, stop), gait):  # noqa: B020 the last counts

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ class MotionLimits:
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
+class TimedPose:
     """A pose of the robot, with its time."""
 
     x: float  # [m] map frame
@@ -38,7 +38,7 @@ class Pose:
         return np.array([self.x, self.y])
 
 
-def drive(pose: Pose, corners: NDArray[np.float64], gait: MotionLimits) -> Iterator[Pose]:
+def drive(pose: TimedPose, corners: NDArray[np.float64], gait: MotionLimits) -> Iterator[TimedPose]:
     """Poses along `corners` (n, 2) [m], turning on the spot at each; the start is not repeated."""
     for corner in corners:
         offset = corner - pose.xy
@@ -52,35 +52,22 @@ def drive(pose: Pose, corners: NDArray[np.float64], gait: MotionLimits) -> Itera
         for k in range(1, steps + 1):
             x, y = start.xy + offset * (k / steps)
             seconds = start.seconds + distance * (k / steps) / gait.speed
-            pose = Pose(float(x), float(y), heading, seconds)
+            pose = TimedPose(float(x), float(y), heading, seconds)
             yield pose
 
 
-def turn(pose: Pose, angle: float, gait: MotionLimits) -> Iterator[Pose]:
+def turn(pose: TimedPose, angle: float, gait: MotionLimits) -> Iterator[TimedPose]:
     """Poses of a turn on the spot by `angle` [rad], the start not repeated."""
     steps = int(np.ceil(abs(angle) / gait.swing - 1e-9))
     for k in range(1, steps + 1):
         heading = _wrapped(pose.heading + angle * k / steps)
         seconds = pose.seconds + abs(angle) * k / steps / gait.turn_rate
-        yield Pose(pose.x, pose.y, heading, seconds)
+        yield TimedPose(pose.x, pose.y, heading, seconds)
 
 
-def look_around(pose: Pose, gait: MotionLimits) -> Iterator[Pose]:
+def look_around(pose: TimedPose, gait: MotionLimits) -> Iterator[TimedPose]:
     """Poses of one full turn to the left (thesis section 3.4: 360 degrees at each goal)."""
     return turn(pose, 2 * np.pi, gait)
-
-
-def with_pauses(
-    poses: Sequence[Pose], pauses: Collection[int], frames: int, interval: float
-) -> tuple[Pose, ...]:
-    """`poses` with `frames` more pictures, `interval` [s] apart, at the poses numbered `pauses`."""
-    out, delay = list[Pose](), 0.0
-    for number, pose in enumerate(poses):
-        out.append(replace(pose, seconds=pose.seconds + delay))
-        for _ in range(frames if number in pauses else 0):
-            delay += interval
-            out.append(replace(pose, seconds=pose.seconds + delay))
-    return tuple(out)
 
 
 def _wrapped(angle: float) -> float:

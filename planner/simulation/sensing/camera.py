@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Frame
-from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.furniture import Solid
 from planner.simulation.houses.house import House
-from planner.simulation.sensing.depth_sensor import DepthSensor
 from planner.simulation.sensing.ray_casting import FAR, Window, hit, rays_of
 from planner.simulation.sensing.shading import Shader
 
@@ -27,6 +25,57 @@ _CORNERS = np.array(np.meshgrid([False, True], [False, True], [False, True])).re
 _EDGES = np.array(
     [(a, b) for a in range(8) for b in range(a) if sum(_CORNERS[a] ^ _CORNERS[b]) == 1]
 )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carry:
+    """An object that somebody carries during the session.
+
+    Until `start` it stands at the first point of the path, afterwards it moves to the last one. The
+    house describes it at the last one.
+    """
+
+    index: int  # into House.objects
+    path: NDArray[np.float64]  # (n, 3) [m] of the point below it
+    start: float  # [s]
+    speed: float = 0.7  # [m/s]
+
+    def offset(self, stamp: float) -> NDArray[np.float64]:
+        """(3,) [m] from its last position to its position at `stamp` [s]."""
+        along = (stamp - self.start) * self.speed
+        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        lengths = np.concatenate([[0.0], np.cumsum(steps)])
+        at = [np.interp(along, lengths, self.path[:, axis]) for axis in range(3)]
+        return np.asarray(np.array(at) - self.path[-1], np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class DepthSensor:
+    """A depth camera: its range and noise.
+
+    Noise follows Nguyen, Izadi and Lovell, "Modeling Kinect sensor noise for improved 3D
+    reconstruction and tracking" (3DIMPVT 2012), axial: it grows with z^2.
+    """
+
+    near: float = 0.5  # [m] no depth nearer
+    far: float = 6.0  # [m] no depth beyond
+
+    def measure(
+        self,
+        depth: NDArray[np.float32],
+        incidence: NDArray[np.float32],
+        returns: NDArray[np.bool_],
+        rng: np.random.Generator,
+    ) -> NDArray[np.float32]:
+        """Measured depth (H, W) [m], nan = no return.
+
+        `depth` (H, W) [m] is the true one, `incidence` (H, W) the cosine between ray and normal,
+        `returns` (H, W) whether the surface gives depth at all.
+        """
+        sigma = 0.0012 + 0.0019 * (depth - 0.4) ** 2
+        measured = depth + sigma * rng.standard_normal(depth.shape, dtype=np.float32)
+        measured[(depth < self.near) | (depth > self.far)] = np.nan
+        return measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +107,7 @@ class CameraModel:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class TrueView:
     """The true view of the camera: without noise, with the identity of every pixel."""
 
     T_map_cam: NDArray[np.float64]  # (4, 4)
@@ -106,7 +155,7 @@ class SimulatedCamera:
         )
         return Frame(frame_id, view.rgb, depth, self.model.K, T_map_cam.copy(), stamp)
 
-    def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> View:
+    def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> TrueView:
         """The true view from a pose; the latest ones are cached for the simulated senses."""
         return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
 
@@ -129,7 +178,7 @@ class SimulatedCamera:
             for solid, i in zip(self._solids, self._instance, strict=False)
         ]
 
-    def _render(self, pose: bytes, stamp: float) -> View:
+    def _render(self, pose: bytes, stamp: float) -> TrueView:
         """The view from `pose`, the bytes of T_map_cam (4, 4)."""
         T_map_cam = np.frombuffer(pose).reshape(4, 4)
         solids = self._solids_at(stamp) if self._carries else self._solids
@@ -149,7 +198,7 @@ class SimulatedCamera:
                 mask = silhouettes.setdefault(instance, np.zeros(canvas.depth.shape, np.bool_))
                 mask[window] |= hits.t < FAR
             canvas.put(window, hits, k)
-        return View(
+        return TrueView(
             T_map_cam=T_map_cam.copy(),
             depth=canvas.depth,
             instance=self._instance[canvas.solid],

@@ -8,8 +8,10 @@ the system is the real one. Each random draw depends on the seed and the frame a
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -18,86 +20,26 @@ from numpy.typing import NDArray
 from perception.frames import Detections, Frame, SceneScores
 from perception.inference.heads.masks import MaskGrid
 from planner.simulation.houses.house import HouseRoom
-from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, View
+from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
+
+_FILE: Final = Path(__file__).with_name("confusions.csv")
+
+
+def _confusions(kind: str) -> Mapping[str, tuple[str, ...]]:
+    """Wrong classes by true class, of one kind of thing."""
+    with _FILE.open(encoding="utf-8", newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["kind"] == kind]
+    return {row["label"]: tuple(row["taken_for"].split("; ")) for row in rows}
+
 
 #: Confusions of a detector of COCO classes: true class -> wrong classes.
-MISTAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
-    "apple": ("orange", "sports ball"),
-    "backpack": ("handbag", "suitcase"),
-    "banana": ("carrot", "hot dog"),
-    "bed": ("couch",),
-    "bench": ("dining table", "chair"),
-    "book": ("cell phone", "remote"),
-    "bottle": ("vase", "cup"),
-    "bowl": ("cup", "sink"),
-    "cake": ("bowl", "donut"),
-    "cell phone": ("remote", "book"),
-    "chair": ("bench", "couch"),
-    "clock": ("tv", "frisbee"),
-    "couch": ("bed", "chair"),
-    "cup": ("bowl", "vase", "bottle"),
-    "dining table": ("bench", "bed"),
-    "hair drier": ("bottle", "remote"),
-    "handbag": ("backpack", "suitcase"),
-    "keyboard": ("laptop", "remote"),
-    "knife": ("scissors", "toothbrush"),
-    "laptop": ("tv", "keyboard"),
-    "microwave": ("oven", "tv"),
-    "mouse": ("remote", "cell phone"),
-    "orange": ("apple", "sports ball"),
-    "oven": ("microwave", "refrigerator"),
-    "potted plant": ("vase", "broccoli"),
-    "refrigerator": ("oven", "microwave"),
-    "remote": ("cell phone", "mouse"),
-    "scissors": ("knife", "toothbrush"),
-    "sink": ("bowl", "toilet"),
-    "sports ball": ("orange", "apple"),
-    "suitcase": ("backpack", "handbag"),
-    "teddy bear": ("dog", "cat"),
-    "toaster": ("microwave", "suitcase"),
-    "toilet": ("sink", "chair"),
-    "toothbrush": ("knife", "scissors"),
-    "tv": ("laptop", "microwave"),
-    "umbrella": ("vase", "handbag"),
-    "vase": ("potted plant", "cup", "bottle"),
-    "wine glass": ("cup", "vase"),
-}
+MISTAKEN_FOR: Final = _confusions("object")
 
 #: Confusions of furnishings that have no class in COCO.
-CLUTTER_TAKEN_FOR: Final[Mapping[str, tuple[str, ...]]] = {
-    "basket": ("vase", "potted plant", "bowl"),
-    "bathtub": ("sink", "toilet"),
-    "bookcase": ("refrigerator", "book"),
-    "cabinet": ("suitcase", "oven", "microwave"),
-    "candle": ("cup", "bottle"),
-    "cardboard box": ("suitcase", "microwave"),
-    "coffee table": ("bench", "chair"),
-    "counter": ("oven", "refrigerator"),
-    "curtain": ("umbrella", "person"),
-    "desk": ("bench",),
-    "jar": ("cup", "vase", "bottle"),
-    "lamp": ("vase", "potted plant", "umbrella"),
-    "low board": ("bench", "suitcase"),
-    "picture": ("tv", "clock"),
-    "sideboard": ("oven", "refrigerator"),
-    "speaker": ("cell phone", "suitcase", "remote"),
-    "tissue box": ("book", "cell phone"),
-    "vanity": ("refrigerator", "oven"),
-    "wardrobe": ("refrigerator",),
-    "waste bin": ("cup", "vase", "toilet"),
-    "window": ("tv", "refrigerator"),
-}
+CLUTTER_TAKEN_FOR: Final = _confusions("furnishing")
 
 #: Confusions of a scene network (Places categories that look alike).
-LOOKS_LIKE: Final[Mapping[str, tuple[str, ...]]] = {
-    "bedroom": ("hotel room", "dorm room", "nursery"),
-    "corridor": ("lobby", "staircase", "locker room"),
-    "dining room": ("dinette home", "living room", "banquet hall"),
-    "home office": ("office", "bedroom", "living room"),
-    "kitchen": ("kitchenette", "galley", "restaurant kitchen"),
-    "living room": ("parlor", "hotel room", "waiting room"),
-    "shower": ("jail cell", "locker room", "laundromat"),
-}
+LOOKS_LIKE: Final = _confusions("place")
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +139,9 @@ class SimulatedDetector:
         chance = f.recall * _sigmoid(size / 0.35) * _sigmoid((share - f.half_visible) / 0.08)
         return chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
 
-    def _true_detection(self, instance: int, view: View, rng: np.random.Generator) -> _Found | None:
+    def _true_detection(
+        self, instance: int, view: TrueView, rng: np.random.Generator
+    ) -> _Found | None:
         if instance == NOTHING:
             return None
         pixels = view.instance == instance
@@ -234,7 +178,7 @@ class SimulatedDetector:
         confusion = min(self._faults.confusion * fixed.gamma(0.5) / 0.5, 0.6)
         return float(odds / (1 + odds)), float(confusion), int(fixed.integers(12))
 
-    def _clutter(self, furnishing: int, view: View, rng: np.random.Generator) -> _Found | None:
+    def _clutter(self, furnishing: int, view: TrueView, rng: np.random.Generator) -> _Found | None:
         """A furnishing detected as an object, always with the same label and from one side."""
         if furnishing == NOTHING:
             return None
@@ -265,7 +209,7 @@ class SimulatedDetector:
         size = np.array([box[2] - box[0], box[3] - box[1]] * 2)
         return (self._faults.jitter * size + 0.4 * self._pixel) * rng.standard_normal(4)
 
-    def _false_alarm(self, view: View, rng: np.random.Generator) -> _Found:
+    def _false_alarm(self, view: TrueView, rng: np.random.Generator) -> _Found:
         height, width = view.depth.shape
         labels = sorted(MISTAKEN_FOR)
         centre = rng.random(2) * (width, height)
@@ -275,7 +219,7 @@ class SimulatedDetector:
         return self._inside(box, view), score, labels[rng.integers(len(labels))], None
 
     @staticmethod
-    def _inside(box: NDArray[np.float64], view: View) -> NDArray[np.float64]:
+    def _inside(box: NDArray[np.float64], view: TrueView) -> NDArray[np.float64]:
         """`box` within the image, at least two pixels on each side."""
         height, width = view.depth.shape
         lo = np.clip(np.minimum(box[:2], box[2:]), 0, (width - 2, height - 2))

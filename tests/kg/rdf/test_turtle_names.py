@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse, serialize
 
-from kg.rdf.turtle_names import with_full_iris
+from kg.export.serialization import with_full_iris
 
 BASE = "https://example.org/"
 PREFIXES = {"object": f"{BASE}object/", "o": f"{BASE}o#", "": BASE}

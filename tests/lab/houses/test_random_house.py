@@ -11,11 +11,10 @@ from lab.houses.house_changes import carries, changed_house
 from lab.houses.random_house import random_house, walls_of
 from lab.houses.small_things import MOVABLE, STANDS_ON, SURFACES
 from lab.recordings.object_truth import supporting
-from planner.simulation.houses.carried_things import Carry
 from planner.simulation.houses.floor_grid import FloorGrid
 from planner.simulation.houses.house import House
-from planner.simulation.robot.motion import Pose
-from planner.simulation.sensing.camera import CameraModel
+from planner.simulation.robot.motion import TimedPose
+from planner.simulation.sensing.camera import CameraModel, Carry
 
 SEEDS = range(12)
 
@@ -140,7 +139,9 @@ def test_a_fifth_of_the_small_things_move_and_keep_their_names(houses: list[Hous
 def test_a_carried_thing_goes_from_its_old_place_to_its_new_one(houses: list[House]) -> None:
     house = houses[0]
     change = changed_house(house, np.random.default_rng(5))
-    poses = [Pose(x, y, heading, k) for k, (x, y, heading) in enumerate([(2, 2, 0.0), (3, 2, 1.0)])]
+    poses = [
+        TimedPose(x, y, heading, k) for k, (x, y, heading) in enumerate([(2, 2, 0.0), (3, 2, 1.0)])
+    ]
     moving, drive = carries(house, change, poses, CameraModel(), start=100.0)
     assert len(drive) > len(poses) and all(a.seconds < b.seconds for a, b in pairwise(drive))
     assert {change.house.objects[carry.index].name for carry in moving} == change.carried

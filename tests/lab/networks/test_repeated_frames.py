@@ -2,8 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from lab.networks.repeated_frames import RememberingDetector, RememberingSceneClassifier
+from lab.networks.repeated_frames import RememberingSceneClassifier
 from perception.frames import Detections, Frame, SceneScores
+from perception.inference.detector_pair import RememberingDetector
 
 
 def frame(name):

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from kg.knowledge.ontology.shipped import shipped_ontology
-from mapping.labels.label_check import LabelMeaning, check_labels
+from mapping.labels.label_resolver import LabelMeaning, check_labels
 
 
 def test_labels_are_told_with_the_category_that_they_get_and_what_is_missing() -> None:

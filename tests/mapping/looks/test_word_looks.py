@@ -24,13 +24,6 @@ def test_nothing_looks_like_a_thing_that_is_not_there(furnished, cut_out):
     assert things_that_look_like(semantic_map, "no_such_word.n.01") is None
 
 
-def test_only_the_given_things_are_compared(furnished, cut_out):
-    semantic_map = furnished(("cup", cut_out("banana")), ("cup", cut_out("banana", 5.0)))
-    first, second = (record.iri for record in semantic_map.objects())
-    found = things_that_look_like(semantic_map, "banana.n.02", among=[second])
-    assert [one.iri for one in found] == [second] != [first]
-
-
 def test_things_without_a_name_are_compared_too(furnished, cut_out):
     semantic_map = furnished(("cup", cut_out("banana")))
     (record,) = semantic_map.perceived.objects()

@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
+from mapping.frames.sighting import ThingSighting
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 from mapping.objects.usual_sizes import SizeOf, UsualSize
-from mapping.sighting import ThingSighting
 
 SETTINGS = ObjectSettings()
 USUAL = {

@@ -14,11 +14,11 @@ from kg.model.errors import ConflictError
 from kg.model.records import MapUpdate, ObjectRecord, RobotRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, in_memory_map, open_map
+from mapping.frames.sighting import Sighting
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
-from mapping.sighting import Sighting
 from perception.frames import Detections, Frame
 
 MIDDLE = (29, 21, 35, 27)  # about the optical axis: map (2, 0, 1)

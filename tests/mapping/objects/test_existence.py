@@ -70,7 +70,7 @@ def test_a_miss_of_a_thing_that_looks_larger_says_more(one, other):
 @given(st.floats(-3.5, 20), st.floats(-4, 0))
 def test_evidence_of_given_log_odds_has_them(log_odds, size):
     held = CategoryEvidence()
-    held.set_log_odds(log_odds, 0.0, size)
+    held.set_log_odds(log_odds, size)
     assert held.strength >= 0
     assert held.log_odds(0.0, size) >= log_odds - 1e-9
     if held.strength > 0:

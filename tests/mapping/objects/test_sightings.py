@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mapping.frames.sighting import Sighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, intersection_over_union
 from mapping.objects.usual_sizes import usual_sizes
-from mapping.sighting import Sighting
 from perception.frames import Detections
 
 SETTINGS = ObjectSettings()

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from kg.model.areas import Rectangle
 from kg.model.records import MapUpdate
+from mapping.frames.projection import map_points
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
-from mapping.projection import map_points
 from mapping.reference.settings import ReferenceSettings
 from mapping.reference.viewpoint_gate import main_owner, repeats_view, unknown_share
 from perception.camera.poses import motion

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from kg.model.errors import ModelError
-from mapping.projection import to_camera, to_map
+from mapping.frames.projection import to_camera, to_map
 from mapping.reference.depth_histogram import bin_width, fullest_bin, localise
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import box_pixels

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kg.model.records import ObjectRecord
+from mapping.frames.sighting import Sighting
 from mapping.reference.nearest_association import associate, most_confident
-from mapping.sighting import Sighting
 
 KAPPA = 0.75
 

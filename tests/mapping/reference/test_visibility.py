@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.projection import project, to_map
+from mapping.frames.projection import project, to_map
 from mapping.reference.settings import ReferenceSettings
 from mapping.reference.visibility import in_field_of_view, missed, occluded, window
 

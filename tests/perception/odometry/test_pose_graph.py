@@ -8,7 +8,7 @@ import pytest
 from perception.camera.poses import motion
 from perception.camera.rigid_motions import inverse, motion_of
 from perception.odometry.block_elimination import BlockSystem
-from perception.odometry.pose_graph import Edge, adjusted, needs_adjustment
+from perception.odometry.pose_graph import PoseConstraint, adjusted, needs_adjustment
 
 SURE = np.diag([1e4, 1e4, 1e4, 1e4, 1e4, 1e4])
 
@@ -22,12 +22,12 @@ def square() -> list[np.ndarray]:
     return poses
 
 
-def edge(poses: list[np.ndarray], i: int, j: int, off: np.ndarray | None = None) -> Edge:
+def edge(poses: list[np.ndarray], i: int, j: int, off: np.ndarray | None = None) -> PoseConstraint:
     T = inverse(poses[j]) @ poses[i]
-    return Edge(i, j, T if off is None else motion_of(off) @ T, SURE)
+    return PoseConstraint(i, j, T if off is None else motion_of(off) @ T, SURE)
 
 
-def drifted(poses: list[np.ndarray], edges: list[Edge]) -> list[np.ndarray]:
+def drifted(poses: list[np.ndarray], edges: list[PoseConstraint]) -> list[np.ndarray]:
     found = [poses[0]]
     for one in edges[: len(poses) - 1]:
         found.append(found[-1] @ inverse(one.T))
@@ -39,7 +39,7 @@ def worst(found: np.ndarray, poses: list[np.ndarray]) -> float:
 
 
 @pytest.fixture
-def drifting() -> tuple[list[np.ndarray], list[Edge]]:
+def drifting() -> tuple[list[np.ndarray], list[PoseConstraint]]:
     poses = square()
     off = np.array([0, 0.012, 0, 0.008, 0, 0.006])
     return poses, [edge(poses, i, i + 1, off) for i in range(24)]
@@ -93,7 +93,7 @@ def test_a_large_graph_is_adjusted_where_new_edges_contradict_it_or_are_many(dri
 def test_an_edge_of_more_information_wins():
     poses = [np.eye(4), motion_of(np.array([0, 0, 0, 1.0, 0, 0]))]
     sure, vague = edge(poses, 0, 1), edge(poses, 0, 1, np.array([0, 0, 0, 0.02, 0, 0]))
-    vague = Edge(0, 1, vague.T, SURE / 100)
+    vague = PoseConstraint(0, 1, vague.T, SURE / 100)
     found = adjusted(poses, [sure, vague])
     assert abs(found[1][0, 3] - 1) < 0.001
 

@@ -12,7 +12,7 @@ import pytest
 from perception.camera.poses import motion
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
-from perception.odometry.recognition import Doubt, Recogniser, Recognition, View, view_of
+from perception.odometry.recognition import Doubt, KeyView, Recogniser, Recognition, view_of
 from perception.odometry.view_encoding import decoded, encoded
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
@@ -31,12 +31,12 @@ def frames(shared: Callable[[str], Path]) -> Callable[[str, slice], list[Frame]]
     return read
 
 
-def kept(frames: Iterable[Frame]) -> list[View]:
+def kept(frames: Iterable[Frame]) -> list[KeyView]:
     detector = FeatureDetector()
     return [view_of(frame, detector)[0] for frame in frames]
 
 
-def result(views: Sequence[View], frames: Iterable[Frame]) -> Recognition | Doubt:
+def result(views: Sequence[KeyView], frames: Iterable[Frame]) -> Recognition | Doubt:
     recogniser, detector = Recogniser(views), FeatureDetector()
     for frame in frames:
         recogniser.look(*view_of(frame, detector))

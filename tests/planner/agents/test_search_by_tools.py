@@ -16,7 +16,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
 from kg.serving.workers.limited_queries import LimitedQueries
-from mapping.projection import to_map
+from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import ReferenceSettings
 from planner.agents.map_context import MapContext
@@ -26,19 +26,19 @@ from planner.execution.protocol import (
     Aborted,
     Arrived,
     Detected,
+    DetectedFrame,
     DetectionsMessage,
     GoTo,
     LookAround,
     RobotPose,
-    View,
 )
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 from tests.planner.flat import fill, thing
 
-START = Pose(8.4, 4.7, 0.0, 0.0)
+START = TimedPose(8.4, 4.7, 0.0, 0.0)
 Call = Callable[..., Awaitable[dict[str, Any]]]
 
 
@@ -112,7 +112,7 @@ def looked_around(robot: SimulatedHouseRobot, look: dict[str, Any]) -> list[Any]
     return None
 
 
-def located(view: View) -> Iterator[Detected]:
+def located(view: DetectedFrame) -> Iterator[Detected]:
     """What a picture shows, with positions."""
     found, settings = view.detections, ReferenceSettings()
     for box, score, label in zip(found.xyxy, found.score, found.label, strict=True):

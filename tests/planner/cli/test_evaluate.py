@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mapping.progress_report import STAGES
+from mapping.runs.progress_report import STAGES
 from planner.cli import main
 from planner.cli.mapping_options import MODES
 

@@ -15,7 +15,7 @@ from mapping.objects.bayes_mapper import BayesObjectMapper
 from perception.frames import Detections
 from planner.execution.detection_verification import DetectionVerifier
 from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
-from planner.execution.protocol import Detected, DetectionsMessage, RobotPose, View
+from planner.execution.protocol import Detected, DetectedFrame, DetectionsMessage, RobotPose
 from planner.search.goals.targets import resolve
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
@@ -27,14 +27,16 @@ THROUGH_THE_DOOR = [(1.9, 7.05), (2.5, 7.1), (3.1, 7.2), (3.6, 7.3)]  # the appl
 ANYWHERE = RobotPose(0.0, 0.0, 0.0)
 
 
-def _towards_apple(camera: SimulatedCamera, spots: Sequence[tuple[float, float]]) -> list[View]:
+def _towards_apple(
+    camera: SimulatedCamera, spots: Sequence[tuple[float, float]]
+) -> list[DetectedFrame]:
     """Pictures from `spots` towards the hidden apple, each thing found with its true box."""
     views = []
     for number, (x, y) in enumerate(spots):
         heading = float(np.arctan2(HIDDEN.y - y, HIDDEN.x - x))
         T_map_cam = camera.model.pose(x, y, heading)
         frame = camera.frame(f"frame-{number}", T_map_cam, START)
-        views.append(View(frame, _true_detections(camera, T_map_cam)))
+        views.append(DetectedFrame(frame, _true_detections(camera, T_map_cam)))
     return views
 
 
@@ -74,7 +76,7 @@ def test_a_look_gives_the_map_that_a_recording_of_its_pictures_gives(
     views = []
     for number, (x, heading) in enumerate((x, h) for x in (4.5, 5.0) for h in (0.0, 0.5, 1.0)):
         frame = camera.frame(f"frame-{number}", camera.model.pose(x, 6.2, heading), START)
-        views.append(View(frame, detector.detect(frame)))
+        views.append(DetectedFrame(frame, detector.detect(frame)))
     updates = ObjectUpdates(semantic_map, "search/1", detector.name)
     for look in (views[:3], views[3:]):
         message = DetectionsMessage(1, views=tuple(look))
@@ -124,7 +126,7 @@ def test_one_picture_leaves_doubt_and_one_from_elsewhere_decides(
     one, other = _towards_apple(SimulatedCamera(_house()), [near, aside])
     updates, verifier = ObjectUpdates(semantic_map), DetectionVerifier()
 
-    def apples(*views: View) -> list[bool]:
+    def apples(*views: DetectedFrame) -> list[bool]:
         update = updates.add(DetectionsMessage(1, views=views), START, ANYWHERE)
         _written(semantic_map, update)
         found = [d for d in update.detections if d.category in target.kinds]

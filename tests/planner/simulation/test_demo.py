@@ -24,7 +24,7 @@ from planner.simulation.demo.house_demo import (
 )
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 
 
 @pytest.fixture(scope="module")
@@ -112,7 +112,7 @@ def test_the_plan_is_not_slower_than_the_rule_it_replaces(report: DemoReport) ->
 def test_find_takes_the_options_the_demo_tells(report: DemoReport) -> None:
     words = ["find", str(report.map_path), TARGET, *report.planned.options.split()]
     arguments = build_parser().parse_args(words)
-    hello = SimulatedHouseRobot(furnished_house(), Pose(3.0, 3.0, 0.0, 0.0)).hello
+    hello = SimulatedHouseRobot(furnished_house(), TimedPose(3.0, 3.0, 0.0, 0.0)).hello
     assert arguments.speed == hello.speed and arguments.recall == hello.recall
     assert hello.turn_rate is not None
     assert arguments.turn_rate == pytest.approx(math.degrees(hello.turn_rate), abs=0.1)

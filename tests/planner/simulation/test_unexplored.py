@@ -22,7 +22,7 @@ from planner.search.plans.view_plan import plan
 from planner.simulation.houses.house import House, HouseRoom, Item, Wall
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
 from planner.simulation.robot.mapping_tour import SimulatedTour
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 
@@ -112,7 +112,7 @@ def test_the_room_nobody_entered_is_a_place_to_look(mapped: SemanticMap) -> None
 
 
 def test_a_robot_finds_what_is_only_there(mapped: SemanticMap) -> None:
-    robot = SimulatedHouseRobot(house(), Pose(1.2, 0.9, 0.0, 0.0))
+    robot = SimulatedHouseRobot(house(), TimedPose(1.2, 0.9, 0.0, 0.0))
     outcome = search(
         mapped, ["teddy bear"], robot, SearchOptions(clock=lambda: 2e9 + robot.seconds)
     )

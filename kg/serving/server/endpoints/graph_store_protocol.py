@@ -9,7 +9,8 @@ A PUT to graph:ontology is validated and compiled, and replaces the ontology of 
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Generator
+import logging
+from collections.abc import Callable, Generator, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
@@ -19,25 +20,26 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, Triple, serialize
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.export.serialization import prefixes_of
-from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
+from kg.model.errors import HereaboutsError
 from kg.model.transactions import ChangeSet
 from kg.rdf.skolem import anonymous_triple
 from kg.rdf.xml_characters import in_xml
 from kg.serving.server.app_state import AppState
-from kg.serving.server.endpoints.dump_stream import DumpStream
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
 from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
 from kg.serving.server.http.media_types import GRAPH_FORMATS
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import Problem, problem_of, problem_response
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.dumps import Dump
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.updates import parsed_document
 from kg.store.sparql_client import SEQUENCE
@@ -46,6 +48,8 @@ _DUMPS: Final = {"trig": RdfFormat.TRIG, "nq": RdfFormat.N_QUADS}
 _MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
 #: formats of a single graph
 _FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
+
+log = logging.getLogger("hereabouts.server")
 
 
 async def graph_store(serving: AppState, request: Request) -> Response:
@@ -89,7 +93,7 @@ def _replace(
     with semantic_map.hold():
         check()
         held = tuple(semantic_map.engine.quads_for_pattern(None, None, None, graph))
-        steps = (Step(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
+        steps = (QuadChange(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
         note = f"{'DELETE' if triples is None else 'PUT'} {graph}"
         return semantic_map.apply_ground(GroundUpdate(steps), note, by=by, confirmed=confirmed)
 
@@ -108,8 +112,8 @@ def _extend(
         return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by)
 
 
-def _insertion(graph: NamedNode, triples: list[Triple]) -> Step:
-    return Step((), tuple(Quad(t.subject, t.predicate, t.object, graph) for t in triples))
+def _insertion(graph: NamedNode, triples: list[Triple]) -> QuadChange:
+    return QuadChange((), tuple(Quad(t.subject, t.predicate, t.object, graph) for t in triples))
 
 
 async def _take_ontology(
@@ -255,3 +259,35 @@ async def _triples_of(serving: AppState, body: bytes, form: RdfFormat) -> list[T
     base = serving.semantic_map.base
     quads = await run_in_threadpool(partial(parsed_document, serving.pool, body, form, base))
     return [quad.triple for quad in quads]
+
+
+class DumpStream:
+    """ASGI response that sends a dump and then closes it.
+
+    A failure before the first part is a problem response. A later one aborts the connection, so
+    that a client does not take a part of the map for the whole.
+    """
+
+    def __init__(self, dump: Dump, headers: Mapping[str, str]) -> None:
+        self._dump, self._headers = dump, headers
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        begun = False
+        try:
+            part = await run_in_threadpool(self._dump.read)
+            raw = [(k.lower().encode(), v.encode()) for k, v in self._headers.items()]
+            await send({"type": "http.response.start", "status": 200, "headers": raw})
+            begun = True
+            while part:
+                await send({"type": "http.response.body", "body": part, "more_body": True})
+                part = await run_in_threadpool(self._dump.read)
+            await send({"type": "http.response.body", "body": b""})
+        except HereaboutsError as error:
+            if begun:
+                log.error("a dump broke off: %s", error)
+                scope["state"]["connection"].abort()
+            else:
+                await problem_response(problem_of(error), None)(scope, receive, send)
+        finally:
+            await run_in_threadpool(self._dump.close)

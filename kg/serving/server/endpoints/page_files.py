@@ -1,4 +1,7 @@
-"""`/files/NAME`: scripts, styles and pictures of the pages; `vendor/` holds libraries."""
+"""`/files/NAME`: scripts, styles and pictures of the pages; `vendor/` holds libraries.
+
+`/pictures/17`: the picture of an object's best observation; 204 where none is kept.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 from typing import Final
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
@@ -36,3 +40,15 @@ def _files() -> dict[str, Traversable]:
     found = {one.name: one for one in folder.iterdir()}
     found |= {f"vendor/{one.name}": one for one in folder.joinpath("vendor").iterdir()}
     return {name: found[name] for name in sorted(found) if name.rpartition(".")[2] in _TYPES}
+
+
+async def picture(serving: AppState, request: Request) -> Response:
+    """The JPEG of `/object/NUMBER`."""
+    number, semantic_map = str(request.path_params["number"]), serving.semantic_map
+    data = None
+    if number.isascii() and number.isdigit():
+        iri = f"{semantic_map.base}object/{number}"
+        data = await run_in_threadpool(semantic_map.picture, iri)
+    if data is None:
+        return Response(status_code=204)
+    return Response(data, media_type="image/jpeg", headers={"Cache-Control": "no-cache"})

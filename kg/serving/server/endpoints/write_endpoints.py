@@ -1,4 +1,6 @@
-"""`/records`, `/numbers`, `/labels`: writes of remote mappers and robots.
+"""Writes of remote mappers and robots (`/records`, `/numbers`, `/labels`), and of people.
+
+People edit rooms (`POST /rooms`) and restore a past state (`POST /restore`).
 
 A POST to `/records` is one transaction of a frame or of a look. The response is sent once the
 transaction is in the history, so an acknowledged write survives a crash of client or server.
@@ -6,7 +8,10 @@ transaction is in the history, so an acknowledged write survives a crash of clie
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Collection
+from dataclasses import asdict
 from functools import partial
 from typing import Any, Final
 
@@ -15,6 +20,7 @@ from starlette.responses import Response
 
 from kg.maps.conflict_check import apply_remote_update
 from kg.maps.facts.assertions import is_unicode
+from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
 from kg.serving.server.app_state import AppState
@@ -23,6 +29,9 @@ from kg.serving.server.http.bodies import json_response, read_json
 from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.request_checks import is_confirmed
+from kg.serving.server.http.time_parameters import sequence_at
+from kg.store.sparql_client import SEQUENCE
 
 #: kinds of causes: frames of a mapper, a search of a robot, an import
 _KINDS: Final = ("frame", "search", "import")
@@ -30,6 +39,10 @@ _MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
 #: a search, which is the author of its transactions
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
+
+_MEMBERS: Final = ("kind", "places", "points", "name")
+
+_MAX_THINGS: Final = 1000  # things of one request
 
 
 async def records(serving: AppState, request: Request) -> Response:
@@ -116,3 +129,67 @@ def _is_name(value: object) -> bool:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_WHOLE
+
+
+async def rooms(serving: AppState, request: Request) -> Response:
+    """Apply the edit in the body: a JSON object with the members of `RoomEdit`."""
+    by = serving.author_of(request)
+    edit = _edit(**await read_json(request, serving.settings.limits, _MEMBERS))
+    change = await completed(partial(serving.semantic_map.rooms.edit, edit, by=by))
+    return written(serving, change, request)
+
+
+def _edit(kind: Any, places: Any, points: Any, name: Any) -> RoomEdit:
+    if not isinstance(kind, str) or not isinstance(name, str):
+        raise Problem(400, "'kind' and 'name' must be texts")
+    if not isinstance(places, list) or not all(isinstance(place, str) for place in places):
+        raise Problem(400, "'places' must be a list of texts, as in [\"place/2\"]")
+    if not isinstance(points, list) or not all(map(_is_point, points)):
+        raise Problem(400, "'points' must be a list of [x, y] in metres")
+    pairs = tuple((float(x), float(y)) for x, y in points)
+    return RoomEdit(kind, tuple(places), pairs, name)  # type: ignore[arg-type]
+
+
+def _is_point(given: Any) -> bool:
+    return (
+        isinstance(given, list)
+        and len(given) == 2
+        and all(isinstance(n, int | float) and not isinstance(n, bool) for n in given)
+        and all(abs(n) <= 1e6 and math.isfinite(n) for n in given)
+    )
+
+
+async def restore(serving: AppState, request: Request) -> Response:
+    """Restore the state at `to`; the response has the counts of `Restored`.
+
+    The body is a JSON object: `to` a time or number of a transaction, `only` a list of scopes and
+    things (empty: everything), `dry_run` a boolean.
+    """
+    by = serving.author_of(request)
+    given = await read_json(request, serving.settings.limits, ("to", "only", "dry_run"))
+    if not isinstance(given["to"], str) or not isinstance(given["dry_run"], bool):
+        raise Problem(
+            400,
+            "'to' must be a text, as in #42 or 2026-08-01T12:30:00Z, and 'dry_run' true or false",
+        )
+    restoration = partial(
+        serving.semantic_map.restore,
+        await sequence_at(serving.semantic_map, given["to"]),
+        only=_scopes(given["only"]),
+        by=by,
+        confirmed=is_confirmed(request),
+        dry_run=given["dry_run"],
+    )
+    done = await completed(restoration)
+    sequence = done.sequence or serving.semantic_map.sequence
+    serving.sessions.saw(asker_of(request).client, sequence)
+    return json_response(asdict(done), {SEQUENCE: str(sequence)})
+
+
+def _scopes(given: Any) -> Collection[str]:
+    is_list = isinstance(given, list) and len(given) <= _MAX_THINGS
+    if not is_list or not all(isinstance(name, str) for name in given):
+        raise Problem(
+            400, f"'only' must be a list of up to {_MAX_THINGS} texts, as in [\"object/17\"]"
+        )
+    return tuple(given)

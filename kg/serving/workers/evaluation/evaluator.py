@@ -52,7 +52,6 @@ from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.syntax_errors import located
 from kg.rdf.sparql.vetting import (
-    MAX_DEPTH,
     check_nesting,
     check_network_words,
     has_allowed_service,
@@ -159,7 +158,7 @@ class Evaluator:
             evaluate_update,
         )
 
-        check_nesting(request["sparql"], MAX_DEPTH)
+        check_nesting(request["sparql"])
         if not self._denied:
             check_network_words(request["sparql"], ())
         _limit_files(resource.RLIM_INFINITY)  # a later operation sees a changed copy

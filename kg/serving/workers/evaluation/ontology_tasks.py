@@ -14,7 +14,7 @@ from pyoxigraph import Store
 from kg.knowledge.ontology.diagnostics import check_valid
 from kg.knowledge.ontology.loading import SHAPES_FILE, Ontology
 from kg.knowledge.ontology.replacement import plan_replacement
-from kg.maps.update.ground_update import GroundUpdate, Step
+from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.skolem import anonymous
 from kg.serving.workers.evaluation.ingestion import quads_of_document
@@ -36,6 +36,6 @@ def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any]
     ontology = Ontology(tuple(anonymous(quads_of_document(request))), ())
     check_valid(ontology)
     plan = plan_replacement(store, ontology.quads, whole=request["whole"])
-    head, body = GroundUpdate((Step(plan.delete, plan.insert),)).encode()
+    head, body = GroundUpdate((QuadChange(plan.delete, plan.insert),)).encode()
     head |= {"kept": plan.kept, "lost": plan.lost, "unnamed": plan.unnamed}
     return head | {"changes": [asdict(change) for change in plan.changes]}, body

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from kg.knowledge.conceptnet.importing import ConceptNetImport, import_conceptnet
 from kg.knowledge.ontology.lint import check_ontologies
 from kg.knowledge.ontology.loading import compile_commonsense, load_ontologies
-from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, relations
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError, GraphError
 from kg.model.resources import ONTOLOGIES
@@ -67,7 +67,7 @@ def said(imported: ConceptNetImport) -> set[tuple[str, str, str]]:
     }
 
 
-def relation(folder: Path, subject: str, target: str) -> Relation | None:
+def relation(folder: Path, subject: str, target: str) -> CategoryRelation | None:
     ends = (v.HERE + subject, v.HERE + target)
     found = [r for r in relations(load_ontologies(folder).quads) if (r.subject, r.target) == ends]
     return found[0] if found else None

@@ -7,7 +7,7 @@ import pytest
 from pyoxigraph import Literal, RdfFormat
 
 from kg.knowledge.ontology.import_digest import mark_of
-from kg.knowledge.ontology.relations import Relation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 
@@ -27,7 +27,7 @@ def axiom(probability: float, *more: str, marked: bool = False) -> str:
     return f"[] a owl:Axiom ; {' ; '.join(body)} . "
 
 
-def relation(*axioms: str) -> Relation:
+def relation(*axioms: str) -> CategoryRelation:
     (found,) = relations(
         pyoxigraph.parse(HEADER + STATED + "".join(axioms), format=RdfFormat.TURTLE)
     )

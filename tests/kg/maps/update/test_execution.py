@@ -17,7 +17,8 @@ from pyoxigraph import (
     parse,
 )
 
-from kg.maps.update.execution import execute_update
+from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.execution import evaluate_update
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.store.transactional import TransactionalStore
@@ -144,6 +145,12 @@ def by_the_engine(text: str, quads: list[Quad]) -> list[Quad]:
         else q
         for q in engine
     ]
+
+
+def execute_update(store: TransactionalStore, text: str) -> ChangeDraft:
+    pending = ChangeDraft(store)
+    pending.apply(evaluate_update(store, text))
+    return pending
 
 
 def worked_out(text: str, quads: list[Quad]) -> list[Quad]:

@@ -13,7 +13,8 @@ from pyoxigraph import NamedNode, Store
 
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
-from kg.maps.update.execution import execute_update
+from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.execution import evaluate_update
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, ProtectedError, ShapeError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord
@@ -263,7 +264,8 @@ def test_the_door_lets_in_just_what_the_whole_map_passes_with(text: str) -> None
             return
         bare = Store()
         bare.extend(home.engine)
-        pending = execute_update(home.store, text)
+        pending = ChangeDraft(home.store)
+        pending.apply(evaluate_update(home.store, text))
         for quad in pending.removed:
             bare.remove(quad)
         bare.extend(pending.added)

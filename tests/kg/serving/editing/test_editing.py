@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, parse
 
+from kg.export.serialization import export_ontology
 from kg.knowledge.ontology.diagnostics import check_valid, inspect
 from kg.knowledge.ontology.diff import changes
 from kg.knowledge.ontology.import_closure import load_with_imports
@@ -20,7 +21,6 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.skolem import anonymous, named
 from kg.serving.editing.reloading import reload
-from kg.serving.editing.single_file import export_ontology
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.store.transactional import TransactionalStore
 

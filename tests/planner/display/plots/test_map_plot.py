@@ -20,10 +20,10 @@ from kg.serving.opening import in_memory_map
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.display.plots.drawing import Stop, draw_floor, draw_surface
 from planner.display.plots.label_placement import WallsBelow, place_labels, wall_cells
-from planner.display.plots.layout import Extent, Item, Listing, Sheet
+from planner.display.plots.layout import Extent, Listing, ListItem, Sheet
 from planner.display.plots.map_plot import SearchDrawing, plot_map
 from planner.display.plots.palette import object_groups
-from planner.display.plots.place_names import NamedPlace, write_place_names
+from planner.display.plots.place_labels import NamedPlace, write_place_names
 from planner.display.plots.search_plot import numbered_stops
 from planner.simulation.demo.house_demo import ground_truth
 from planner.simulation.houses.house import furnished_house
@@ -156,7 +156,9 @@ def test_a_search_has_its_way_its_stops_and_its_reasons(
     search = SearchDrawing(
         np.array([[2, 1.5], [1.5, 1], [5, 1]]),
         (Stop(np.array([1.5, 1.0]), "1", ((0.0, 1.0),)), Stop(np.array([5.0, 1.0]), "2-3")),
-        listing=Listing("found in 9 s", (Item("1", "look east", "because"), Item("2", "further"))),
+        listing=Listing(
+            "found in 9 s", (ListItem("1", "look east", "because"), ListItem("2", "further"))
+        ),
     )
     written = texts_of(plot_map(kitchen, tmp_path / "a.svg", search=search))
     for text in ("1", "2-3", "route", "found in 9 s", "look east", "because", "further"):

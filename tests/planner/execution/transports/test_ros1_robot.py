@@ -35,7 +35,7 @@ from planner.execution.transports import move_base
 from planner.execution.transports.move_base import MoveBase
 from planner.execution.transports.ros1_robot import Ros1Robot
 from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.motion import Pose
+from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running
@@ -67,7 +67,7 @@ def semantic_map() -> Iterator[SemanticMap]:
 
 
 class NoWay(Ros1HouseNode):
-    def _way(self, goal: np.ndarray, heading: float) -> Sequence[Pose]:
+    def _way(self, goal: np.ndarray, heading: float) -> Sequence[TimedPose]:
         raise LayoutError("the door\nis closed")
 
 

@@ -126,7 +126,7 @@ class PatientConnection(H11Protocol):
         return part
 
     def on_response_complete(self) -> None:
-        """Go on to the next request; the rest of an unread body has to arrive in time."""
+        """Continue with the next request; the rest of an unread body has to arrive in time."""
         self._renew()
         super().on_response_complete()
         if not self._awaits_head:

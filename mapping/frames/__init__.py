@@ -1,0 +1,1 @@
+"""Frames: checked, read ahead, projected, and their sightings of things with positions."""

@@ -1,0 +1,153 @@
+"""Pose monitor: detects jumps and drift of a stream's poses by its depth images.
+
+Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
+Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
+them is moved by some decimetres.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
+from perception.camera.icp import register
+from perception.camera.poses import rotation_angle
+from perception.frames import Frame
+
+Floats = NDArray[np.float64]
+
+STEP: Final = 0.1  # [m] between two frames, or ...
+STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
+JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
+JUMP_TURN: Final = np.radians(8.0)  # ... turn
+MIN_POINTS: Final = 200  # fewest points in both images for a conclusion
+POOR: Final = 0.7  # share of agreeing points that is a contradiction
+GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
+KEY_STEP: Final = 0.4  # [m] between key frames, or ...
+KEY_TURN: Final = np.radians(20.0)  # ... so much turned
+KEPT: Final = 300  # key frames
+AWAY: Final = 8  # key frames between two views of one place
+NEAR: Final = 1.0  # [m] between the cameras of two such views ...
+NEAR_TURN: Final = np.radians(30.0)
+DRIFT: Final = 0.15  # [m] tolerated distance of surfaces
+TIMES: Final = 2  # number of such views before the monitor warns
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True, eq=False)
+class _View:
+    id: str
+    stamp: float
+    T: Floats  # (4, 4) camera -> map
+    depth: NDArray[np.float32] | DepthSamples  # the image, until its samples are needed
+    K: Floats
+
+    @property
+    def samples(self) -> DepthSamples:
+        """Samples of its depth, taken when they are first needed."""
+        if not isinstance(self.depth, DepthSamples):
+            self.depth = depth_samples(self.depth, self.K)
+        return self.depth
+
+
+class PoseMonitor:
+    """Compares each frame with the one before, and key frames with earlier views of their place.
+
+    `problems` has what was found, one line for each kind; each is logged as a warning.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._last: _View | None = None
+        self._motion = np.eye(4)
+        self._keys = list[_View]()
+        self._off = 0  # views that were off
+        self.problems = dict[str, str]()
+
+    def add(self, frame: Frame) -> None:
+        """Check one frame."""
+        view = _View(frame.id, frame.stamp, frame.T_map_cam, frame.depth, frame.K)
+        last, self._last = self._last, view
+        if last is not None:
+            motion = np.linalg.inv(last.T) @ view.T
+            if "jump" not in self.problems and _moved(motion, STEP, STEP_TURN):
+                self._check_jump(last, view, motion)
+            self._motion = motion
+        if "drift" not in self.problems and self._is_key(view):
+            self._check_drift(view)
+
+    def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
+        a, b = last.samples, view.samples
+        if not _contradicts(agreement(a, b, motion)):
+            return
+        for start in (np.eye(4), self._motion, motion):
+            found = register(a, b, start)
+            off = np.linalg.inv(found.T_a_b) @ motion
+            if found.after.share >= GOOD and _moved(off, JUMP, JUMP_TURN):
+                self._keys.clear()  # the jump moved the earlier key frames
+                self._tell(
+                    "jump",
+                    f"the poses jump at frame {view.id} by {np.linalg.norm(off[:3, 3]):.2f} m and "
+                    f"{np.degrees(_turn(off)):.0f} degrees, which the depth does not show",
+                )
+                return
+
+    def _is_key(self, view: _View) -> bool:
+        return not self._keys or _moved(
+            np.linalg.inv(self._keys[-1].T) @ view.T, KEY_STEP, KEY_TURN
+        )
+
+    def _check_drift(self, key: _View) -> None:
+        samples, before = key.samples, self._seen_before(key)
+        self._keys = [*self._keys[-KEPT + 1 :], key]
+        if before is None:
+            return
+        motion = np.linalg.inv(before.T) @ key.T
+        if not _contradicts(agreement(before.samples, samples, motion)):
+            return
+        found = register(before.samples, samples, motion)
+        if found.after.share < GOOD or found.offset < DRIFT:
+            return
+        self._off += 1
+        if self._off >= TIMES:
+            self._tell(
+                "drift",
+                f"the poses drift: at frame {key.id} surfaces lie {found.offset:.2f} m from where "
+                f"frame {before.id} saw them, {key.stamp - before.stamp:.0f} s before",
+            )
+
+    def _seen_before(self, key: _View) -> _View | None:
+        """The earlier key frame of the most similar view, some way back; None without any."""
+        earlier = self._keys[:-AWAY]
+        if not earlier:
+            return None
+        T = np.array([other.T for other in earlier])
+        distance = np.linalg.norm(T[:, :3, 3] - key.T[:3, 3], axis=1)
+        cosine = (np.einsum("nij,ij->n", T[:, :3, :3], key.T[:3, :3]) - 1) / 2
+        turn = np.arccos(np.clip(cosine, -1, 1))
+        apart = np.where((distance <= NEAR) & (turn <= NEAR_TURN), distance + turn, np.inf)
+        nearest = int(apart.argmin())
+        return earlier[nearest] if np.isfinite(apart[nearest]) else None
+
+    def _tell(self, kind: str, problem: str) -> None:
+        self.problems[kind] = f"{problem}; a corrected trajectory, --poses FILE, would work"
+        _log.warning("%s: %s", self._name, self.problems[kind])
+
+
+def _contradicts(found: Agreement) -> bool:
+    """Whether two images show different scenes although they have nearly the same pose."""
+    return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
+
+
+def _turn(T: Floats) -> float:
+    return rotation_angle(T[:3, :3])
+
+
+def _moved(T: Floats, distance: float, turn: float) -> bool:
+    return float(np.linalg.norm(T[:3, 3])) > distance or _turn(T) > turn
