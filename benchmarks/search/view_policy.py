@@ -24,7 +24,7 @@ _MAX_VIEWS: Final = 5000  # views and pictures
 class Ablation:
     """Parts of the view policy that are in use."""
 
-    on_the_way: bool = True  # pictures while driving
+    apart: float = 0.0  # [m] driven at least between pictures on the way; infinite for none
     whole_turns: bool = False  # views are whole turns only
     everywhere: float = 0.1  # share of belief spread over all cells
     give_up_at: float = BELIEF.stop_below  # chance that views missed it, at which to give up
@@ -39,6 +39,7 @@ class ViewPolicy:
         self._manner, self._state = manner, state
         self.robot = building.robot(start)
         self._viewpoint: int | None = None
+        self._goal = start  # the cell it drives to
 
     def search(self, hidden: HiddenObject) -> TrialOutcome:
         """Take views until the object is found or no view gains enough."""
@@ -50,10 +51,14 @@ class ViewPolicy:
                 break
             if self._gone(look, hidden):
                 return robot.outcome(True)
+            if robot.cell != self._goal:
+                continue
             best = self._next()  # pictures on the way count now
             if best is None:
                 break
-            if self._gone(best, hidden) or self._looked(best, hidden):
+            if self._gone(best, hidden):
+                return robot.outcome(True)
+            if robot.cell == self._goal and self._looked(best, hidden):
                 return robot.outcome(True)
         return robot.outcome(False)
 
@@ -64,10 +69,12 @@ class ViewPolicy:
     def _gone(self, look: int, hidden: HiddenObject) -> bool:
         views = self._state.views
         viewpoint = int(views.viewpoint[look])
-        watched = hidden if self._manner.on_the_way else None
-        if self.robot.drive(views.fields[viewpoint], watched, self._seen_nothing):
+        self._goal = int(views.viewpoints[viewpoint])
+        if self.robot.drive(
+            views.fields[viewpoint], hidden, self._seen_nothing, self._manner.apart
+        ):
             return True
-        self._viewpoint = viewpoint
+        self._viewpoint = viewpoint if self.robot.cell == self._goal else None
         return False
 
     def _looked(self, look: int, hidden: HiddenObject) -> bool:
@@ -82,7 +89,7 @@ class ViewPolicy:
 
     def _seen_nothing(self, cell: int, heading: float) -> bool:
         self._state.missed_sweep(cell, heading, self.robot.sensor.field_of_view)
-        return False
+        return self._state.is_outdone(RobotState(cell, heading))
 
 
 def ours(

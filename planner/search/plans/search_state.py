@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,7 +37,7 @@ from planner.search.viewpoints.candidate_views import (
     candidate_views,
     sweep_chance,
 )
-from planner.search.viewpoints.coverage import covering_viewpoints
+from planner.search.viewpoints.coverage import COVERS, covering_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.search.viewpoints.sensor import Motion, Sensor
 from planner.settings import BELIEF, MAX_ROOMS, MAX_ROUNDS, BeliefSettings
@@ -58,6 +59,8 @@ class FoundTarget:
     target: Target
     p_map: NDArray[np.float64]  # (2,) or (3,) [m]
 
+
+_LEFT: Final = 0.5  # share of a gain; with less of it left, a robot on its way plans anew
 
 FreshViews = Callable[[PlanningMap, CandidateViews, NDArray[np.float64]], CandidateViews]
 
@@ -89,10 +92,11 @@ class PlanningState:
         self.views = views
         self.next_best_view = NextBestView(views)
         self.revisits = RevisitModel(views)
+        self._goal: tuple[int, float] | None = None  # viewpoint of the next view, and its gain
 
     def _use(self, views: CandidateViews) -> None:
         """Replace the candidate views by others over the same cells."""
-        self.views, self.next_best_view = views, NextBestView(views)
+        self.views, self.next_best_view, self._goal = views, NextBestView(views), None
         self.revisits = self.revisits.moved_to(views)
 
     @property
@@ -193,14 +197,20 @@ class PlanningState:
             weight = self.weights(self.unseen)
             min_gain = self.settings.give_up * float(weight[seeable].sum()) / 2.0**self.rounds
             view = self.choose(at, self.unseen, self.revisits, min_gain)
-            if view is not None and not self._is_stale(view):
-                return view
-            if self.rounds == MAX_ROUNDS:
-                return view
+            if self.rounds == MAX_ROUNDS or (view is not None and not self._is_stale(view)):
+                return self._with_goal(view)
             self.rounds += 1
             expected = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
             self._use(self._fresh(self._planning_map, self.views, expected))
         return None
+
+    def _with_goal(self, view: int | None) -> int | None:
+        """`view`, remembered for `is_outdone`."""
+        self._goal = None
+        if view is not None:
+            viewpoint = int(self.views.viewpoint[view])
+            self._goal = viewpoint, self._gain_from(viewpoint)
+        return view
 
     def _is_stale(self, view: int) -> bool:
         """Whether `view` gains little because earlier views from nearby were alike."""
@@ -231,6 +241,27 @@ class PlanningState:
             rates = gains / self.next_best_view.costs(at, np.arange(len(gains)))
             view = int(np.argmax(rates))
         return view
+
+    def is_outdone(self, at: RobotState) -> bool:
+        """Whether a robot `at` its way to the last `next_view` had better go elsewhere.
+
+        So it is once pictures on the way have left less than half of the gain there, and another
+        viewpoint is the best one now.
+        """
+        if self._goal is None:
+            return False
+        viewpoint, gain = self._goal
+        if self._gain_from(viewpoint) >= _LEFT * gain:
+            return False
+        view = self.choose(at, self.unseen, self.revisits)
+        return view is not None and int(self.views.viewpoint[view]) != viewpoint
+
+    def _gain_from(self, viewpoint: int) -> float:
+        """The greatest gain of the views from `viewpoint`, by its number."""
+        weight, share = self.weights(self.unseen), self.revisits.remaining(viewpoint)
+        rows = slice(*np.searchsorted(self.views.viewpoint, [viewpoint, viewpoint + 1]))
+        left = weight if share is None else weight * share
+        return float((self.views.chance[rows] @ left.astype(np.float32)).max())
 
     def missed(self, view: int) -> None:
         """Update the belief: `view` was taken and showed no target."""
@@ -347,7 +378,7 @@ def build_search(
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
-    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
+    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor, COVERS)
     views = candidate_views(planning_map.space, sensor, motion, cells=cells, viewpoints=viewpoints)
     return PlanningState(wanted, planning_map, views, candidates, belief, settings)
 
@@ -369,7 +400,7 @@ def with_fresh_viewpoints(
     planning_map: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
 ) -> CandidateViews:
     """`views` and further ones from fresh viewpoints, for cells of `weight` (c,)."""
-    fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, views.viewpoints)
+    fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, 2, views.viewpoints)
     return views.with_viewpoints(planning_map.space, np.union1d(views.viewpoints, fresh))
 
 
@@ -378,9 +409,10 @@ def _viewpoints(
     cells: Cells,
     weight: NDArray[np.float64],
     sensor: Sensor,
+    covers: int,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Viewpoints that cover every cell twice, without those in `besides`.
+    """Viewpoints that cover every cell `covers` times, without those in `besides`.
 
     In a building of more than MAX_ROOMS rooms, only the rooms with most of `weight` (c,) per area
     get viewpoints, and as many rooms with free floor: a room full of tables is seen from others.
@@ -395,4 +427,4 @@ def _viewpoints(
         best = np.union1d(ranked[:MAX_ROOMS], with_floor[:MAX_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
-    return covering_viewpoints(space, sensor.far, near=sensor.near, besides=besides)
+    return covering_viewpoints(space, sensor.far, near=sensor.near, covers=covers, besides=besides)
