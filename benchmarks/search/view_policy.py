@@ -39,7 +39,6 @@ class ViewPolicy:
         self._manner, self._state = manner, state
         self.robot = building.robot(start)
         self._viewpoint: int | None = None
-        self._goal = start  # the cell it drives to
 
     def search(self, hidden: HiddenObject) -> TrialOutcome:
         """Take views until the object is found or no view gains enough."""
@@ -51,14 +50,10 @@ class ViewPolicy:
                 break
             if self._gone(look, hidden):
                 return robot.outcome(True)
-            if robot.cell != self._goal:
-                continue
             best = self._next()  # pictures on the way count now
             if best is None:
                 break
-            if self._gone(best, hidden):
-                return robot.outcome(True)
-            if robot.cell == self._goal and self._looked(best, hidden):
+            if self._gone(best, hidden) or self._looked(best, hidden):
                 return robot.outcome(True)
         return robot.outcome(False)
 
@@ -69,12 +64,11 @@ class ViewPolicy:
     def _gone(self, look: int, hidden: HiddenObject) -> bool:
         views = self._state.views
         viewpoint = int(views.viewpoint[look])
-        self._goal = int(views.viewpoints[viewpoint])
         if self.robot.drive(
             views.fields[viewpoint], hidden, self._seen_nothing, self._manner.apart
         ):
             return True
-        self._viewpoint = viewpoint if self.robot.cell == self._goal else None
+        self._viewpoint = viewpoint
         return False
 
     def _looked(self, look: int, hidden: HiddenObject) -> bool:
@@ -89,7 +83,7 @@ class ViewPolicy:
 
     def _seen_nothing(self, cell: int, heading: float) -> bool:
         self._state.missed_sweep(cell, heading, self.robot.sensor.field_of_view)
-        return self._state.is_outdone(RobotState(cell, heading))
+        return False
 
 
 def ours(

@@ -241,22 +241,18 @@ class SearchRun:
         sightings, found, changes = self._apply_passing(message)
         doubtful = self._doubtful(sightings)
         if not found and not doubtful:
-            new = not sightings and self._missed_on_the_way(message.pose or self._robot.pose)
-            if self._replan_for(changes.updated):
-                return True
-            if not new or not self._adapter.is_outdone(self._robot.pose):
-                return False
+            if not sightings:
+                self._missed_on_the_way(message.pose or self._robot.pose)
+            return self._replan_for(changes.updated)
         self._robot.halt()
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
 
-    def _missed_on_the_way(self, pose: RobotPose) -> bool:
-        """Count a failed picture from `pose`; returns whether it shows anything new."""
-        if not self._passing_views.add(pose):
-            return False
-        self._adapter.missed_picture(pose.x, pose.y, pose.heading)
-        return True
+    def _missed_on_the_way(self, pose: RobotPose) -> None:
+        """Count a failed picture from `pose`, unless it repeats the last one."""
+        if self._passing_views.add(pose):
+            self._adapter.missed_picture(pose.x, pose.y, pose.heading)
 
     def _apply_passing(
         self, message: DetectionsMessage

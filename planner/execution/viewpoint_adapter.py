@@ -129,10 +129,6 @@ class ViewpointAdapter:
         cell = self._state.space.nearest((x, y))
         self._state.missed_sweep(cell, heading, self._sensor.field_of_view)
 
-    def is_outdone(self, pose: RobotPose) -> bool:
-        """Whether a robot at `pose`, on its way to the `next` view, had better go elsewhere."""
-        return self._state.is_outdone(self._state.robot_state((pose.x, pose.y), pose.heading))
-
     def in_view(self, x: float, y: float, heading: float, extent: float) -> FloorView:
         """The floor that a view shows."""
         space = self._state.space

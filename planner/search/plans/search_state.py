@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -60,8 +59,6 @@ class FoundTarget:
     p_map: NDArray[np.float64]  # (2,) or (3,) [m]
 
 
-_LEFT: Final = 0.5  # share of a gain; with less of it left, a robot on its way plans anew
-
 FreshViews = Callable[[PlanningMap, CandidateViews, NDArray[np.float64]], CandidateViews]
 
 
@@ -92,11 +89,10 @@ class PlanningState:
         self.views = views
         self.next_best_view = NextBestView(views)
         self.revisits = RevisitModel(views)
-        self._goal: tuple[int, float] | None = None  # viewpoint of the next view, and its gain
 
     def _use(self, views: CandidateViews) -> None:
         """Replace the candidate views by others over the same cells."""
-        self.views, self.next_best_view, self._goal = views, NextBestView(views), None
+        self.views, self.next_best_view = views, NextBestView(views)
         self.revisits = self.revisits.moved_to(views)
 
     @property
@@ -198,19 +194,11 @@ class PlanningState:
             min_gain = self.settings.give_up * float(weight[seeable].sum()) / 2.0**self.rounds
             view = self.choose(at, self.unseen, self.revisits, min_gain)
             if self.rounds == MAX_ROUNDS or (view is not None and not self._is_stale(view)):
-                return self._with_goal(view)
+                return view
             self.rounds += 1
             expected = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
             self._use(self._fresh(self._planning_map, self.views, expected))
         return None
-
-    def _with_goal(self, view: int | None) -> int | None:
-        """`view`, remembered for `is_outdone`."""
-        self._goal = None
-        if view is not None:
-            viewpoint = int(self.views.viewpoint[view])
-            self._goal = viewpoint, self._gain_from(viewpoint)
-        return view
 
     def _is_stale(self, view: int) -> bool:
         """Whether `view` gains little because earlier views from nearby were alike."""
@@ -241,27 +229,6 @@ class PlanningState:
             rates = gains / self.next_best_view.costs(at, np.arange(len(gains)))
             view = int(np.argmax(rates))
         return view
-
-    def is_outdone(self, at: RobotState) -> bool:
-        """Whether a robot `at` its way to the last `next_view` had better go elsewhere.
-
-        So it is once pictures on the way have left less than half of the gain there, and another
-        viewpoint is the best one now.
-        """
-        if self._goal is None:
-            return False
-        viewpoint, gain = self._goal
-        if self._gain_from(viewpoint) >= _LEFT * gain:
-            return False
-        view = self.choose(at, self.unseen, self.revisits)
-        return view is not None and int(self.views.viewpoint[view]) != viewpoint
-
-    def _gain_from(self, viewpoint: int) -> float:
-        """The greatest gain of the views from `viewpoint`, by its number."""
-        weight, share = self.weights(self.unseen), self.revisits.remaining(viewpoint)
-        rows = slice(*np.searchsorted(self.views.viewpoint, [viewpoint, viewpoint + 1]))
-        left = weight if share is None else weight * share
-        return float((self.views.chance[rows] @ left.astype(np.float32)).max())
 
     def missed(self, view: int) -> None:
         """Update the belief: `view` was taken and showed no target."""

@@ -103,24 +103,6 @@ def test_a_search_in_vain_goes_on_from_fresh_positions_until_little_was_overlook
     assert patient.overlooked <= BeliefSettings().stop_below < hasty.overlooked
 
 
-def test_a_robot_on_its_way_turns_once_little_is_left_where_it_goes() -> None:
-    at, on_its_way = RobotState(int(home().floor()[0])), state(BeliefSettings())
-    assert not on_its_way.is_outdone(at)  # nothing is planned yet
-    view = on_its_way.next_view(at)
-    assert view is not None
-    assert not on_its_way.is_outdone(at)
-    viewpoint = views().viewpoint[view]
-    shown = (views().chance[views().viewpoint == viewpoint] > 0).any(axis=0)
-    on_its_way.unseen = np.where(shown, 0.7, 1.0)
-    assert not on_its_way.is_outdone(at)  # more than half is left
-    on_its_way.unseen = np.where(shown, 0.01, 1.0)
-    assert on_its_way.is_outdone(at)
-    other = on_its_way.next_view(at)
-    assert other is not None
-    assert views().viewpoint[other] != viewpoint
-    assert not on_its_way.is_outdone(at)
-
-
 def test_a_belief_that_misleads_does_not_end_a_search() -> None:
     weight = 0.89 * room_weights(home(), views().cells, {0: 1.0}) + 0.01 / len(views().cells)
     misled = state(BeliefSettings(stop_below=0.0005), weight)
