@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import sys
 from collections import defaultdict
 from collections.abc import Sequence
@@ -108,7 +109,7 @@ def expected_times(task: tuple[Home, Path | None, int]) -> list[tuple[float, ...
         manners = (
             (prior.chances, Ablation(give_up_at=_GIVE_UP_AT)),
             (apart, Ablation(give_up_at=_GIVE_UP_AT)),
-            (prior.chances, Ablation(on_the_way=False, give_up_at=_GIVE_UP_AT)),
+            (prior.chances, Ablation(apart=math.inf, give_up_at=_GIVE_UP_AT)),
         )
         times = []
         for chances, manner in manners:

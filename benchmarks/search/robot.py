@@ -14,8 +14,6 @@ from planner.freespace.geodesic import shortest_path
 from planner.freespace.grid import FreeSpace
 from planner.search.viewpoints.sensor import Motion, Sensor, Sweep, angle_between, sweep_over
 
-#: [m] driven between two pictures on the way
-EVERY: Final = 1.0
 _AHEAD: Final = 3  # cells: the camera points where the robot will be then
 
 
@@ -46,22 +44,26 @@ class TrialRobot:
         field: NDArray[np.float32],
         hidden: HiddenObject | None = None,
         seen: Callable[[int, float], bool] | None = None,
+        apart: float = 0.0,
     ) -> bool:
         """Go to where the distance `field` (nx, ny) [m] is zero; whether something was seen.
 
-        Pictures are taken on the way where `hidden` is given. `seen(cell, heading)` is called after
-        each picture without the target; it returns True to stop the drive there.
+        Pictures are taken on the way where `hidden` is given: each takes the time of
+        `Motion.picture` while the robot drives on, and the next one begins at least `apart` metres
+        after it. `seen(cell, heading)` is called after each picture without the target; it returns
+        True to stop the drive there.
         """
         path = shortest_path(self.space, field, self.cell)
         left = field.reshape(-1)
         last = float(left[self.cell])
+        apart = max(apart, self.motion.speed * self.motion.picture)
         for step in range(1, len(path)):
             cell, ahead = int(path[step]), path[min(step + _AHEAD, len(path) - 1)]
             behind = path[max(step - _AHEAD, 0)] if ahead == cell else cell
             self._move(
                 cell, float(left[self.cell]), float(left[cell]), self._towards(behind, ahead)
             )
-            if hidden is None or last - float(left[cell]) < EVERY or step == len(path) - 1:
+            if hidden is None or last - float(left[cell]) < apart or step == len(path) - 1:
                 continue
             last = float(left[cell])
             self.looks += 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -29,8 +30,9 @@ from planner.settings import BELIEF
 METHODS: Final = ("ours", "thesis", "brute_force", "clairvoyant")
 #: Ours without some of its parts.
 PARTS: Final[Mapping[str, Ablation]] = {
-    "nothing on the way": Ablation(on_the_way=False),
-    "whole turns only": Ablation(on_the_way=False, whole_turns=True),
+    "a picture a metre": Ablation(apart=1.0),
+    "nothing on the way": Ablation(apart=math.inf),
+    "whole turns only": Ablation(apart=math.inf, whole_turns=True),
 }
 #: Ways of searching for an object where the ontology does not list it.
 UNLISTED: Final = tuple(f"{who}, unlisted place" for who in ("ours", "thesis", "clairvoyant"))

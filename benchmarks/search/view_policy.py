@@ -24,7 +24,7 @@ _MAX_VIEWS: Final = 5000  # views and pictures
 class Ablation:
     """Parts of the view policy that are in use."""
 
-    on_the_way: bool = True  # pictures while driving
+    apart: float = 0.0  # [m] driven at least between pictures on the way; infinite for none
     whole_turns: bool = False  # views are whole turns only
     everywhere: float = 0.1  # share of belief spread over all cells
     give_up_at: float = BELIEF.stop_below  # chance that views missed it, at which to give up
@@ -64,8 +64,9 @@ class ViewPolicy:
     def _gone(self, look: int, hidden: HiddenObject) -> bool:
         views = self._state.views
         viewpoint = int(views.viewpoint[look])
-        watched = hidden if self._manner.on_the_way else None
-        if self.robot.drive(views.fields[viewpoint], watched, self._seen_nothing):
+        if self.robot.drive(
+            views.fields[viewpoint], hidden, self._seen_nothing, self._manner.apart
+        ):
             return True
         self._viewpoint = viewpoint
         return False

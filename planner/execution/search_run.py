@@ -112,7 +112,6 @@ class SearchRun:
     def _loop(self) -> tuple[SearchState, str]:
         while self._targets.wanted:
             self._check_budget()
-            self._count_passing_views()
             proposal = self._adapter.next(self._robot.pose)
             if proposal is None and self._retry_obstacles():
                 continue
@@ -168,7 +167,6 @@ class SearchRun:
         """Look from here if that is best, or drive to a better view: pictures on the way count."""
         pose = self._robot.pose
         if math.dist((goal.x, goal.y), (pose.x, pose.y)) <= OFF:
-            self._count_passing_views()
             best = self._adapter.next(pose)
             if best is None:
                 return
@@ -179,10 +177,6 @@ class SearchRun:
                 if self._drive(goal) != "arrived":
                     return
         self._look(goal)
-
-    def _count_passing_views(self) -> None:
-        for picture in self._passing_views.not_counted():
-            self._adapter.missed_picture(*picture)
 
     def _look(self, goal: NextView) -> None:
         """Look, record the view, update the belief; verify doubtful detections by another."""
@@ -218,7 +212,6 @@ class SearchRun:
         found = self._confirm(sightings)
         across, in_view = self._adapter.field_of_view, self._adapter.in_view
         viewed = [in_view(*picture, across) for picture in self._passing_views]
-        self._count_passing_views()
         self._adapter.missed(pose, heading, extent)
         self._note_progress()
         look = self._log.look(
@@ -246,15 +239,20 @@ class SearchRun:
     def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
         """Apply a picture taken while driving; returns whether it changes the plan."""
         sightings, found, changes = self._apply_passing(message)
-        if not sightings:
-            self._passing_views.add(message.pose or self._robot.pose, goal)
         doubtful = self._doubtful(sightings)
         if not found and not doubtful:
+            if not sightings:
+                self._missed_on_the_way(message.pose or self._robot.pose)
             return self._replan_for(changes.updated)
         self._robot.halt()
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
+
+    def _missed_on_the_way(self, pose: RobotPose) -> None:
+        """Count a failed picture from `pose`, unless it repeats the last one."""
+        if self._passing_views.add(pose):
+            self._adapter.missed_picture(pose.x, pose.y, pose.heading)
 
     def _apply_passing(
         self, message: DetectionsMessage
@@ -370,7 +368,8 @@ class SearchRun:
     def _rebuild(self) -> None:
         obstacles = (*self._old_obstacles, *self._log.obstacles)
         self._adapter.rebuild(self._log.looks, obstacles, self._targets.found)
-        self._passing_views.count_again()
+        for picture in self._passing_views:
+            self._adapter.missed_picture(*picture)
 
     def _check_budget(self) -> None:
         budget = self._options.budget

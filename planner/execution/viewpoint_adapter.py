@@ -277,7 +277,7 @@ class FailedGoals:
         self._in_a_row = 0
 
 
-_APART: Final = 1.0  # [m] between pictures; nearer ones show the same floor ...
+_APART: Final = 0.2  # [m] between pictures; nearer ones show the same floor ...
 _TURNED: Final = 0.8  # [rad] ... unless the camera has turned by more
 
 
@@ -286,28 +286,16 @@ class PassingViews:
 
     def __init__(self) -> None:
         self._poses: list[tuple[float, float, float]] = []
-        self._counted = 0  # of them, in the belief
-
-    def not_counted(self) -> list[tuple[float, float, float]]:
-        """The poses since the last call, or since `count_again`."""
-        new = self._poses[self._counted :]
-        self._counted = len(self._poses)
-        return new
-
-    def count_again(self) -> None:
-        """Begin with the first pose again, for a new belief."""
-        self._counted = 0
 
     def __iter__(self) -> Iterator[tuple[float, float, float]]:
         return iter(self._poses)
 
-    def add(self, pose: RobotPose, goal: NextView) -> None:
-        """Add a failed view, unless it repeats the last one or the view planned at `goal`."""
-        if math.hypot(pose.x - goal.x, pose.y - goal.y) < _APART:
-            return
+    def add(self, pose: RobotPose) -> bool:
+        """Add a failed view, unless it repeats the last one; returns whether it was added."""
         if self._poses:
             x, y, heading = self._poses[-1]
             turned = abs(math.remainder(pose.heading - heading, 2 * math.pi))
             if math.hypot(pose.x - x, pose.y - y) < _APART and turned < _TURNED:
-                return
+                return False
         self._poses.append((round(pose.x, 2), round(pose.y, 2), round(pose.heading, 2)))
+        return True

@@ -48,10 +48,24 @@ class PointRobot:
         if self.settings.get("goto_fails"):
             return [{"type": "error", "id": command["id"], "reason": "no wheels"}]
         self.clock += math.hypot(command["x"] - self.x, command["y"] - self.y) / 0.5 + 1.0
+        passing = self.on_the_way(command) if self.settings.get("on_the_way") else []
         offset = self.settings.get("offset", 0.0)
         self.x, self.y = command["x"] + offset, command["y"]
         self.heading = command["heading"]
-        return [self.pose(), {"type": "arrived", "id": command["id"]}]
+        return [*passing, self.pose(), {"type": "arrived", "id": command["id"]}]
+
+    def on_the_way(self, command: dict[str, Any]) -> list[dict[str, Any]]:
+        """Pictures of nothing, one in half a metre."""
+        dx, dy = command["x"] - self.x, command["y"] - self.y
+        count, heading = int(math.hypot(dx, dy) / 0.5), math.atan2(dy, dx)
+        parts = [(n + 1) / (count + 1) for n in range(count)]
+        poses = [
+            {"x": self.x + p * dx, "y": self.y + p * dy, "heading": heading, "t": self.clock}
+            for p in parts
+        ]
+        return [
+            {"type": "detections", "objects": [], "pose": {"type": "pose"} | pose} for pose in poses
+        ]
 
     def look(self, command: dict[str, Any]) -> list[dict[str, Any]]:
         self.looks += 1

@@ -36,7 +36,7 @@ from planner.search.viewpoints.candidate_views import (
     candidate_views,
     sweep_chance,
 )
-from planner.search.viewpoints.coverage import covering_viewpoints
+from planner.search.viewpoints.coverage import COVERS, covering_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.search.viewpoints.sensor import Motion, Sensor
 from planner.settings import BELIEF, MAX_ROOMS, MAX_ROUNDS, BeliefSettings
@@ -193,9 +193,7 @@ class PlanningState:
             weight = self.weights(self.unseen)
             min_gain = self.settings.give_up * float(weight[seeable].sum()) / 2.0**self.rounds
             view = self.choose(at, self.unseen, self.revisits, min_gain)
-            if view is not None and not self._is_stale(view):
-                return view
-            if self.rounds == MAX_ROUNDS:
+            if self.rounds == MAX_ROUNDS or (view is not None and not self._is_stale(view)):
                 return view
             self.rounds += 1
             expected = self.target_belief.expected(self.unseen, np.ones(len(self.targets)))
@@ -347,7 +345,7 @@ def build_search(
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
-    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
+    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor, COVERS)
     views = candidate_views(planning_map.space, sensor, motion, cells=cells, viewpoints=viewpoints)
     return PlanningState(wanted, planning_map, views, candidates, belief, settings)
 
@@ -369,7 +367,7 @@ def with_fresh_viewpoints(
     planning_map: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
 ) -> CandidateViews:
     """`views` and further ones from fresh viewpoints, for cells of `weight` (c,)."""
-    fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, views.viewpoints)
+    fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, 2, views.viewpoints)
     return views.with_viewpoints(planning_map.space, np.union1d(views.viewpoints, fresh))
 
 
@@ -378,9 +376,10 @@ def _viewpoints(
     cells: Cells,
     weight: NDArray[np.float64],
     sensor: Sensor,
+    covers: int,
     besides: ArrayLike = (),
 ) -> Cells:
-    """Viewpoints that cover every cell twice, without those in `besides`.
+    """Viewpoints that cover every cell `covers` times, without those in `besides`.
 
     In a building of more than MAX_ROOMS rooms, only the rooms with most of `weight` (c,) per area
     get viewpoints, and as many rooms with free floor: a room full of tables is seen from others.
@@ -395,4 +394,4 @@ def _viewpoints(
         best = np.union1d(ranked[:MAX_ROOMS], with_floor[:MAX_ROOMS])
         inside = space.inside()
         space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
-    return covering_viewpoints(space, sensor.far, near=sensor.near, besides=besides)
+    return covering_viewpoints(space, sensor.far, near=sensor.near, covers=covers, besides=besides)

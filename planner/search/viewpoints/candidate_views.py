@@ -26,7 +26,7 @@ SQUARE: Final = 1.0
 EXTENTS: Final = (0.0, 2 * np.pi / 3, 2 * np.pi)
 
 
-_MAX_CELLS: Final = 3000  # of a belief, approximately
+_MAX_CELLS: Final = 10_000  # of a belief, approximately
 
 
 def belief_cells(space: FreeSpace) -> Cells:

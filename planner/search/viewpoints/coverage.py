@@ -14,6 +14,7 @@ _Seen = NDArray[np.bool_]
 
 SPACING: Final = 1.0  # [m] of the lattice of viewpoints
 COVER: Final = 0.995  # share of every room that covering viewpoints see
+COVERS: Final = 4  # times that they see it: the robot has a choice of positions
 
 
 def covering_viewpoints(
@@ -21,7 +22,7 @@ def covering_viewpoints(
     reach: float,
     *,
     near: float = 0.0,
-    covers: int = 2,
+    covers: int = COVERS,
     besides: ArrayLike = (),
 ) -> Cells:
     """Viewpoints that together see at least the share `COVER` of every room, `covers` times.

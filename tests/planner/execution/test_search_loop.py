@@ -74,6 +74,17 @@ def test_giving_up_says_what_is_left_and_what_is_remembered_in_vain_is_doubted()
         assert _well_made(semantic_map)
 
 
+def test_pictures_on_the_way_count_and_are_kept(semantic_map: SemanticMap) -> None:
+    standing = run(semantic_map, "apple")
+    driving = run(semantic_map, "apple", on_the_way=True)
+    assert driving.looks < standing.looks
+    passed = [
+        [look.glimpses for look in semantic_map.searches.looks(record.iri)]
+        for record in semantic_map.searches.all()
+    ]
+    assert sorted(any(glimpses) for glimpses in passed) == [False, True]
+
+
 def test_a_time_budget_ends_the_search(semantic_map: SemanticMap) -> None:
     outcome = run(semantic_map, "apple", budget=10.0)
     assert outcome.state == "given up"
