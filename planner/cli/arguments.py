@@ -8,9 +8,13 @@ import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from kg.model.errors import QueryParameterError
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
 
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth
@@ -75,6 +79,27 @@ def moment_of(text: str) -> str:
     from planner.questions.moments import instant
 
     return instant(text, time.time())
+
+
+def add_now(parser: argparse.ArgumentParser) -> None:
+    """Add the option for the time of a search."""
+    parser.add_argument(
+        "--now",
+        "--at",
+        dest="now",
+        metavar="TIME",
+        help="time of the search: ISO 8601, or 'map': the map's latest time (default: the clock's)",
+    )
+
+
+def now_of(semantic_map: SemanticMap, arguments: argparse.Namespace) -> float:
+    """[s since 1970] the time of `--now`."""
+    from kg.history.timestamps import moment
+    from planner.search.goals.candidate_queries import map_time
+
+    if arguments.now == "map":
+        return map_time(semantic_map)
+    return time.time() if arguments.now is None else moment(moment_of(arguments.now))
 
 
 def add_start(parser: argparse.ArgumentParser) -> None:

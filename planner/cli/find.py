@@ -11,13 +11,21 @@ from __future__ import annotations
 
 import argparse
 import math
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.model.errors import QueryParameterError
-from planner.cli.arguments import add_json, add_map, add_start, moment_of, positive, share, speed
+from planner.cli.arguments import (
+    add_json,
+    add_map,
+    add_now,
+    add_start,
+    now_of,
+    positive,
+    share,
+    speed,
+)
 from planner.cli.console import heading, note, print_looks, print_plan, write, write_json
 
 if TYPE_CHECKING:
@@ -65,13 +73,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="R",
         help="probability to detect an object in view (0.7)",
     )
-    parser.add_argument(
-        "--now",
-        "--at",
-        dest="now",
-        metavar="TIME",
-        help="time of the search: ISO 8601, or 'map': the map's latest time (default: the clock's)",
-    )
+    add_now(parser)
     parser.add_argument(
         "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
         "nearest-first is the thesis' rule, brute-force its baseline",
@@ -104,7 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.undetectable = _take_undetectable(semantic_map, arguments)
         if not arguments.object:
             if arguments.json:
-                now = _moment(semantic_map, arguments.now)
+                now = now_of(semantic_map, arguments)
                 _write_answer(arguments, empty_answer(semantic_map, (), now))
             return 0
         code = _find(semantic_map, arguments)
@@ -169,7 +171,7 @@ def _planning_state(
             turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
         ),
         space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
-        at=_moment(semantic_map, arguments.now),
+        at=now_of(semantic_map, arguments),
     )
 
 
@@ -193,7 +195,7 @@ def _by_viewpoints(
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
-    now = _moment(semantic_map, arguments.now)
+    now = now_of(semantic_map, arguments)
     if arguments.json:
         _write_answer(arguments, answer_json(semantic_map, state, found, now))
         return 0
@@ -300,7 +302,7 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
     from planner.search.plans.report import empty_answer
 
     targets = resolve(semantic_map, arguments.object)
-    now = _moment(semantic_map, arguments.now)
+    now = now_of(semantic_map, arguments)
     if arguments.json:
         _write_answer(arguments, empty_answer(semantic_map, targets, now))
         return 0
@@ -327,13 +329,3 @@ def _range(text: str) -> tuple[float, float]:
             f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, e.g. 0.8,4.6; got {text!r}"
         )
     return near, far
-
-
-def _moment(semantic_map: SemanticMap, text: str | None) -> float:
-    """[s since 1970] the time of `--now`."""
-    from kg.history.timestamps import moment
-    from planner.search.goals.candidate_queries import map_time
-
-    if text == "map":
-        return map_time(semantic_map)
-    return time.time() if text is None else moment(moment_of(text))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from planner.cli.arguments import add_map, add_start
+from planner.cli.arguments import add_map, add_now, add_start, now_of
 from planner.cli.console import note
 
 
@@ -29,6 +29,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="also draw the plan of `hereabouts find`: path, looks, reasons and times",
     )
     add_start(parser)
+    add_now(parser)
     parser.add_argument(
         "--legend",
         choices=("class", "place"),
@@ -55,7 +56,10 @@ def run(arguments: argparse.Namespace) -> int:
     least = 0.0 if arguments.all else SHOWN_EXISTENCE
     with open_map(arguments.map, read_only=True) as opened:
         semantic_map = opened.in_one_frame()
-        state = None if arguments.find is None else build_search(semantic_map, [arguments.find])
+        state = None
+        if arguments.find is not None:
+            now = now_of(semantic_map, arguments)
+            state = build_search(semantic_map, [arguments.find], at=now)
         if state is not None:
             plan = plan_from(semantic_map, state, arguments.start)
             plot_plan(semantic_map, state, plan, output, least=least, legend=arguments.legend)

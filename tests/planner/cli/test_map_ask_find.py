@@ -158,9 +158,12 @@ def test_the_map_is_drawn(lab: Path, prints: Prints, tmp_path: Path) -> None:
 
 def test_plot_and_find_draw_the_same_plan(mapped: Path, prints: Prints, tmp_path: Path) -> None:
     by_plot, by_find = tmp_path / "plot.svg", tmp_path / "find.svg"
-    prints("plot", mapped, "-o", by_plot, "--find", "banana", "--from", "0,0,90")
-    prints("find", mapped, "banana", "--from", "0,0,90", "--picture", by_find)
+    begin = ("--from", "0,0,90", "--now")
+    prints("plot", mapped, "-o", by_plot, "--find", "banana", *begin, "2030-01-01")
+    prints("find", mapped, "banana", *begin, "2030-01-01", "--picture", by_find)
     assert by_plot.read_bytes() == by_find.read_bytes()
+    prints("plot", mapped, "-o", by_plot, "--find", "banana", *begin, "map")
+    assert by_plot.read_bytes() != by_find.read_bytes()
     assert "finds it with" in by_plot.read_text() and "after" in by_plot.read_text()
 
 
