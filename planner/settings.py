@@ -20,7 +20,7 @@ class BeliefSettings:
     outside: float = 1.5  # [m] floor that is assumed around an object in no place
     frontier: float = 0.3  # probability that a room begins beyond a frontier
     give_up: float = 0.005  # share of all probability that a view must gain
-    stop_below: float = 0.01  # probability that all views missed it, at which a search gives up
+    stop_below: float = 0.005  # probability that all views missed it, at which a search gives up
     stale: float = 0.5  # a view that gains less than this share of its first gain is stale
 
 

@@ -28,7 +28,7 @@ _YES: Final[Mapping[Value, str]] = {
     "present": "Yes",
     "gone": "Not any more",
     "looked, none seen": "Probably not",
-    "hidden": "Perhaps, though none is sure",
+    "hidden": "None is known",
     "never looked": "Unknown",
 }
 _ALL: Final = ("thing", "things", "object", "objects", "items")
@@ -139,9 +139,13 @@ class Answerer(Measures):
         if found.value == "present" and sure:
             lines += self._yes(sure, target)
         else:
-            lines.append(f"{_YES[found.value]}: {found.proof}")
             doubted = [k for k in known if k.doubted and one is None]
-            lines += answer_lines(doubted, self._now, target)
+            begin = _YES[found.value]
+            if doubted and found.value == "hidden":
+                begin = "Perhaps, though none is sure"
+            elsewhere = self._sure(target) if place is not None and one is None else []
+            lines.append(f"{begin}: {found.proof}")
+            lines += answer_lines(doubted or elsewhere, self._now, target)
         return self._made("status", lines, category=target.label)
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
@@ -176,7 +180,7 @@ class Answerer(Measures):
         known = [one for one in known_objects(self._map, target, located=0) if there(one)]
         sure = [one for one in known if one.sure]
         rest = len(known) - len(sure)
-        doubted = f", and {rest} more that may be some" if rest else ""
+        doubted = f", and perhaps {rest} more" if rest else ""
         return self._of_category(target, [f"{target.label}: {len(sure)}{where}{doubted}"])
 
     def _most(self) -> PlainAnswer:

@@ -70,7 +70,7 @@ class NamedThings:
         if words.split()[-1] in ("door", "doors", "doorway"):
             doors = [(f"door {d.iri.rpartition('/')[2]}", (d.x, d.y)) for d in self._map.doors()]
             if not doors:
-                raise QueryParameterError("the map has no doors")
+                raise QueryParameterError("doors are not known in this map")
             return doors
         things = self._named(words)
         return [(t.label, (float(t.p_map[0]), float(t.p_map[1]))) for t in things]

@@ -162,7 +162,7 @@ class _Answerer:
         pairs = [(one, other) for one in rooms.sure for other in others.sure if one != other]
         lines = [
             f"Yes: {self._name(one)} is next to {self._name(other)}"
-            + ("" if _has_door(one, other) else ", with no known door")
+            + ("" if _has_door(one, other) or not self._map.doors() else ", with no known door")
             for one, other in pairs
             if _touch(one, other)
         ]
@@ -182,7 +182,7 @@ class _Answerer:
         """The doors of the map, or of a place."""
         doors = self._map.doors()
         if not doors:
-            return ["No door is known: doors are where the seen floor goes from place to place"]
+            return [self._no_doors()]
         where = self._question.where and place_named(self._map, self._question.where)
         found = [door for door in doors if not where or where in door.places]
         of = f" of {self._places[where].label}" if where else ""
@@ -194,6 +194,12 @@ class _Answerer:
         if self._question.kind == "status":
             shown = [f"Yes, {count}:", *shown] if found else [f"No door{of} is known"]
         return [*shown, *rest]
+
+    def _no_doors(self) -> str:
+        """That no door is known, and why."""
+        if any(place.from_floor for place in self._places.values()):
+            return "No door is known: doors are where the seen floor goes from place to place"
+        return "Doors are not known: they are found with rooms, and the rooms of this map are given"
 
     def _door(self, door: DoorRecord) -> str:
         first, second = (self._places[iri].label for iri in door.places)

@@ -77,12 +77,12 @@ def answer_lines(
     lines = [_sentence(one, now, rooms or {}) for one in listed]
     if rest := len(known) - len(listed):
         doubted = not ranked[-1].sure
-        less = " that may be some" if not ranked[len(listed)].sure else ""
+        less = "perhaps " if not ranked[len(listed)].sure else ""
         query = "objects"
         if target is not None and target.iri is not None:
             query = f"objects-by-category -p category='{target.label}'"
         every = " --all" if doubted else ""
-        lines.append(f"and {rest} more{less}: `hereabouts ask MAP {query}{every}`")
+        lines.append(f"and {less}{rest} more: `hereabouts ask MAP {query}{every}`")
     return lines
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -102,6 +103,7 @@ def test_luck_does_not_depend_on_the_order_of_looks() -> None:
 
 def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
     start = building().space.nearest((7, 5), 2)
+    turns = Ablation(apart=math.inf, whole_turns=True)
     for room in range(3):
         thing = hidden(room)
         least = oracle(building(), start, thing)
@@ -109,9 +111,7 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
             "thesis": thesis_rule(building(), start, thing, [True, False, False]),
             "brute": brute_force(building(), start, thing),
             "ours": ours(building(), start, thing, RoomChances.apart([0.8, 0.3, 0.1])),
-            "turns": ours(
-                building(), start, thing, RoomChances.apart(np.ones(3) / 2), Ablation(False, True)
-            ),
+            "turns": ours(building(), start, thing, RoomChances.apart(np.ones(3) / 2), turns),
         }
         for name, outcome in told.items():
             assert outcome.found, (name, room)

@@ -179,7 +179,7 @@ TASKS: list[tuple[str, Any, Any]] = [
          question="do we have a book, a banana and a giraffe?"),
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
-      "giraffe: Perhaps, though none is sure: the robot viewed 0% of place 3, 98% of place 1 "
+      "giraffe: None is known: the robot viewed 0% of place 3, 98% of place 1 "
       "(kitchen), 98% of place 2 (bedroom), last at 1970-01-01 00:01:40; it would have noticed "
       "one with probability 0.39"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
