@@ -158,7 +158,9 @@ class Answerer(Measures):
         if known:
             return self._of_category(target, self._yes(known, target))
         others = answer_lines(sure, self._now, target) if where else []
-        none = f"No {target.label} is known to be{where}" if where else "None is known"
+        need = target.label.removeprefix("something")
+        none = f"No {target.label}" if need == target.label else f"Nothing{need}"
+        none = f"{none} is known to be{where}" if where else "None is known"
         return self._of_category(target, [none, *others])
 
     def _yes(self, known: Sequence[KnownObject], target: Target) -> list[str]:

@@ -28,6 +28,14 @@ _TABLE: Final = (
         r"wo ist (?:der|die|das) n\u00e4chste (?P<what>.+)",
         "where is the nearest {what}",
     ),
+    (r"wo kann (?:ich|man) (?:mich )?(?:hin)?(?:sitzen|setzen)", "where can i sit"),
+    (rf"wie (?:gro(?:\u00df|ss)|breit|lang|tief) {_IS} {_WHAT}", "how big is the {what}"),
+    (rf"wie hoch {_IS} {_WHAT}", "how high is the {what}"),
+    (
+        rf"wie weit {_IS} {_WHAT} (?:von|vom) {_A}(?P<where>.+?)(?: entfernt| weg)?",
+        "how far is the {what} from the {where}",
+    ),
+    (rf"{_IS} {_WHAT}(?: noch| jetzt)* (?:da|hier)", "is the {what} still there"),
     (rf"was {_IS}{_SO} unter {_WHAT}", "what is under {what}"),
     (
         rf"wo (?:ist|sind|liegt|liegen|steht|stehen|finde ich){_SO} {_WHAT} {_IN}",
@@ -79,6 +87,7 @@ def in_english(text: str) -> str:
     """The English form of a German question; any other text as it is."""
     words = " ".join(text.casefold().split()).strip(" ?!.,;:'\"")
     words = re.sub(r"^(?:bitte|hallo|hey|und|also)\b[ ,]*|,? bitte$", "", words)
+    words = re.sub(r"^wieviele?\b", "wie viele", words)
     for german, english in _PATTERNS:
         if match := german.fullmatch(words):
             gaps = match.groupdict("")

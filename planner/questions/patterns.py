@@ -45,7 +45,7 @@ _CLOSE: Final = "(?:near|beside|next to|close to|by|around|next)(?: to)?"
 _WHAT: Final = r"(?P<what>.+?)"
 _WHERE: Final = f"(?: {_IN} (?P<where>.+?))?"
 _INSIDE: Final = "(?: (?:in|inside|at|from|within) (?P<where>.+?))?"
-_THINGS: Final = "(?:what|(?:which |what |all )?(?:things|objects|items)|everything)"
+_THINGS: Final = "(?:what|(?:which |what |all |the )*(?:things|objects|items)|everything)"
 _LIST: Final = "(?:list|show|name|give me) (?:me )?"
 _EVENT: Final = "(?P<event>change|move|appear|disappear|gone|new|different|happen)(?:d|ed)?"
 _SPAN: Final = "(?:since|in the|during the|over the|within the|after) .+"
@@ -57,11 +57,12 @@ _ANYTHING: Final = "(?P<what>(?:some|any)(?:thing|where) (?:to|(?:i|we|one) can)
 _OWN: Final = r"(?P<what>(?:the|my|our|your|his|her|their|[a-z ]+ \d+).*?)"
 _SEARCHED: Final = (
     "(?:find(?: me)?|locate|look for|search for|i (?:am|'m) (?:looking|searching) for|"
-    "i (?:need|want)|have you seen|did you see)"
+    "i (?:need|want|can(?:not| not|'?t) find)|have you seen|did you see)"
 )
 _ASKED_WHERE: Final = (
-    f"(?:where {_ARE}|where (?:can|do|could|should|did) (?:i|we|you) "
-    "(?:find|look for|search for|see)|where did (?:i|we|you) (?:put|leave)|"
+    f"(?:where {_ARE}|where (?:can|do|could|should|did|would|might) (?:i|we|you) "
+    "(?:find|look for|search for|see)|where do (?:i|we) (?:keep|store)|"
+    "where did (?:i|we|you) (?:put|leave)|"
     "where (?:have|has) (?:i|we|you) (?:put|left|seen)|"
     f"where to (?:find|look for)|wheres|what {_ARE} the (?:location|position|place) of)"
 )
@@ -89,6 +90,7 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("objects", f"{_LIST}(?:all |the |every)*(?:objects|things?)(?: you (?:know|see))?"),
     ("objects", f"how many (?:objects|things)(?: {_ARE} there| do {_SEE})?|where is everything"),
     ("in place", f"how many (?:objects|things) ?(?:{_ARE}|do)? ?(?:{_SEE} )?{_IN} (?P<where>.+)"),
+    ("on", f"how many (?:objects|things) {_LIES}on(?: top of)? (?P<other>.+)"),
     (
         "objects",
         "what (?:can|do) you (?:see|know)|what is (?:there|here|in (?:the|this) map)",
@@ -117,7 +119,8 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ),
     (
         "last seen",
-        f"(?:was|were|have|has|did) (?:there|you|we|anybody|anyone) ever (?:been |seen? )?{_WHAT}",
+        "(?:was|were|have|has|did) (?:there|you|we|the robot|anybody|anyone) ever "
+        f"(?:been |seen? )?{_WHAT}",
     ),
     ("distance", f"how far(?: apart)? {_ARE} {_WHAT} and (?P<other>.+?)(?: apart)?"),
     (
@@ -130,19 +133,20 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("compare", f"{_ARE} {_OWN} {_LARGER} than (?P<other>.+)"),
     (
         "size",
-        f"{_HOW_LARGE} {_ARE} {_WHAT}(?: (?:above|from) the (?:floor|ground))?|what {_ARE} the "
-        "(?:size|height|width|length|depth|dimensions) of (?P<sized>.+)",
+        f"(?:{_HOW_LARGE}|what size) {_ARE} {_WHAT}(?: (?:above|from) the (?:floor|ground))?|"
+        f"what {_ARE} the (?:size|height|width|length|depth|dimensions) of (?P<sized>.+)",
     ),
     ("count", f"{_NUMBER} {_WHAT} (?:{_ARE} )?(?:{_SEE} )?on(?: top of)? (?P<other>.+)"),
     ("count", f"{_NUMBER} {_WHAT} do(?:es)? (?P<where>(?:the|this|our|my) .+?) have"),
     ("count", f"{_NUMBER} {_WHAT}(?: (?:do )?{_SEE})?{_WHERE}(?: {_SEE})?"),
     ("most", f"(?:in )?(?:which|what) (?:room|place) (?:{_HAS}|are) (?:the )?most {_WHAT}"),
+    ("around", f"{_THINGS} {_ARE} (?:the )?(?:nearest|closest)(?: thing)? to (?P<other>.+)"),
     (
         "near",
         f"(?:(?:which|what|where|find|show)(?: {_ARE}| me)? )?(?:the )?(?:nearest|closest) {_WHAT}"
         "(?: to (?P<other>.+))?",
     ),
-    ("near", f"(?:which|what) {_WHAT} {_ARE} (?:the )?(?:nearest|closest) to (?P<other>.+)"),
+    ("near", f"(?:which|what) {_WHAT} {_ARE} (?:the )?(?:nearest|closest)(?: to)? (?P<other>.+)"),
     ("near", f"{_ARE} there {_WHAT} {_CLOSE} (?P<other>.+)"),
     (
         "near",
@@ -153,12 +157,17 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("near", f"(?:which|what) (?P<what>rooms?|places?) {_ARE} {_CLOSE} (?P<other>.+)"),
     ("around", f"{_THINGS} ?{_ARE}? {_CLOSE} (?P<other>.+)"),
     ("under", f"(?:{_THINGS}|{_ARE} (?:there )?{_SOMETHING}) {_LIES}{_UNDER} (?P<other>.+)"),
-    ("on", f"{_THINGS} {_LIES}on(?: top of)? (?P<other>.+)"),
+    ("on", f"(?:{_THINGS}|(?:{_ARE} there )?{_SOMETHING}) {_LIES}on(?: top of)? (?P<other>.+)"),
     (
         "in place",
         f"(?:{_LIST})?{_THINGS} ?(?:{_ARE}|can|do)? ?(?:{_SEE} |there )?in(?:side)? (?P<where>.+)",
     ),
     ("where", f"{_ROOM} {_WHAT}(?: in)?"),
+    (
+        "where",
+        "(?:where|in (?:which|what) (?:room|place)) (?:did|have|do|can) (?:i|we|you) (?:last )?"
+        f"(?:see|seen|find) {_WHAT}(?: last)?",
+    ),
     (
         "where",
         f"(?:what|which) (?:(?:kinds?|sorts?|types?) of )?{_WHAT} (?:do )?(?:{_SEE}|{_ARE} there)"
@@ -189,7 +198,8 @@ _TABLE: Final[tuple[tuple[Kind, str], ...]] = (
     ("where", f"where can (?:i|we|one) (?P<need>(?:sit|sleep|write|cook|read|lie).*?){_INSIDE}"),
     (
         "where",
-        "what can (?:i|we|one) (?P<need>(?:sit|eat|drink|cut|sleep|write|cook|read|lie) ?.*)",
+        "what can (?:i|we|one) (?P<need>(?:sit|eat|drink|cut|sleep|write|cook|read|lie).*?)"
+        f"{_INSIDE}",
     ),
     ("where", f"{_LIST}{_WHAT}"),
     (
@@ -213,7 +223,7 @@ EVENTS: Final[dict[str, tuple[str, ...]]] = {
 #: words that change the sense of a question in a way that no query has
 _REFUSED: Final = re.compile(
     r"\b(?:not|no|never|nothing|none|nobody|except|without|but|or|if|while|who|whose|why|how|which|"
-    r"nearest|closest|farthest|biggest|largest|smallest|oldest|newest|most|least|best|fewest|other|else|"
+    r"second|third|nearest|closest|farthest|biggest|largest|smallest|oldest|newest|most|least|best|fewest|other|else|"
     r"left|right|behind|under|above|below|between|tomorrow|yesterday|before|ago|will|should|and|"
     r"than|as|more|fewer|less|another|"
     r"was|were|had|has|have|does|do|is|are|what|where|can|i|me|you|he|she|they|we|it)\b"

@@ -27,6 +27,10 @@ _FORMS: Final = tuple(
             r"^(?:are you (?:sure|certain)|do you think|is it true)(?: that)? (?=there|the |my )",
             "is ",
         ),
+        (r"^(?:what |how )?about (?=.)|^describe ", "where is "),
+        (r"^(how many .+?) (?:can|could|did|have) you (?:see|seen|count)\b(?: there)?", r"\1"),
+        (r"^(where is .+) gone$", r"\1"),
+        (r"^(.+) that (?:is|are) (in|on) ", r"\1 \2 "),
         (r"^is there (is|are) ", r"\1 there "),
         (r"^is ((?:the|my) .+?) (is|are) (in|on) ", r"\2 \1 \3 "),
         (r"^(is|are|do|have)n't (?=there|we|you|i)", r"\1 "),
@@ -52,7 +56,9 @@ _MIN_MISSPELT: Final = 4  # letters of a word that lacks a letter, or has one to
 def normalised(text: str) -> str:
     """Lower case, single spaces, straight apostrophes, without marks at the end and politeness."""
     words = " ".join(text.replace("\u2019", "'").casefold().split())
-    words = re.sub(r"\b(where|what|who|there|it)'s\b", r"\1 is", words).strip(" ?!.,;:'\"")
+    words = re.sub(r"\b(?:(where|what|who|that|there|it)'s|(what)s)\b", r"\1\2 is", words).strip(
+        " ?!.,;:'\""
+    )
     words = _TRAILING.sub("", _POLITE.sub("", words[:MAX_LENGTH], count=1))
     return _in_one_form(words)
 
