@@ -345,7 +345,7 @@ def build_search(
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
-    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor, COVERS)
+    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
     views = candidate_views(planning_map.space, sensor, motion, cells=cells, viewpoints=viewpoints)
     return PlanningState(wanted, planning_map, views, candidates, belief, settings)
 
@@ -376,7 +376,7 @@ def _viewpoints(
     cells: Cells,
     weight: NDArray[np.float64],
     sensor: Sensor,
-    covers: int,
+    covers: int = COVERS,
     besides: ArrayLike = (),
 ) -> Cells:
     """Viewpoints that cover every cell `covers` times, without those in `besides`.
