@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 WIDTH, HEIGHT = 320, 240  # [px] of the simulated camera
-MOST = 5  # boxes
+MAX_BOXES = 5
 HALF = 3.0  # [px] half a box
 WEIGHTS = (0.7, 0.0, -4.0)  # of red, green and blue, 0..255; above BIAS it is an orange's colour
 BIAS = -8.0
@@ -32,7 +32,7 @@ def orange_network() -> onnx.ModelProto:
         "zero": np.zeros(1, np.float32),
         "one": np.ones(1, np.float32),
         "flat": np.array([1, -1], np.int64),
-        "most": np.array([MOST], np.int64),
+        "most": np.array([MAX_BOXES], np.int64),
         "width": np.array([WIDTH], np.int64),
         "last": np.array([-1], np.int64),
         "corners": np.array([-HALF, -HALF, HALF, HALF], np.float32),
@@ -58,8 +58,8 @@ def orange_network() -> onnx.ModelProto:
     ]
     image = helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, HEIGHT, WIDTH])
     outputs = [
-        helper.make_tensor_value_info("boxes", TensorProto.FLOAT, [1, MOST, 4]),
-        helper.make_tensor_value_info("scores", TensorProto.FLOAT, [1, MOST, 1]),
+        helper.make_tensor_value_info("boxes", TensorProto.FLOAT, [1, MAX_BOXES, 4]),
+        helper.make_tensor_value_info("scores", TensorProto.FLOAT, [1, MAX_BOXES, 1]),
     ]
     weights = [numpy_helper.from_array(value, name) for name, value in constants.items()]
     graph = helper.make_graph(nodes, "oranges", [image], outputs, weights)

@@ -164,7 +164,9 @@ def _covered(
     outcomes = {
         "brute force": brute_force(building, begin, hidden),
         "thesis' rule": thesis_rule(building, begin, hidden, (p > 0).tolist()),
-        "ours, whole turns": ours(building, begin, hidden, rooms, Ablation(False, True)),
+        "ours, whole turns": ours(
+            building, begin, hidden, rooms, Ablation(apart=math.inf, whole_turns=True)
+        ),
         "ours, viewpoints": ours(building, begin, hidden, rooms, Ablation(apart=math.inf)),
         "ours, viewpoints and on the way": ours(building, begin, hidden, rooms),
         "clairvoyant": oracle(building, begin, hidden),

@@ -20,7 +20,7 @@ from planner.settings import BELIEF
 _MAX_VIEWS: Final = 5000  # views and pictures
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Ablation:
     """Parts of the view policy that are in use."""
 

@@ -42,7 +42,7 @@ class FloorPoints:
 
 @dataclass(frozen=True, slots=True)
 class FloorMatch:
-    """FloorMatch of one floor laid on another."""
+    """Match of one floor laid on another."""
 
     score: float  # sum of the worth of all cells
     known: float  # sum of the worth of those where the map knows the floor
@@ -81,7 +81,7 @@ class FloorField:
     known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
 
     def match(self, points: FloorPoints) -> FloorMatch:
-        """FloorMatch of `points` laid on this floor."""
+        """Match of `points` laid on this floor."""
         worth = self._at(self.obstacle, points.obstacles)
         known = self._at(self.known, points.obstacles) > 0
         near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())
@@ -115,7 +115,7 @@ def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
 
 
 def floor_of_map(tiles: Iterable[FloorTile]) -> FloorPoints:
-    """Floor of the lowest storey of a map."""
+    """Floor of storey 0 of a map."""
     held = [tile for tile in tiles if tile.storey == 0]
     if not held:
         return _points({}, 1.0)

@@ -109,7 +109,7 @@ class Answerer(Measures):
                 rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
                 lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
-        lines = lines or [f"{f'No {target.label}' if target else 'Nothing'} {event}"]
+        lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
         lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
@@ -140,9 +140,8 @@ class Answerer(Measures):
             lines += self._yes(sure, target)
         else:
             doubted = [k for k in known if k.doubted and one is None]
-            begin = _YES[found.value]
-            if doubted and found.value == "hidden":
-                begin = "Perhaps, though none is sure"
+            perhaps = bool(doubted) and found.value == "hidden"
+            begin = "Perhaps, though none is sure" if perhaps else _YES[found.value]
             elsewhere = self._sure(target) if place is not None and one is None else []
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
@@ -158,9 +157,7 @@ class Answerer(Measures):
         if known:
             return self._of_category(target, self._yes(known, target))
         others = answer_lines(sure, self._now, target) if where else []
-        need = target.label.removeprefix("something")
-        none = f"No {target.label}" if need == target.label else f"Nothing{need}"
-        none = f"{none} is known to be{where}" if where else "None is known"
+        none = f"{target.none} is known to be{where}" if where else "None is known"
         return self._of_category(target, [none, *others])
 
     def _yes(self, known: Sequence[KnownObject], target: Target) -> list[str]:
@@ -223,7 +220,7 @@ class Answerer(Measures):
         ]
         rows = [row for row in rows if one is None or row["object"] == one.iri]
         if not rows:
-            never = f"No {target.label} was ever seen for sure"
+            never = f"{target.none} was ever seen for sure"
             return self._made("last-seen", [never], category=target.label)
         row = max(rows, key=lambda row: str(row["lastSeen"]))
         seen = row["lastSeen"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -54,10 +55,14 @@ class Measures(NamedThings):
 
     def _sized(self, thing: tuple[KnownObject, ObjectRecord]) -> str:
         one, record = thing
-        heights = {number(row, "z") for row in self._map.query("goals-floor").records()} or {0.0}
         z = float(record.p_map[2])
-        floor = max((h for h in heights if h <= z), default=min(heights))
+        floor = max((h for h in self._floors if h <= z), default=min(self._floors))
         return sized(one.label, record.extent, z - floor)
+
+    @cached_property
+    def _floors(self) -> set[float]:
+        """Heights [m] of the floors of all storeys; 0 where none is known."""
+        return {number(row, "z") for row in self._map.query("goals-floor").records()} or {0.0}
 
     def _near(self, within: float = NEAR) -> PlainAnswer:
         """Things of a kind near others; with the robot, the nearest at any distance."""
@@ -76,7 +81,7 @@ class Measures(NamedThings):
                 lines.append(f"{thing.label}, {metres:.1f} m from {label}, {thing.where}")
         if not lines:
             some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
-            lines = [f"No {target.label} is known{some}"]
+            lines = [f"{target.none} is known{some}"]
             lines += [f"The nearest is {d:.1f} m away: {t.label}" for d, _, _, t in found[:1]]
         return self._made("", lines)
 
@@ -96,10 +101,10 @@ class Measures(NamedThings):
 
     def _under(self) -> PlainAnswer:
         """Things inside the box of another from above, well below its top, and not held by it."""
-        lines, rows = [], self._map.query("objects").records()
+        lines, rows, things = [], self._map.query("objects").records(), self._map.objects()
         for one, record in self._boxed(self._question.other):
             others = {one.iri, *(str(row["object"]) for row in self._held(one))}
-            below = {thing.iri for thing in self._map.objects() if _is_under(thing, record)}
+            below = {thing.iri for thing in things if _is_under(thing, record)}
             named = [str(row["label"]) for row in rows if row["object"] in below - others]
             if record.extent is None:
                 lines.append(f"The size of {one.label} is not known, so nor is what is under it")

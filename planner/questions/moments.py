@@ -77,7 +77,7 @@ def since(words: str, now: float) -> str:
 
 
 def read_since(semantic_map: SemanticMap, moment: str, read: Callable[[str], Found]) -> Found:
-    """What `read` returns for a moment, or for the first that is kept where that is later.
+    """The result of `read` for a moment, or for the first that is kept where that is later.
 
     Raises HistoryError for the number of a transaction that is not kept.
     """

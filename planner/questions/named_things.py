@@ -11,7 +11,7 @@ from planner.questions.patterns import Question
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import is_known_word
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import in_brackets, object_named, place_named
+from planner.search.goals.place_names import object_named, place_named, titled
 from planner.search.goals.targets import Target, resolve
 
 ROBOT = "robot"  # in place of a thing, the last pose of the robot
@@ -20,7 +20,7 @@ Spot = tuple[str, tuple[float, float]]  # label and position [m]
 
 
 class NamedThings:
-    """What the words of a question about a map mean, at a moment `now` [s since 1970]."""
+    """Meaning of the words of a question about a map, at a moment `now` [s since 1970]."""
 
     def __init__(self, semantic_map: SemanticMap, question: Question, now: float) -> None:
         self._map, self._question, self._now = semantic_map, question, now
@@ -108,8 +108,7 @@ class NamedThings:
 
     def _titles(self) -> dict[str, str]:
         """Labels of places with their categories, by IRI."""
-        catalogue = self._map.catalogue
-        return {p.iri: p.label + in_brackets(catalogue, p) for p in self._map.places()}
+        return {p.iri: titled(self._map.catalogue, p) for p in self._map.places()}
 
     def _of_category(self, target: Target, lines: Sequence[str]) -> PlainAnswer:
         """An answer about things of a target; no query has those of several categories."""

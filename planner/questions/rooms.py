@@ -14,12 +14,12 @@ from kg.model.records import DoorRecord, PlaceRecord
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.candidate_queries import span
 from planner.search.goals.place_names import (
-    in_brackets,
     listed_places,
     place_category,
     place_named,
     places_of_kind,
     plain_place,
+    titled,
 )
 from planner.search.goals.search_goals import with_article
 
@@ -160,9 +160,10 @@ class _Answerer:
         if not rooms.sure:
             return [self._none(rooms)]
         pairs = [(one, other) for one in rooms.sure for other in others.sure if one != other]
+        doorless = ", with no known door" if self._map.doors() else ""
         lines = [
             f"Yes: {self._name(one)} is next to {self._name(other)}"
-            + ("" if _has_door(one, other) or not self._map.doors() else ", with no known door")
+            + ("" if _has_door(one, other) else doorless)
             for one, other in pairs
             if _touch(one, other)
         ]
@@ -227,7 +228,7 @@ class _Answerer:
         return [one for one in self._places.values() if one != place]
 
     def _name(self, place: PlaceRecord) -> str:
-        return place.label + in_brackets(self._map.catalogue, place)
+        return titled(self._map.catalogue, place)
 
     def _perhaps(self, rooms: _Rooms) -> list[str]:
         named = ", ".join(

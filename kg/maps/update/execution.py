@@ -13,7 +13,7 @@ import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QuerySolution, Store
 from pyoxigraph import Triple as TripleTerm
@@ -33,9 +33,6 @@ from kg.rdf.sparql.update_parser import (
     variables_as_iris,
 )
 from kg.rdf.sparql.vetting import check_no_load, check_no_service, check_unicode
-
-if TYPE_CHECKING:
-    pass
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "

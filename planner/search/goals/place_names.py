@@ -30,6 +30,11 @@ def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
     return f" ({kind})" if place.beliefs[top] >= _SURE else f" (perhaps {kind})"
 
 
+def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
+    """``place 6 (kitchen)``: the label of a place with its kind."""
+    return place.label + in_brackets(catalogue, place)
+
+
 def in_words(catalogue: Catalogue, label: str) -> str:
     """A place's label in a sentence: ``the guest room``; ``place 3``, ``redkitchen``, ``Ann's``.
 
@@ -42,7 +47,7 @@ def in_words(catalogue: Catalogue, label: str) -> str:
 
 def listed_places(semantic_map: SemanticMap) -> str:
     """``place 1 (kitchen), place 2 and 3 more``: the places of a map."""
-    named = [p.label + in_brackets(semantic_map.catalogue, p) for p in semantic_map.places()]
+    named = [titled(semantic_map.catalogue, p) for p in semantic_map.places()]
     rest = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
     return ", ".join(named[:_LISTED]) + rest
 

@@ -19,7 +19,7 @@ from kg.model.errors import QueryParameterError, UndetectableError
 from kg.model.records import DepartedRecord
 from mapping.objects.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
-from planner.search.goals.place_names import in_brackets, object_named
+from planner.search.goals.place_names import object_named, titled
 from planner.search.goals.search_goals import resolve_target
 from planner.search.goals.target_words import undetectable
 from planner.settings import BELIEF
@@ -89,11 +89,9 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if place is not None:
         chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
-    places = {
-        p.iri: p.label + in_brackets(semantic_map.catalogue, p) for p in semantic_map.places()
-    }
-    titled = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
-    value, proof = _combined(found), _proof(category.label, titled)
+    places = {p.iri: titled(semantic_map.catalogue, p) for p in semantic_map.places()}
+    named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
+    value, proof = _combined(found), _proof(category.label, named)
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
     return Status(category.label, value, proof, found)

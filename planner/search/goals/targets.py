@@ -33,6 +33,12 @@ class Target:
     note: str = ""  # how the text was understood, where it is not a category's own name
 
     @property
+    def none(self) -> str:
+        """``No cup``, or ``Nothing to sit on``: the beginning of a sentence."""
+        use = "" if self.iri else self.label.partition(" to ")[2]
+        return f"Nothing to {use}" if use else f"No {self.label}"
+
+    @property
     def queried(self) -> tuple[str, ...]:
         """IRIs of the categories to query; each includes its subcategories."""
         return (self.iri,) if self.iri else tuple(self.kinds)

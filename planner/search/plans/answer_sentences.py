@@ -49,12 +49,11 @@ def find_sentences(
     known = known_objects(semantic_map, target, located=2 * LISTED)
     if known:
         return answer_lines(known, now, target, rooms=_room_probabilities(state))
-    use, guess = target.label.partition(" to ")[2], _guess(target, state)
+    guess = _guess(target, state)
     if target.iri is None:
-        none = f"Nothing to {use}" if use else f"No {target.label}"
-        return [f"{none} is in the map{guess}"]
+        return [f"{target.none} is in the map{guess}"]
     found = status(semantic_map, target.iri)
-    return [f"No {target.label} is in the map{_NONE[found.value]}: {found.proof}{guess}"]
+    return [f"{target.none} is in the map{_NONE[found.value]}: {found.proof}{guess}"]
 
 
 def answer_lines(

@@ -20,7 +20,7 @@ from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from tests.planner.flat import fill, thing
 
-MOST_CALLS = 3
+MAX_CALLS = 3
 NOT_KNOWN = "not known"
 JPEG = b"\xff\xd8\xff\xe0 a small picture \xff\xd9"
 Call = Callable[..., Awaitable[dict[str, Any]]]
@@ -69,7 +69,7 @@ def solved(server: MCPServer[Any], task: Callable[[Call], Awaitable[Any]]) -> An
             async def call(tool: str, **arguments: Any) -> dict[str, Any]:
                 nonlocal calls
                 calls += 1
-                assert calls <= MOST_CALLS
+                assert calls <= MAX_CALLS
                 found = await client.call_tool(tool, arguments)
                 if found.is_error:
                     return {"error": found.content[0].text}  # type: ignore[union-attr]
