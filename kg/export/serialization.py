@@ -1,9 +1,10 @@
 """Serialisation of maps for other tools: Turtle, TriG, N-Quads, N-Triples, JSON-LD, RDF/XML.
 
 An export has the map and dataset graphs, the assertions, optionally the ontology, and derived
-triples in standard vocabularies (`kg.rdf.standard_terms`). TriG
-and N-Quads keep the graphs and ontologies apart; the other formats hold one graph, with the
-ontology an OWL 2 DL document without imports. The same map gives the same text.
+triples in standard vocabularies (`kg.rdf.standard_terms`). TriG and N-Quads keep the graphs and
+ontologies apart, and have the inferred types in graph:inferred. The other formats hold one graph
+without inferred types, with the ontology an OWL 2 DL document without imports, from which a
+reasoner infers them. The same map gives the same text.
 """
 
 from __future__ import annotations
@@ -133,7 +134,8 @@ def _statements(
 ) -> list[Quad]:
     """Statements of a file in that format: all graphs, an OWL 2 document, or one graph."""
     if keeps_graphs(form):
-        return quads
+        inferred = semantic_map.engine.quads_for_pattern(None, None, None, v.INFERRED_GRAPH)
+        return [*quads, *(quad for about in _by_subject(inferred) for quad in about)]
     triples = list(dict.fromkeys(quad.triple for quad in quads))
     if ontology:
         iri, label = semantic_map.base + "ontology", f"ontology of {semantic_map.description.title}"

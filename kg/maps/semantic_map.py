@@ -247,16 +247,8 @@ class SemanticMap(ABC):
         if query.measures and (view := self.in_one_frame()) is not self:
             return view.query(query, **parameters)
         sparql = query.bind(parameters, self.resolve)
-        # shipped queries order values of one type, and name here:isA where they mean subclasses
-        foreign = not query.shipped
-        table = evaluate(
-            self.engine,
-            sparql,
-            query.name,
-            base=self.base,
-            total_order=foreign,
-            subclasses=foreign,
-        )
+        foreign = not query.shipped  # shipped queries order values of one type
+        table = evaluate(self.engine, sparql, query.name, base=self.base, total_order=foreign)
         return query.check(table)
 
     def resolve(self, kind: str, text: str) -> str:

@@ -34,6 +34,7 @@ from kg.maps.update.completion import complete_change
 from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
 from kg.maps.update.execution import evaluate_update
 from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.validation import drop_inferred_types
 from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
@@ -145,6 +146,7 @@ class StoredMap(SemanticMap):
             draft = ChangeDraft(self.store)
             draft.apply(update)
             draft.skolemise()
+            drop_inferred_types(draft, update)
             validator.check_permissions(draft, allow)
             complete_change(draft, self._facts, by)
             if not confirmed:

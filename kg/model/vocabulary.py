@@ -36,6 +36,8 @@ MAP_GRAPH: Final = NamedNode(GRAPH + "map")
 HISTORY_GRAPH: Final = NamedNode(GRAPH + "history")
 ASSERTIONS_GRAPH: Final = NamedNode(GRAPH + "assertions")
 DATASET_GRAPH: Final = NamedNode(GRAPH + "dataset")
+#: superclasses of the classes that things state (`kg.store.type_inference`)
+INFERRED_GRAPH: Final = NamedNode(GRAPH + "inferred")
 #: of a mirror: the last published transaction of each map
 PUBLISHED_GRAPH: Final = NamedNode(GRAPH + "published")
 

@@ -13,8 +13,10 @@ from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import MapNotFoundError
+from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import is_url
 from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import complete_types_on_server
 
 
 def create_map(
@@ -139,6 +141,8 @@ def _on_server(store: TransactionalStore) -> SemanticMap:
             return found
         if not store.read_only:
             check_one_map(store.engine, store.where)
+            if isinstance(store.engine, SparqlBackend):
+                complete_types_on_server(store.engine)
         return StoredMap(store)
     except BaseException:
         store.close()

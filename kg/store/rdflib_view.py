@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NoReturn, Protocol
+from typing import Any, NoReturn, Protocol
 
 import pyoxigraph
 import rdflib
@@ -12,6 +12,7 @@ from rdflib.plugins.sparql.sparql import Update
 
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
+from kg.rdf.sparql.extension_functions import FUNCTIONS
 
 
 class ApplyUpdate(Protocol):
@@ -31,6 +32,10 @@ class DatasetView(OxigraphStore):
     def __init__(self, engine: pyoxigraph.Store, update: ApplyUpdate) -> None:
         super().__init__(store=engine)
         self._apply = update
+
+    @property
+    def _inner(self) -> Any:
+        return _WithFunctions(super()._inner)
 
     def update(
         self,
@@ -64,6 +69,20 @@ class DatasetView(OxigraphStore):
     def remove_graph(self, graph: object) -> NoReturn:
         """Refused."""
         raise _refusal()
+
+
+class _WithFunctions:
+    """An engine whose queries know the extension functions."""
+
+    def __init__(self, engine: pyoxigraph.Store) -> None:
+        self._engine = engine
+
+    def query(self, query: str, **options: Any) -> object:
+        """As `Store.query`."""
+        return self._engine.query(query, custom_functions=FUNCTIONS, **options)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._engine, name)
 
 
 def dataset_of(engine: pyoxigraph.Store, update: ApplyUpdate) -> rdflib.Dataset:

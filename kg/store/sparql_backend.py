@@ -31,6 +31,7 @@ _UNION = ("union-default-graph", "true")
 GRAPHS = (
     *(v.ONTOLOGY_GRAPH.value, v.COMMONSENSE_GRAPH.value, v.MAP_GRAPH.value),
     *(v.HISTORY_GRAPH.value, v.ASSERTIONS_GRAPH.value, v.DATASET_GRAPH.value),
+    v.INFERRED_GRAPH.value,
 )
 _SPELT_OUT = tuple(
     (name, graph) for graph in GRAPHS for name in ("default-graph-uri", "named-graph-uri")
@@ -44,26 +45,28 @@ class SparqlBackend:
     Every query is sent with the parameters `always`.
     """
 
-    def __init__(self, address: str, always: Sequence[tuple[str, str]] = ()) -> None:
-        self._endpoint = SparqlClient.at(address, always)
-        self.where = self._endpoint.where
+    def __init__(
+        self, address: str, always: Sequence[tuple[str, str]] = (), *, token: str | None = None
+    ) -> None:
+        self.endpoint = SparqlClient.at(address, always, token=token)
+        self.where = self.endpoint.where
         self._thread = threading.local()
         # parameters that make the union of all named graphs this server's default graph
         probe = f"ASK {{ ?map a <{v.SEMANTIC_MAP}> }}"
-        self._union = (_UNION,) if self._endpoint.ask(probe, (_UNION,)) else _SPELT_OUT
+        self._union = (_UNION,) if self.endpoint.ask(probe, (_UNION,)) else _SPELT_OUT
 
     @property
     def query_url(self) -> str:
         """The address of queries."""
-        return self._endpoint.query_url
+        return self.endpoint.query_url
 
     def not_before(self, sequence: int) -> None:
         """Require that transaction in all later answers of a `hereabouts serve`."""
-        self._endpoint.min_sequence = sequence
+        self.endpoint.min_sequence = sequence
 
     def close(self) -> None:
         """Close the connections."""
-        self._endpoint.close()
+        self.endpoint.close()
 
     def quads_for_pattern(
         self,
@@ -105,10 +108,10 @@ class SparqlBackend:
             declared += f" BASE <{base_iri}>"
         united = use_default_graph_as_union and not has_word(query, "from")
         # Virtuoso nests the steps of Newton's method and doubles the expression with each
-        root = r"BIND(bif:sqrt(\1) AS \2)" if self._endpoint.virtuoso else _newton
+        root = r"BIND(bif:sqrt(\1) AS \2)" if self.endpoint.virtuoso else _newton
         text = f"{declared} {_ROOT.sub(root, query)}"
         try:
-            return self._endpoint.ask(text, self._union if united else ())
+            return self.endpoint.ask(text, self._union if united else ())
         except SyntaxError as error:
             raise SyntaxError(_moved(str(error), len(declared) + 1)) from error
 
@@ -142,7 +145,7 @@ class SparqlBackend:
         united = () if has_word(query, "from") else self._union
         parameters = [*(graphs or united), *([] if at is None else [("at", at)])]
         try:
-            return self._endpoint.fetch(
+            return self.endpoint.fetch(
                 f"{declared} {query}", parameters, seconds=seconds, max_bytes=max_bytes
             )
         except SyntaxError as error:
@@ -150,11 +153,11 @@ class SparqlBackend:
 
     def update(self, update: str, /) -> None:
         """Run an update in one request; raises RemoteError if the server did not apply it."""
-        self._endpoint.update(update)
+        self.endpoint.update(update)
 
     def load(self, quads: Iterable[Quad]) -> None:
         """Add quads, also with blank nodes, in one request; on Virtuoso in several, in order."""
-        if not self._endpoint.virtuoso:
+        if not self.endpoint.virtuoso:
             self.update(f"INSERT DATA {{\n{graph_blocks(quads)}}}")
             return
         for batch in batches(quads):
@@ -165,7 +168,7 @@ class SparqlBackend:
             return False  # blank nodes of the server have other labels
         if (copied := self._copied.get(quad.subject)) is not None:
             return quad in copied
-        answer = self._endpoint.ask(f"ASK {{ GRAPH {quad.graph_name} {{ {quad.triple} }} }}")
+        answer = self.endpoint.ask(f"ASK {{ GRAPH {quad.graph_name} {{ {quad.triple} }} }}")
         return bool(answer)
 
     def __iter__(self) -> Iterator[Quad]:
@@ -198,7 +201,7 @@ class SparqlBackend:
         if not subjects:
             return {}
         values = " ".join(map(str, subjects))
-        answer = self._endpoint.ask(
+        answer = self.endpoint.ask(
             f"SELECT ?s ?p ?o ?g WHERE {{ VALUES ?s {{ {values} }} GRAPH ?g {{ ?s ?p ?o }} }}"
         )
         facts: dict[Any, set[Quad]] = {subject: set() for subject in subjects}
@@ -216,7 +219,7 @@ class SparqlBackend:
         terms = {"s": subject, "p": predicate, "o": object, "g": graph}
         bound = " ".join(f"BIND({term} AS ?{name})" for name, term in terms.items() if term)
         s, p, o, g = (str(term or f"?{name}") for name, term in terms.items())
-        answer = self._endpoint.ask(
+        answer = self.endpoint.ask(
             f"SELECT ?s ?p ?o ?g WHERE {{ GRAPH {g} {{ {s} {p} {o} }} {bound} }}"
         )
         return iter(_quads(answer, self.where))

@@ -43,6 +43,7 @@ from kg.store.transaction_quads import (
     sequence_quad,
     stored_sequence,
 )
+from kg.store.type_inference import complete_types, inferred_changes, is_inferred
 
 
 class TransactionalStore:
@@ -52,7 +53,15 @@ class TransactionalStore:
     applies it.
     """
 
-    def __init__(self, engine: QuadStore, *, where: str, read_only: bool, lock: int | None) -> None:
+    def __init__(
+        self,
+        engine: QuadStore,
+        *,
+        where: str,
+        read_only: bool,
+        lock: int | None,
+        on_disk: bool = True,
+    ) -> None:
         self._engine: QuadStore | None = engine
         self.where = where
         self.read_only = read_only
@@ -62,14 +71,13 @@ class TransactionalStore:
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
+        self._on_disk = on_disk
         self._flusher = Flusher(self) if lock is not None and not read_only else None
 
     @classmethod
     def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
         """A store in memory; closing deletes it."""
-        engine = Store()
-        engine.bulk_extend(quads)
-        return cls(engine, where="memory", read_only=read_only, lock=None)
+        return cls(_copy_with_types(quads), where="memory", read_only=read_only, lock=None)
 
     @classmethod
     def create(cls, path: Path, quads: Iterable[Quad]) -> Self:
@@ -88,6 +96,7 @@ class TransactionalStore:
             try:
                 engine = Store(str(building / "store"))
                 engine.bulk_extend(quads)
+                complete_types(engine)
                 engine.flush()
                 del engine  # releases its files
                 sync_folder(building)
@@ -115,12 +124,16 @@ class TransactionalStore:
         check_is_map(path)
         lock = locked(path / "lock", path, shared=read_only)
         try:
-            folder = str(path / "store")
+            folder, on_disk = str(path / "store"), True
             engine = Store.read_only(folder) if read_only else Store(folder)
+            if not read_only:
+                complete_types(engine)
+            elif not (on_disk := is_inferred(engine)):
+                engine = _copy_with_types(engine)  # since the folder cannot be written
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
             raise write_error(error, path, f"cannot open the map at {path}") from error
-        return cls(engine, where=str(path), read_only=read_only, lock=lock)
+        return cls(engine, where=str(path), read_only=read_only, lock=lock, on_disk=on_disk)
 
     @classmethod
     def create_on(cls, url: str, quads: Iterable[Quad]) -> Self:
@@ -134,7 +147,7 @@ class TransactionalStore:
             kind = NamedNode(v.SEMANTIC_MAP)
             if any(engine.quads_for_pattern(None, v.RDF_TYPE, kind, None)):
                 raise GraphError(f"there is a map at {engine.where} already; open it")
-            engine.load(quads)
+            engine.load(_copy_with_types(quads))
         # a new connection probes the server's default graph, which works only with a map in it
         return cls.connect(url)
 
@@ -162,6 +175,11 @@ class TransactionalStore:
     def path(self) -> Path | None:
         """The map's folder; None in memory and on a server."""
         return Path(self.where) if self._unlock is not None else None
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether the engine reads the map's folder, and no copy in memory."""
+        return self._unlock is not None and self._on_disk
 
     @property
     def shared(self) -> bool:
@@ -230,7 +248,7 @@ class TransactionalStore:
     @contextlib.contextmanager
     def copied(self) -> Iterator[Store]:
         """A temporary copy of the store, on disk by hard links; deleted after the block."""
-        if self._unlock is None:
+        if not self.on_disk:
             copy = Store()
             copy.bulk_extend(self.native)
             yield copy
@@ -327,7 +345,9 @@ class TransactionalStore:
             raise
 
     def _write(self, change: ChangeSet) -> None:
-        removed, added = [*change.removed], [*change.added, sequence_quad(change.sequence)]
+        delete, insert = inferred_changes(self.engine, change.removed, change.added)
+        removed = [*change.removed, *delete]
+        added = [*change.added, *insert, sequence_quad(change.sequence)]
         if self.sequence:
             removed.append(sequence_quad(self.sequence))
         text = ";\n".join(
@@ -381,3 +401,11 @@ class TransactionalStore:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+def _copy_with_types(quads: Iterable[Quad]) -> Store:
+    """A store in memory of the quads and of the types that follow from them."""
+    copy = Store()
+    copy.bulk_extend(quads)
+    complete_types(copy)
+    return copy

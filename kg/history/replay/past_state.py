@@ -19,6 +19,7 @@ from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.rdf.quad_store import QuadStore
 from kg.store.transaction_quads import sequence_quad, stored_sequence
 from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import complete_types
 
 MAX_CACHED: Final = 300_000  # facts of all cached states together; about 150 MB
 
@@ -37,6 +38,7 @@ def replay(log: HistoryLog, present: QuadStore, sequence: int) -> Store:
     store.bulk_extend(background_at(log, present, sequence))
     if sequence:
         store.add(sequence_quad(sequence))
+    complete_types(store)
     log.check_kept(sequence)
     return store
 

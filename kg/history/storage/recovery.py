@@ -144,8 +144,8 @@ def _difference(
 
 
 def _recorded(engine: Store) -> Iterator[Quad]:
-    """The quads of a store, graph by graph, without background graphs and transaction number."""
+    """The quads that a log records, graph by graph, without those of `BACKGROUND`."""
     for graph in (*engine.named_graphs(), DefaultGraph()):
-        if graph not in BACKGROUND:
+        if graph not in (*BACKGROUND, v.INFERRED_GRAPH):
             quads = engine.quads_for_pattern(None, None, None, graph)
             yield from (quad for quad in quads if quad.predicate != _SEQUENCE)

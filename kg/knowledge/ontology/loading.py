@@ -29,6 +29,7 @@ SHAPES_FILE: Final = "shapes.ttl"
 MAX_CLASSES: Final = 10_000
 MAX_LEVELS: Final = 100
 MAX_SUPERCLASSES: Final = 100_000  # pairs of a class and a superclass
+MAX_ABOVE: Final = 100  # superclasses of one class: each thing of the class gets their types
 MAX_RELATIONS: Final = 10_000
 MAX_STATEMENTS: Final = 150_000
 MAX_TEXT: Final = 100_000  # characters of one text
@@ -156,10 +157,12 @@ def check_hierarchy(quads: Iterable[Quad]) -> None:
         above[iri] = {iri}.union(*(above[parent] for parent in parents[iri]))
         levels[iri] = 1 + max((levels[parent] for parent in parents[iri]), default=0)
         pairs += len(above[iri])
-        if levels[iri] > MAX_LEVELS or pairs > MAX_SUPERCLASSES:
+        much = len(above[iri]) > MAX_ABOVE or pairs > MAX_SUPERCLASSES
+        if levels[iri] > MAX_LEVELS or much:
             raise OntologyError(
                 f"<{iri}> has too many superclasses: an ontology of at most {MAX_LEVELS} levels, "
-                f"and of {MAX_SUPERCLASSES:,} pairs of a class and a superclass, would work"
+                f"of {MAX_ABOVE} superclasses a class, and of {MAX_SUPERCLASSES:,} pairs of a class "
+                "and a superclass would work"
             )
 
 

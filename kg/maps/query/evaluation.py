@@ -32,7 +32,6 @@ from kg.rdf.quad_store import QuadStore
 from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.parameters import has_word
-from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.syntax_errors import located
 from kg.rdf.sparql.vetting import check_no_service, check_no_update
 from kg.store.sparql_client import Solutions, Triples
@@ -103,14 +102,12 @@ def evaluate(
     *,
     base: str | None = None,
     total_order: bool = False,
-    subclasses: bool = False,
 ) -> Table:
     """The answer of `engine` to a SPARQL query over the union of all named graphs.
 
     Prefixes of the vocabulary need no declaration; relative IRIs are of `base`; a FROM clause
     narrows the union. With `total_order` an ORDER BY over mixed values cannot abort the process
-    (`kg.rdf.sparql.order_by`), with `subclasses` a class stands for its subclasses too
-    (`kg.rdf.sparql.subclass_inference`). Raises QueryError, in one line, for a query that does not
+    (`kg.rdf.sparql.order_by`). Raises QueryError, in one line, for a query that does not
     parse (with the position), writes, or reads other sources.
     """
     yield_to_writer()
@@ -129,8 +126,6 @@ def evaluate(
 
     try:
         rewritten = with_total_order(sparql) if total_order else sparql
-        if subclasses:
-            rewritten = with_subclasses(rewritten, superclasses_of(engine))
         if rewritten != sparql:
             with suppress(SyntaxError):  # raised again for the text as it was written
                 return run(rewritten)

@@ -33,6 +33,7 @@ from kg.rdf.sparql.update_parser import (
     variables_as_iris,
 )
 from kg.rdf.sparql.vetting import check_no_load, check_no_service, check_unicode
+from kg.store.type_inference import inferred_changes
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing
 _NOTHING = "CLEAR GRAPH <urn:hereabouts:nothing>; "
@@ -119,10 +120,11 @@ class _View:
         self._copies.__exit__(kind, error, trace)
 
 
-def _write(engine: Store, delete: Iterable[Quad], insert: Iterable[Quad]) -> None:
-    for quad in delete:
+def _write(engine: Store, delete: tuple[Quad, ...], insert: tuple[Quad, ...]) -> None:
+    gone, new = inferred_changes(engine, delete, insert)
+    for quad in (*delete, *gone):
         engine.remove(quad)
-    engine.extend(insert)
+    engine.extend((*insert, *new))
 
 
 def _effect(view: _View, operation: Operation) -> tuple[Iterable[Quad], Iterable[Quad]]:

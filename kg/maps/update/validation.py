@@ -19,6 +19,7 @@ from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
 from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
 from kg.maps.facts.coordinate_frames import FRAME
 from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.ground_update import GroundUpdate
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError, ShapeError
 from kg.model.resources import ONTOLOGIES
@@ -26,6 +27,7 @@ from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
 from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import inferred_changes
 
 #: Graphs that an update may write only where its caller allows it, and the way that works instead.
 PROTECTED: Final = {
@@ -145,6 +147,51 @@ class UpdateValidator:
     @cached_property
     def _declared(self) -> set[str]:
         return declared_terms(self._store.engine)
+
+
+def drop_inferred_types(pending: ChangeDraft, update: GroundUpdate) -> None:
+    """Take the quads of graph:inferred out of a change: the store computes them.
+
+    Raises ProtectedError where the update would delete or insert an inferred type by itself, since
+    that cannot have an effect; a thing that is deleted or gets another class loses its types.
+    """
+    delete = [quad for quad in pending.removed if quad.graph_name == v.INFERRED_GRAPH]
+    insert = [quad for quad in pending.added if quad.graph_name == v.INFERRED_GRAPH]
+    pending.change(insert, delete)
+    delete += _inferred_among(pending, update)
+    if not delete and not insert:
+        return
+    changed = [q for q in (*pending.added, *pending.removed) if q.predicate == v.RDF_TYPE]
+    retyped = {quad.subject for quad in changed}
+    _, follow = inferred_changes(pending.engine, pending.removed, pending.added)
+    for quad in delete:
+        if quad.subject not in retyped:
+            raise ProtectedError(_inferred_from(pending, quad))
+    for quad in set(insert).difference(follow):
+        raise ProtectedError(
+            "an update may not write graph:inferred, which follows from the other graphs: "
+            f"state {_short(text_of(quad.object))} in graph:map"
+        )
+
+
+def _inferred_among(pending: ChangeDraft, update: GroundUpdate) -> Iterator[Quad]:
+    """The inferred types that an update deletes from graph:map, where they are not stated."""
+    for step in update.steps:
+        for quad in step.delete:
+            if quad.predicate == v.RDF_TYPE and quad.graph_name == v.MAP_GRAPH:
+                inferred = Quad(quad.subject, v.RDF_TYPE, quad.object, v.INFERRED_GRAPH)
+                if inferred in pending.engine and quad not in pending.engine:
+                    yield inferred
+
+
+def _inferred_from(pending: ChangeDraft, quad: Quad) -> str:
+    types = pending.before(quad.subject, v.RDF_TYPE, None, v.MAP_GRAPH)
+    stated = sorted(_short(text_of(one.object)) for one in types)
+    cause = f"is {' and '.join(stated)}" if stated else "states a subclass"
+    return (
+        f"{text_of(quad.subject)} is inferred to be {_short(text_of(quad.object))}, since it "
+        f"{cause}: delete or change that class in graph:map, or the ontology"
+    )
 
 
 def _focus(pending: ChangeDraft) -> Iterator[Subject]:

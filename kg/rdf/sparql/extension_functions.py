@@ -37,6 +37,12 @@ def _area(text: str) -> Area | None:
         return None
 
 
+def load_libraries() -> None:
+    """Import what the functions need; for processes that can load no library later."""
+    square_root(Literal(2.0))
+    within(Literal("POINT (1 1)"), Literal("POLYGON ((0 0, 4 0, 0 4, 0 0))"))
+
+
 FUNCTIONS: Final[Functions] = {
     NamedNode(v.MATH_SQRT): square_root,
     NamedNode(v.GEOF_SF_WITHIN): within,

@@ -11,6 +11,7 @@ from kg.model.errors import GraphError
 from kg.serving.opening import open_map
 from kg.serving.publishing.sources import snapshot_of
 from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import complete_types
 
 
 def merged(addresses: Sequence[str]) -> SemanticMap:
@@ -34,6 +35,7 @@ def merged(addresses: Sequence[str]) -> SemanticMap:
             store.native.bulk_extend(snapshot_of(member).quads)
     if not bases:
         raise GraphError("no map to merge was given")
+    complete_types(store.native)
     home = next(iter(bases))
     if is_one_frame(store.engine, home):
         return StoredMap(store, base=home)

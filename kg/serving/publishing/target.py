@@ -22,8 +22,9 @@ from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet
 from kg.rdf.skolem import named
 from kg.serving.publishing.sources import SourceSnapshot
-from kg.store.sparql_backend import graph_blocks
-from kg.store.sparql_client import Solutions, SparqlClient
+from kg.store.sparql_backend import SparqlBackend, graph_blocks
+from kg.store.sparql_client import Solutions
+from kg.store.type_inference import inferred_changes
 from kg.store.virtuoso import MAX_QUADS
 
 CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
@@ -40,12 +41,19 @@ class PublishTarget:
     """
 
     def __init__(self, url: str, token: str | None = None) -> None:
-        self._endpoint = SparqlClient.at(url, token=token)
+        self._engine = SparqlBackend(url, token=token)
+        self._endpoint = self._engine.endpoint
         self.where = self._endpoint.where
 
     def acknowledged(self, base: str) -> int | None:
-        """The last published transaction of the map `base`; None if there is none."""
-        return self._marks().get(base)
+        """The last published transaction of the map `base`; None if there is none.
+
+        None also for a copy without inferred types, which an earlier version published.
+        """
+        types = (
+            f"GRAPH {v.INFERRED_GRAPH} {{ ?s ?p ?o }} FILTER(STRSTARTS(STR(?s), {Literal(base)}))"
+        )
+        return self._marks().get(base) if self._endpoint.ask(f"ASK {{ {types} }}") else None
 
     def synchronise(self, base: str, snapshot: SourceSnapshot) -> int:
         """Make the published copy equal to a snapshot; returns the number of quads written.
@@ -55,12 +63,12 @@ class PublishTarget:
         """
         marks = self._marks()
         _check_not_nested(base, marks.keys() - {base})
-        background = [quad for quad in snapshot.quads if quad.graph_name in BACKGROUND]
-        own = {quad for quad in snapshot.quads if quad.graph_name not in BACKGROUND}
+        own = set(_own(snapshot.quads))
+        background = [quad for quad in snapshot.quads if quad not in own]
         stored = set(self._stored(base))
         known = {
             quad
-            for graph in BACKGROUND
+            for graph in (*BACKGROUND, v.INFERRED_GRAPH)
             for quad in self._quads(f"BIND({graph} AS ?g) GRAPH {graph} {{ ?s ?p ?o }}")
         }
         delete = sorted(stored - own, key=str)
@@ -71,8 +79,9 @@ class PublishTarget:
 
     def apply(self, base: str, change: ChangeSet, acknowledged: int) -> None:
         """Apply one transaction of a map whose transactions up to `acknowledged` are published."""
-        removed, added = named(change.removed), named(change.added)
-        self._write(base, removed, added, acknowledged, change.sequence)
+        removed, added = list(named(change.removed)), list(named(change.added))
+        gone, new = inferred_changes(self._engine, removed, added)
+        self._write(base, removed + gone, added + new, acknowledged, change.sequence)
 
     def apart_from(self, base: str) -> tuple[MapFrame, ...]:
         """The published maps whose frames have no known way to the frame of the map `base`."""
@@ -158,10 +167,18 @@ def _parts(base: str, quads: Iterable[Quad]) -> dict[Quad, None]:
     return {
         Quad(NamedNode(base), _PART, quad.subject, v.PUBLISHED_GRAPH): None
         for quad in quads
-        if quad.graph_name not in BACKGROUND
+        if quad.graph_name not in (*BACKGROUND, v.INFERRED_GRAPH)
         and isinstance(quad.subject, NamedNode)
         and not quad.subject.value.startswith(base)
     }
+
+
+def _own(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The facts of a map, with the inferred types of the things that have facts."""
+    facts = [q for q in quads if q.graph_name not in (*BACKGROUND, v.INFERRED_GRAPH)]
+    things = {quad.subject for quad in facts}
+    yield from facts
+    yield from (q for q in quads if q.graph_name == v.INFERRED_GRAPH and q.subject in things)
 
 
 def _check_not_nested(base: str, others: Iterable[str]) -> None:

@@ -60,6 +60,8 @@ class RunningCounts:
         for graph in {quad.graph_name for quad in quads}:
             if isinstance(graph, NamedNode):
                 self._changed[graph] = change.sequence
+        if any(quad.predicate in (v.RDF_TYPE, _IS_A) for quad in quads):
+            self._changed[v.INFERRED_GRAPH] = change.sequence
         kinds = {q.subject for q in quads if q.predicate == _IS_A and q.object == _OBJECT}
         if kinds:
             # the categories of objects have changed

@@ -7,7 +7,6 @@ from typing import Final, Self
 
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
-from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.vetting import check_length, check_unicode, vet
 from kg.serving.workers.local_evaluation import ACCEPTED, table_of
 from kg.serving.workers.pool import QueryPool
@@ -50,7 +49,6 @@ class LimitedQueries:
             answer = self._workers().run(sparql, accept=ACCEPTED, base=base)
             return table_of(answer.media_type, answer.body)
         vet(sparql)
-        sparql = with_subclasses(sparql, superclasses_of(engine))
         return table_of(
             *engine.fetch(sparql, (), (), base=base, seconds=self._seconds, max_bytes=self._result)
         )

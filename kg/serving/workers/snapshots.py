@@ -58,8 +58,8 @@ class Snapshots:
         self.home: Path | None = None  # folder of the snapshots
         self._next_attempt = 0.0  # [s] on the monotonic clock, after the disk was full
         self._closed: weakref.finalize[..., Snapshots] | None = None
-        if not (store.read_only and store.path):
-            self.home, lock = make_home(store.path)
+        if not (store.read_only and store.on_disk):
+            self.home, lock = make_home(store.path if store.on_disk else None)
             self._closed = weakref.finalize(self, remove_home, self.home, lock)
             (self.home / SCRATCH).mkdir()
 
@@ -211,7 +211,7 @@ class Snapshots:
 
 def copy_store(store: TransactionalStore, folder: Path) -> None:
     """Copy the map to a folder, by hard links if it is on disk."""
-    if store.path is not None:
+    if store.on_disk:
         store.recover()
         store.backup(folder)
         return

@@ -47,9 +47,8 @@ from kg.model.errors import (
     NotAcceptableError,
     QueryTooLargeError,
 )
-from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql import extension_functions
 from kg.rdf.sparql.order_by import with_total_order
-from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.syntax_errors import located
 from kg.rdf.sparql.vetting import (
     check_nesting,
@@ -227,22 +226,13 @@ class Evaluator:
         total = request.get("total_order", False)
         written = with_total_order(request["sparql"]) if total else request["sparql"]
         dataset = _dataset(request)
-
-        def run(text: str) -> QuerySolutions | QueryBoolean | QueryTriples:
-            return state.query(
-                text,
-                base_iri=request["base_iri"],
-                prefixes=self._settings["prefixes"],
-                custom_functions=FUNCTIONS,
-                **dataset,
-            )
-
-        if dataset.get("use_default_graph_as_union"):
-            rewritten = with_subclasses(written, superclasses_of(state))
-            if rewritten != written:
-                with contextlib.suppress(SyntaxError):
-                    return run(rewritten)
-        return run(written)
+        return state.query(
+            written,
+            base_iri=request["base_iri"],
+            prefixes=self._settings["prefixes"],
+            custom_functions=extension_functions.FUNCTIONS,
+            **dataset,
+        )
 
     def _fail(self, name: str, message: str) -> None:
         line = " ".join(message.split())[:2000]
@@ -357,6 +347,7 @@ def _load_extensions(*, ontologies: bool) -> None:
     import kg.serving.workers.evaluation.history_tasks
     import kg.serving.workers.evaluation.ingestion  # noqa: F401
 
+    extension_functions.load_libraries()
     if ontologies:
         from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
 
