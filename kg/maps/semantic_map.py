@@ -233,20 +233,28 @@ class SemanticMap(ABC):
         found = self.perceived.objects([iri])
         return ObjectPictures(path).read(found[0]) if found and (path := self.store.path) else None
 
-    def query(self, question: str | Path | ParameterizedQuery, /, **parameters: object) -> Table:
+    def query(
+        self,
+        question: str | Path | ParameterizedQuery,
+        /,
+        *,
+        language: str = "",
+        **parameters: object,
+    ) -> Table:
         """The result of a query: the name of a shipped one, a ``.rq`` file, or SPARQL text.
 
         Text with a brace or an IRI, or that begins with DESCRIBE, is SPARQL: prefixes are
         predeclared, relative IRIs are the map's (``<object/17>``), patterns read the union of all
         named graphs, and CONSTRUCT and DESCRIBE give a TripleTable. A `category` parameter takes a
-        label ("banana") or an IRI, a `place` parameter a label, a number or an IRI.
+        label ("banana") or an IRI, a `place` parameter a label, a number or an IRI. Shipped queries
+        give each thing one label: in `language` ("de", or "de, fr;q=0.5") where it has one.
         Raises UnknownQueryError, QueryParameterError, UnknownCategoryError, and QueryError for a
         query that does not parse, would write, or has SERVICE.
         """
         query = resolve_query(question, parameters)
         if query.measures and (view := self.in_one_frame()) is not self:
-            return view.query(query, **parameters)
-        sparql = query.bind(parameters, self.resolve)
+            return view.query(query, language=language, **parameters)
+        sparql = query.bind(parameters, self.resolve, language)
         foreign = not query.shipped  # shipped queries order values of one type
         table = evaluate(self.engine, sparql, query.name, base=self.base, total_order=foreign)
         return query.check(table)

@@ -133,11 +133,17 @@ class MapSubscriptions(ABC):
         """
 
     def on(
-        self, question: str | Path, callback: RowsListener, /, **parameters: object
+        self,
+        question: str | Path,
+        callback: RowsListener,
+        /,
+        *,
+        language: str = "",
+        **parameters: object,
     ) -> Callable[[], None]:
         """Subscribe `callback(added, removed)` to the rows by which commits change a result.
 
-        `question` is as for `SemanticMap.query`. The callback gets two Tables, on a thread of its
+        `question` and `language` are as for `SemanticMap.query`. The callback gets two Tables, on a thread of its
         own; the rows of the first result are not reported. On a plain SPARQL server, commits of
         other programs are noticed within a second. Returns a function that ends the subscription;
         closing the map ends it too.
@@ -145,7 +151,7 @@ class MapSubscriptions(ABC):
         self.catch_up()
         query = resolve_query(question, parameters)
         subscription = Subscription(
-            lambda: self._query(query, **parameters),
+            lambda: self._query(query, language=language, **parameters),
             callback,
             self._sequence,
             polls=not self.notifies_of_all,

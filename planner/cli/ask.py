@@ -55,6 +55,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="list objects of any existence, not only those of 0.5 and above",
     )
     parser.add_argument(
+        "--language",
+        default="",
+        metavar="LANG",
+        help="language of labels in shipped queries: de, or de,fr (default: as the ontology's names)",
+    )
+    parser.add_argument(
         "--format",
         choices=("table", "json", "csv", "ttl"),
         default="table",
@@ -189,10 +195,12 @@ def _ask(
     if not question.shipped and not is_url(arguments.map or ""):
         from kg.serving.workers.local_evaluation import query_isolated
 
-        return query_isolated(semantic_map, question, parameters, at=arguments.at)
+        return query_isolated(
+            semantic_map, question, parameters, at=arguments.at, language=arguments.language
+        )
     if arguments.at is not None:
         semantic_map = opened.enter_context(semantic_map.at(arguments.at))
-    return semantic_map.query(question, **parameters)
+    return semantic_map.query(question, language=arguments.language, **parameters)
 
 
 def _note_meaning(semantic_map: SemanticMap, name: str) -> None:

@@ -161,8 +161,8 @@ def check_hierarchy(quads: Iterable[Quad]) -> None:
         if levels[iri] > MAX_LEVELS or much:
             raise OntologyError(
                 f"<{iri}> has too many superclasses: an ontology of at most {MAX_LEVELS} levels, "
-                f"of {MAX_ABOVE} superclasses a class, and of {MAX_SUPERCLASSES:,} pairs of a class "
-                "and a superclass would work"
+                f"of {MAX_ABOVE} superclasses a class, and of {MAX_SUPERCLASSES:,} pairs of a "
+                "class and a superclass would work"
             )
 
 

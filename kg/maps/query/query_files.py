@@ -7,13 +7,15 @@
     #+ columns: object, category, x, y, z
     #+ asked: what is near the table? / things around the bed
     #+ answer: lookup
+    #+ labels: ontology category of class
     #+ cells: disc x y radius
     SELECT ?object ... WHERE { GRAPH graph:map { ?object here:inCell ?cell ... } ... }
 
 `$name` is a parameter and `?name` a variable; they are distinct even if the names are equal. A
 ``cells`` line names the parameters of an area (``disc x y radius`` or ``box xmin xmax ymin ymax``).
 With it the loader begins the pattern with ``VALUES ?cell {...}``, the grid cells that the area
-touches, which makes the query faster and leaves its result unchanged. `answer` is the cost class of
+touches, which makes the query faster and leaves its result unchanged. A ``labels`` line names the
+variables that are labels; of each thing they get one (`kg.maps.query.label_languages`). `answer` is the cost class of
 a query: the cost of a ``lookup`` depends on the rows it returns, not on the size of the map; a
 ``listing`` returns all things of a kind; a ``survey`` scans the map.
 """
@@ -30,6 +32,7 @@ from pathlib import Path
 from pyoxigraph import Literal, NamedNode
 
 from kg.maps.query.evaluation import Table
+from kg.maps.query.label_languages import LabelColumn, label_columns, preferred_languages
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
 from kg.model.regular_files import read_text
@@ -123,12 +126,13 @@ class ParameterizedQuery:
     asked: tuple[str, ...] = ()  # plain questions that it answers
     answer: str = ""  # lookup, listing or survey; empty where the header has none
     measures: bool = False  # whether it compares coordinates, which need one frame
+    labels: tuple[LabelColumn, ...] = ()  # variables that are labels of things
     shipped: bool = False  # whether it came with hereabouts, and is no text from outside
 
-    def bind(self, values: Mapping[str, object], resolve: Resolver) -> str:
+    def bind(self, values: Mapping[str, object], resolve: Resolver, language: str = "") -> str:
         """The query text with its parameters put in as RDF terms.
 
-        Raises QueryParameterError where one is missing, unknown or of the wrong type.
+        `language` is that of labels (`label_languages.preferred_languages`). Raises QueryParameterError where one is missing, unknown or of the wrong type.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:
@@ -140,7 +144,9 @@ class ParameterizedQuery:
             f" VALUES ?{name} {{ {term} }}" for name, term in terms.items() if name not in dollars
         )
         text = substitute(self.sparql, terms)
-        return insert_into_pattern(text, rows + self._cell_values(terms))
+        languages = preferred_languages(language)
+        filters = "".join(column.filter(languages) for column in self.labels)
+        return insert_into_pattern(text, rows + self._cell_values(terms) + filters)
 
     def check(self, answer: Table) -> Table:
         """`answer` itself; raises QueryError where its columns are not those of the header."""
@@ -211,6 +217,7 @@ def parse_query_file(text: str, name: str) -> ParameterizedQuery:
         sparql=text,
         asked=tuple(part.strip() for part in fields.get("asked", "").split("/") if part.strip()),
         answer=fields.get("answer", ""),
+        labels=label_columns(name, fields.get("labels", "")),
         measures="cells" in fields or "measures" in fields,
     )
     _check_header(question)

@@ -38,6 +38,7 @@ def query_isolated(
     parameters: Mapping[str, object],
     *,
     at: Instant | None = None,
+    language: str = "",
 ) -> Table:
     """The answer to a query on a map in a folder, at present or at a past instant.
 
@@ -46,7 +47,7 @@ def query_isolated(
     """
     sequence = None if at is None else sequence_of(semantic_map.history.log, at)
     then = semantic_map if at is None else semantic_map.at(at)
-    sparql = question.bind(parameters, then.resolve)
+    sparql = question.bind(parameters, then.resolve, language)
     request = request_of(sparql, {"accept": ACCEPTED, "base": semantic_map.base})
     with _pool(semantic_map) as pool:
         answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)

@@ -8,9 +8,10 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.maps.query.label_languages import preferred_languages
 from kg.maps.query.query_files import ParameterizedQuery, find_query, shipped_queries
 from kg.model import vocabulary as v
-from kg.model.errors import UnknownQueryError
+from kg.model.errors import QueryParameterError, UnknownQueryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import QUERY
 from kg.serving.server.http.bodies import json_response, query_parameters
@@ -53,6 +54,18 @@ async def question(serving: AppState, request: Request) -> Response:
         raise Problem(404, str(error), kind=type(error).__name__) from error
     given = query_parameters(request)
     values = {name: given.one(name) for name in dict(given.pairs)}
-    text = await run_in_threadpool(found.bind, values, serving.semantic_map.resolve)
+    language = values.pop("language", None) or _accepted(request)
+    text = await run_in_threadpool(found.bind, values, serving.semantic_map.resolve, language)
     body = "\n".join(line for line in text.split("\n") if not line.startswith("#+"))
-    return Response(f"{body.strip()}\n", media_type=QUERY)
+    headers = {"Vary": "Accept-Language"}
+    return Response(f"{body.strip()}\n", media_type=QUERY, headers=headers)
+
+
+def _accepted(request: Request) -> str:
+    """The languages that a client accepts; none where its header has another form."""
+    text = request.headers.get("accept-language", "")
+    try:
+        preferred_languages(text)
+    except QueryParameterError:
+        return ""
+    return text
