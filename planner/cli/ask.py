@@ -58,7 +58,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--language",
         default="",
         metavar="LANG",
-        help="language of labels in shipped queries: de, or de,fr (default: as the ontology's names)",
+        help="language of labels in shipped queries, such as de or de,fr",
     )
     parser.add_argument(
         "--format",

@@ -21,7 +21,7 @@ from kg.model.errors import QueryError, QueryParameterError
 MAX_LANGUAGES: Final = 8  # of one preference; each makes the filter longer
 _HEADER: Final = re.compile(r"(ontology|map) (\w+) of (\w+)")
 _RANGE: Final = re.compile(
-    r"\s*(\*|[A-Za-z]{1,8}(?:-[A-Za-z0-9]{1,8})*)\s*(?:;\s*q\s*=\s*([\d.]+))?\s*"
+    r"\s*(\*|[A-Za-z]{1,8}(?:-[A-Za-z0-9]{1,8})*)\s*(?:;\s*q\s*=\s*(\d(?:\.\d*)?)\s*)?"
 )
 
 

@@ -15,9 +15,10 @@
 ``cells`` line names the parameters of an area (``disc x y radius`` or ``box xmin xmax ymin ymax``).
 With it the loader begins the pattern with ``VALUES ?cell {...}``, the grid cells that the area
 touches, which makes the query faster and leaves its result unchanged. A ``labels`` line names the
-variables that are labels; of each thing they get one (`kg.maps.query.label_languages`). `answer` is the cost class of
-a query: the cost of a ``lookup`` depends on the rows it returns, not on the size of the map; a
-``listing`` returns all things of a kind; a ``survey`` scans the map.
+variables that are labels, each with its graph and its thing; a thing gets one label, however many
+it has (`kg.maps.query.label_languages`). `answer` is the cost class of a query: the cost of a
+``lookup`` depends on the rows it returns, not on the size of the map; a ``listing`` returns all
+things of a kind; a ``survey`` scans the map.
 """
 
 from __future__ import annotations
@@ -132,7 +133,8 @@ class ParameterizedQuery:
     def bind(self, values: Mapping[str, object], resolve: Resolver, language: str = "") -> str:
         """The query text with its parameters put in as RDF terms.
 
-        `language` is that of labels (`label_languages.preferred_languages`). Raises QueryParameterError where one is missing, unknown or of the wrong type.
+        `language` is that of labels (`label_languages.preferred_languages`). Raises
+        QueryParameterError where a parameter is missing, unknown or of the wrong type.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name in values:

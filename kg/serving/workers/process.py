@@ -12,13 +12,10 @@ import sys
 import time
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy
-import pyoxigraph
-
-import kg
 from kg.model import errors
 from kg.model import vocabulary as v
 from kg.model.errors import (
@@ -38,7 +35,9 @@ _START = """import sys; sys.path[:0] = sys.argv[2:]
 from kg.serving.workers.evaluation.evaluator import main; main()"""
 _PATHS = list(
     dict.fromkeys(
-        str(Path(str(m.__file__)).resolve().parent.parent) for m in (kg, pyoxigraph, numpy)
+        str(Path(str(found.origin)).resolve().parent.parent)
+        for found in map(find_spec, ("kg", "pyoxigraph", "numpy", "shapely"))
+        if found is not None
     )
 )
 _READ = 1 << 20

@@ -17,7 +17,7 @@ from kg.export.serialization import FORMATS, export_map, export_quads, export_te
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
-from kg.model.vocabulary import ASSERTIONS_GRAPH
+from kg.model.vocabulary import ASSERTIONS_GRAPH, INFERRED_GRAPH
 from kg.serving.opening import in_memory_map
 from kg.store.atomic_file import write_atomically
 
@@ -76,6 +76,11 @@ def test_every_format_reads_back_as_the_same_triples(
     quads = export_quads(chart, ontology=False)
     if form not in ("trig", "nq"):
         quads = [Quad(*quad.triple) for quad in quads]
+    else:  # which say what is inferred by its graph
+        inferred = set(back.quads_for_pattern(None, None, None, INFERRED_GRAPH))
+        assert len(inferred) == 1
+        assert inferred == set(chart.engine.quads_for_pattern(None, None, None, INFERRED_GRAPH))
+        back.remove_graph(INFERRED_GRAPH)
     assert canonical(back) == canonical(quads)
     counted = export_map(chart, path)
     whole = Store()
