@@ -119,7 +119,23 @@ class Explainer:
         """
         present = [q for q in self._about(subject) if q.predicate == predicate]
         matching = [q for q in present if value is None or same(q.object, value)]
-        return tuple(map(self.fact, matching)) or (self._was(subject, predicate, value, present),)
+        if matching:
+            return tuple(map(self.fact, matching))
+        return self._inferred(subject, predicate, value, present) or (
+            self._was(subject, predicate, value, present),
+        )
+
+    def _inferred(
+        self, subject: NamedNode, predicate: NamedNode, value: Term | None, present: list[Quad]
+    ) -> tuple[Explanation, ...]:
+        """Explanation of an inferred type by the stated ones; empty for another fact."""
+        quads = self._engine.quads_for_pattern(subject, predicate, None, v.INFERRED_GRAPH)
+        rule = Explanation("rule", "inferred: a thing has the superclasses of its class, too")
+        return tuple(
+            replace(self.fact(quad), because=(rule, *map(self.fact, present)))
+            for quad in quads
+            if value is not None and same(quad.object, value)
+        )
 
     def fact(self, quad: Quad) -> Explanation:
         """Explanation of a fact of the map."""
@@ -360,11 +376,14 @@ class Explainer:
                 yield Explanation("source", getattr(source, "value", str(source)), iri)
 
     def _about(self, iri: NamedNode) -> list[Quad]:
-        return sorted(self._engine.quads_for_pattern(iri, None, None, None), key=str)
+        return self._stated(self._engine.quads_for_pattern(iri, None, None, None))
 
     def _quads(self, iri: NamedNode, predicate: str) -> list[Quad]:
         found = self._engine.quads_for_pattern(iri, NamedNode(predicate), None, None)
-        return sorted(found, key=str)
+        return self._stated(found)
+
+    def _stated(self, quads: Iterable[Quad]) -> list[Quad]:
+        return sorted((quad for quad in quads if quad.graph_name != v.INFERRED_GRAPH), key=str)
 
     def _values(self, iri: NamedNode, predicate: str) -> list[Term]:
         return [q.object for q in self._quads(iri, predicate)]

@@ -30,6 +30,8 @@ from kg.model.transactions import ChangeSet
 from kg.store.disk_space import write_error
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
+#: graphs without key frames; inferred types follow from the other graphs, so no change has them
+WITHOUT_KEY_FRAMES: Final = (*BACKGROUND, v.INFERRED_GRAPH)
 KEY_FRAME_AFTER: Final = 5  # size of changes before a new key frame, in sizes of the last one
 STATE_LINES: Final = 500  # in a row of a key frame, or more for one large subject
 _FORMAT = 2

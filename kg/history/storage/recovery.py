@@ -21,7 +21,7 @@ from pathlib import Path
 from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 
 from kg.history.storage.change_lines import quads_of
-from kg.history.storage.log import BACKGROUND, HistoryLog
+from kg.history.storage.log import WITHOUT_KEY_FRAMES, HistoryLog
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError
 from kg.model.transactions import Cause, ChangeSet
@@ -144,8 +144,8 @@ def _difference(
 
 
 def _recorded(engine: Store) -> Iterator[Quad]:
-    """The quads that a log records, graph by graph, without those of `BACKGROUND`."""
+    """The quads that a log records, graph by graph, without those of `WITHOUT_KEY_FRAMES`."""
     for graph in (*engine.named_graphs(), DefaultGraph()):
-        if graph not in (*BACKGROUND, v.INFERRED_GRAPH):
+        if graph not in WITHOUT_KEY_FRAMES:
             quads = engine.quads_for_pattern(None, None, None, graph)
             yield from (quad for quad in quads if quad.predicate != _SEQUENCE)

@@ -7,7 +7,7 @@ are replaced by those of the new one. Relations that people or imports wrote or 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,6 +28,7 @@ MAX_NOTE: Final = 500  # characters of the change in words kept with its transac
 
 _FACTS: Final = (v.MAP_GRAPH, v.ASSERTIONS_GRAPH, v.DATASET_GRAPH)
 _IMPORTS: Final = NamedNode(v.OWL_IMPORTS)
+_OWL_CLASS: Final = NamedNode(v.OWL_CLASS)
 _MAX_LISTED = 5  # terms named in one message
 
 
@@ -77,7 +78,8 @@ def plan_replacement(
         OntologyError: the quads do not declare terms that the map uses, or are not marked as the
             `whole` ontology and lack an ontology that the map has.
     """
-    new = named(Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads)
+    given = [Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads]
+    new = named(_without_types_of_classes(given))
     stored = tuple(engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
     old = named(stored)
     new += tuple(provisional_to_keep(old, new, lambda node: _is_used(engine, node)))
@@ -98,6 +100,14 @@ def plan_replacement(
         lost=tuple(sorted(_classes(old) - _classes(new))),
         unnamed=any(isinstance(t, BlankNode) for q in stored for t in (q.subject, q.object)),
     )
+
+
+def _without_types_of_classes(quads: list[Quad]) -> Iterator[Quad]:
+    """The quads without a class as an individual of another (OWL 2 punning): it is no thing."""
+    classes = {q.subject for q in quads if q.predicate == v.RDF_TYPE and q.object == _OWL_CLASS}
+    for q in quads:
+        if not (q.predicate == v.RDF_TYPE and q.subject in classes and q.object in classes):
+            yield q
 
 
 def compiled_before(old: Iterable[Quad], present: set[Quad]) -> set[Quad]:

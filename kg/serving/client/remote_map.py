@@ -19,7 +19,7 @@ from kg.history.replay.point_in_time import Difference
 from kg.history.reports.comparison import FAR, Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
-from kg.history.storage.log import BACKGROUND
+from kg.history.storage.log import WITHOUT_KEY_FRAMES
 from kg.history.timestamps import Instant, moment
 from kg.knowledge.ontology.catalogue import StoredCatalogue
 from kg.maps.facts.coordinate_frames import changed_frame
@@ -206,7 +206,9 @@ class RemoteHistory:
             raise HistoryError(f"needs an absolute IRI, got {iri!r}") from None
         with _past_map(self._served, when) as past:
             quads = past.engine.quads_for_pattern(node, None, None)
-            return tuple(sorted((q for q in quads if q.graph_name not in BACKGROUND), key=str))
+            return tuple(
+                sorted((q for q in quads if q.graph_name not in WITHOUT_KEY_FRAMES), key=str)
+            )
 
     def diff(self, t1: Instant, t2: Instant) -> Difference:
         """The quads of `t2` that `t1` lacks, and the other way round."""
