@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pyoxigraph import Quad, Store
 
-from kg.knowledge.ontology.loading import Ontology
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model import vocabulary as v
@@ -199,21 +198,21 @@ def test_an_ontology_is_inferred_from_even_where_individuals_are_in_it(flat: Sto
 
 
 def test_a_reloaded_class_that_is_an_individual_too_is_no_thing(flat: StoredMap) -> None:
-    text = "ex:K a owl:Class , here:Food ; rdfs:subClassOf here:Food , here:Object ; "
     text = (
-        f'PREFIX ex: <urn:k:> INSERT DATA {{ {text} rdfs:label "kumquat" ; rdfs:comment "One." }}'
+        "PREFIX ex: <urn:k:> INSERT DATA { ex:K a owl:Class , here:Food ; "
+        'rdfs:subClassOf here:Food , here:Object ; rdfs:label "kumquat" ; rdfs:comment "One." }'
     )
     store = Store()
     store.update(text, prefixes=v.PREFIXES)
     added = [Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in store]
-    flat.ontology.replace(Ontology((*flat.ontology.quads(), *added), ()))
+    flat.ontology.replace((*flat.ontology.quads(), *added))
     assert flat.catalogue.find("kumquat").iri == "urn:k:K"
     assert found(flat, "?o a here:Food") == {APPLE}
 
 
 def test_an_inferred_type_is_explained_by_the_class(flat: StoredMap) -> None:
-    (reason,) = flat.history.why("object/1 a here:Food")
-    assert [step.kind for step in reason.because][0] == "rule"
+    (reason,) = flat.history.explain("object/1 a here:Food")
+    assert reason.because[0].kind == "rule"
     assert any("here:Apple" in step.text for _, step in reason.walk())
 
 
