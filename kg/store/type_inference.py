@@ -15,14 +15,15 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import Final
 
-from pyoxigraph import NamedNode, Quad, Store
+from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
 
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore, Term
 from kg.store.sparql_backend import SparqlBackend, reading_ahead
 
 _IS_A: Final = NamedNode(v.IS_A)
-_Types = dict[Term, set[Term]]
+_Node = NamedNode | BlankNode | Triple
+_Types = dict[_Node, set[Term]]
 
 
 def infer_all(engine: QuadStore) -> Iterator[Quad]:
@@ -84,7 +85,7 @@ def inferred_changes(
     return _Inference(engine, gone, new).changes()
 
 
-def _stated_of(engine: QuadStore, cls: Term) -> Iterator[Term]:
+def _stated_of(engine: QuadStore, cls: Term) -> Iterator[_Node]:
     """The individuals that state a class, in whichever graph."""
     for quad in engine.quads_for_pattern(None, v.RDF_TYPE, cls, None):
         if quad.graph_name != v.INFERRED_GRAPH:
@@ -102,7 +103,7 @@ class _Inference:
     def __init__(self, engine: QuadStore, removed: set[Quad], added: set[Quad]) -> None:
         self._engine, self._removed, self._added = engine, removed, added
         self._above: dict[Term, frozenset[Term]] = {}
-        self._new: dict[Term, list[Quad]] = {}
+        self._new: dict[_Node, list[Quad]] = {}
         for quad in added:
             self._new.setdefault(quad.subject, []).append(quad)
 
@@ -121,7 +122,7 @@ class _Inference:
                 insert += (_inferred(subject, cls) for cls in wanted - before)
         return delete, insert
 
-    def _concerned(self) -> Iterator[Term]:
+    def _concerned(self) -> Iterator[_Node]:
         """Things whose stated types change, and those of classes whose superclasses change."""
         for quad in (*self._removed, *self._added):
             yield quad.subject
@@ -129,7 +130,7 @@ class _Inference:
             for quad in self._engine.quads_for_pattern(None, v.RDF_TYPE, cls, None):
                 yield quad.subject
 
-    def _types(self, subject: Term) -> tuple[set[Term], set[Term]]:
+    def _types(self, subject: _Node) -> tuple[set[Term], set[Term]]:
         """The types that are stated after the change, and those inferred before it."""
         stated = {q.object for q in self._new.get(subject, ()) if q.predicate == v.RDF_TYPE}
         inferred = set[Term]()
@@ -152,5 +153,5 @@ class _Inference:
         return self._above[cls]
 
 
-def _inferred(subject: Term, cls: Term) -> Quad:
-    return Quad(subject, v.RDF_TYPE, cls, v.INFERRED_GRAPH)  # type: ignore[arg-type]
+def _inferred(subject: _Node, cls: Term) -> Quad:
+    return Quad(subject, v.RDF_TYPE, cls, v.INFERRED_GRAPH)

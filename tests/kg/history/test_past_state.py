@@ -25,6 +25,7 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import open_map
 from kg.store.transaction_quads import stored_sequence
 from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import complete_types
 
 Written = Callable[[int], SemanticMap]
 
@@ -137,6 +138,7 @@ def test_who_reads_the_changes_has_the_map(written: Written) -> None:
                 assert quad in follower
                 follower.remove(quad)
             follower.extend(change.added)
+        complete_types(follower)  # which follow from the changes
         assert set(follower) == _said(set(semantic_map.engine))
         assert [change.sequence for change in semantic_map.history.changes(19)] == [20, 21]
 
