@@ -16,8 +16,7 @@ from mapping.alignment.pose_correction import CorrectionReport, correct_poses
 from mapping.mapping_options import MappingOptions
 from mapping.runs.progress_report import MappingReport
 from perception.frames import Frame, Recording
-from perception.sources.live.kept_frames import KeptFrames
-from perception.sources.live.live_recording import LiveRecording
+from perception.sources.live.live_recording import KeptFrames, LiveRecording
 
 MOVED: Final = 0.03  # [m] by which loops move the camera before what was mapped follows
 REST: Final = 10.0  # times as long as the last correction took, until the next one begins

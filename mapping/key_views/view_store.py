@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
 from perception.camera.poses import Pose, checked_pose
-from perception.odometry.recognition import KeyView
-from perception.odometry.view_encoding import decoded, encoded
+from perception.odometry.recognition import KeyView, decoded, encoded
 
 FILE: Final = "views.sqlite"
 MAX_VIEWS: Final = 600  # of one map

@@ -184,8 +184,7 @@ def _stream_run(
     """A function that maps a connection's frames until it is ended."""
     from mapping.alignment.live_correction import LiveCorrection
     from perception.inference.detector_pair import RememberingDetector
-    from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
-    from perception.sources.live.live_recording import LiveRecording
+    from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
     from perception.sources.live.stream import FrameStream
 
     stream = FrameStream(connection.address, source)

@@ -21,8 +21,7 @@ from perception.inference.detector import load_detector
 from perception.inference.detector_pair import RememberingDetector
 from perception.sources.bag_writer import write_bag
 from perception.sources.live import stream
-from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
-from perception.sources.live.live_recording import LiveRecording
+from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
