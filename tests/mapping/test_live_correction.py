@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rosbags")
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map
-from mapping.alignment.live_correction import MOVED, LiveCorrection
+from mapping.alignment.pose_correction import MOVED, LiveCorrection
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.camera.poses import motion

@@ -32,7 +32,7 @@ from planner.execution.protocol import (
     Message,
     RobotPose,
 )
-from planner.execution.stepwise_robot import Step, StepwiseRobot
+from planner.execution.robot import Step, StepwiseRobot
 from planner.execution.transports.move_base import MoveBase
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
