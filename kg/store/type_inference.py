@@ -36,11 +36,11 @@ def infer_all(engine: QuadStore) -> Iterator[Quad]:
         if len(above) > 1:
             for subject in _stated_of(engine, cls):
                 found[subject] |= above
-    for cls in set[Term]().union(*found.values()):
-        for subject in _stated_of(engine, cls):
-            found[subject].discard(cls)
+    for kind in set[Term]().union(*found.values()):
+        for subject in _stated_of(engine, kind):
+            found[subject].discard(kind)
     for subject in found.keys() - classes.keys():
-        yield from (_inferred(subject, cls) for cls in found[subject])
+        yield from (_inferred(subject, kind) for kind in found[subject])
 
 
 def is_inferred(engine: QuadStore) -> bool:
