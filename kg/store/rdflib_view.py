@@ -8,11 +8,15 @@ from typing import Any, NoReturn, Protocol
 import pyoxigraph
 import rdflib
 from oxrdflib import OxigraphStore
-from rdflib.plugins.sparql.sparql import Update
+from rdflib import BNode
+from rdflib.plugins.sparql.sparql import Query, Update
+from rdflib.query import Result
+from rdflib.term import Identifier
 
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.parameters import has_word, insert_into_pattern
 
 
 class ApplyUpdate(Protocol):
@@ -36,6 +40,25 @@ class DatasetView(OxigraphStore):
     @property
     def _inner(self) -> Any:
         return _WithFunctions(super()._inner)
+
+    def query(
+        self,
+        query: Query | str,
+        initNs: Mapping[str, Any],
+        initBindings: Mapping[str, Identifier],
+        queryGraph: str,
+        **kwargs: object,
+    ) -> Result:
+        """The result of a query given as text; `initBindings` bind variables of its pattern.
+
+        The engine substitutes variables of the SELECT clause alone, so others become VALUES.
+        """
+        terms = {name: term for name, term in initBindings.items() if not isinstance(term, BNode)}
+        if terms and isinstance(query, str) and not has_word(query, "construct"):
+            rows = (f" VALUES ?{name} {{ {term.n3()} }}" for name, term in terms.items())
+            query = insert_into_pattern(query, "".join(rows))
+            initBindings = {n: term for n, term in initBindings.items() if n not in terms}
+        return super().query(query, initNs, initBindings, queryGraph, **kwargs)
 
     def update(
         self,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rdflib
 from pyoxigraph import Quad, Store
 
 from kg.maps.semantic_map import SemanticMap
@@ -80,6 +81,13 @@ def test_a_superclass_is_found_in_every_spelling(flat: StoredMap, pattern: str) 
     if "|" not in pattern:
         assert len(rows) == len(PATTERNS[pattern]), "each thing answers once"
     assert {row[0] for row in rows} == PATTERNS[pattern]
+
+
+@pytest.mark.parametrize("columns", ["?o", "?o ?c", "*"])
+def test_rdflib_binds_a_class_whatever_is_selected(flat: StoredMap, columns: str) -> None:
+    bindings = {"c": rdflib.URIRef(v.HERE + "Food")}
+    rows = flat.dataset.query(f"SELECT {columns} {{ ?o a ?c }}", initBindings=bindings)
+    assert {str(row["o"]) for row in rows} == {APPLE}  # type: ignore[index, call-overload]
 
 
 def test_isolated_workers_answer_alike(flat: StoredMap) -> None:
