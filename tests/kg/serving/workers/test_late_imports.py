@@ -68,9 +68,9 @@ def test_updates_and_documents(live: StoredMap, pool: QueryPool) -> None:
 
 
 def test_reports_and_states(live: StoredMap, pool: QueryPool) -> None:
-    options = {"iri": live.base + "thing", "last": None, "far": 0.5}
+    thing = live.base + "thing"
     for form in ("application/json", "text/plain"):
-        report = asyncio.run(pool.history_report_async("log", form, **options))
+        report = asyncio.run(pool.history_report_async("log", form, iri=thing, last=None))
         assert b"thing" in report.body
     wanted = {"surface": [], "objects": True, "base": live.base}
     for at in (None, 1):
