@@ -11,8 +11,7 @@ from starlette.requests import Request
 
 from kg.maps.stored_map import StoredMap
 from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
-from kg.serving.server.http.client_sessions import Sessions
-from kg.serving.server.http.limits.reading_threads import ReadingThreads
+from kg.serving.server.http.clients import ReadingThreads, Sessions
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
 from kg.serving.server.running_counts import RunningCounts

@@ -33,7 +33,7 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
 from kg.serving.server.http.client_departure import completed
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
 from kg.serving.server.http.media_types import GRAPH_FORMATS
 from kg.serving.server.http.problems import Problem, problem_of, problem_response

@@ -19,7 +19,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
 from kg.serving.server.http.client_departure import unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.time_parameters import MAX_DIGITS, sequence_at
 from kg.serving.workers.content_negotiation import negotiate

@@ -18,7 +18,7 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.client_departure import completed, unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed

@@ -21,7 +21,7 @@ from starlette.responses import Response
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, query_parameters
 from kg.serving.server.http.client_departure import unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.conditions import State
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.time_parameters import sequence_at

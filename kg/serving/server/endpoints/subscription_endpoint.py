@@ -17,7 +17,7 @@ from starlette.types import ASGIApp
 from kg.model.transactions import ChangeSet
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import EventStream, event
 from kg.serving.server.http.media_types import EVENTS, SOLUTIONS
 from kg.serving.server.http.problems import Problem

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Callable
 from starlette.types import Receive, Scope, Send
 
 from kg.serving.server.http.client_departure import disconnected
-from kg.serving.server.http.limits.connection import PatientConnection
+from kg.serving.server.http.connection import LimitedConnection
 
 _HEADERS = [
     (b"content-type", b"text/event-stream; charset=utf-8"),
@@ -51,7 +51,7 @@ class EventStream:
         finally:
             self._on_end()
 
-    async def _stream(self, connection: PatientConnection, receive: Receive, send: Send) -> None:
+    async def _stream(self, connection: LimitedConnection, receive: Receive, send: Send) -> None:
         parts = self._ended.wait(), self._send_events(send), _send_heartbeats(send)
         tasks = [asyncio.ensure_future(part) for part in parts]
         left = asyncio.ensure_future(disconnected(receive))
