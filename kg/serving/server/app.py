@@ -23,15 +23,13 @@ from kg.model.errors import HereaboutsError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.assertion_endpoints import assertions
 from kg.serving.server.endpoints.change_endpoint import changes
-from kg.serving.server.endpoints.find_endpoint import find
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
-from kg.serving.server.endpoints.history_endpoints import diff, log, timeline, why
+from kg.serving.server.endpoints.history_endpoints import diff, log, why
+from kg.serving.server.endpoints.moment_endpoints import find, state, surface, timeline
 from kg.serving.server.endpoints.page_files import page_file, picture
 from kg.serving.server.endpoints.question_endpoint import question, questions
 from kg.serving.server.endpoints.sparql_protocol import sparql
-from kg.serving.server.endpoints.state_endpoint import state
 from kg.serving.server.endpoints.subscription_endpoint import subscribe
-from kg.serving.server.endpoints.surface_endpoint import surface
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records, restore, rooms
 from kg.serving.server.http.bodies import json_response
 from kg.serving.server.http.middleware import RequestGuard

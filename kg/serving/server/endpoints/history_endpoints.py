@@ -1,4 +1,4 @@
-"""`/log`, `/diff`, `/why`, `/timeline`: history of a thing, comparison, explanation, axis of time.
+"""`/log`, `/diff`, `/why`: history of a thing, comparison of two states, explanation.
 
 Workers compute them within the limits of queries, since a history can be long.
 """
@@ -18,10 +18,10 @@ from kg.history.reports.comparison import FAR
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
-from kg.serving.server.http.client_departure import unless_gone
 from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import MAX_DIGITS, sequence_at
+from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.time_parameters import MAX_DIGITS, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer
@@ -32,7 +32,6 @@ from kg.store.sparql_client import SEQUENCE
 TYPES: Final[dict[str, tuple[str, ...]]] = {
     "log": (JSON, "text/plain"),
     "diff": (JSON, "text/plain"),
-    "timeline": (JSON,),
     "why": (JSON, "text/plain", "text/turtle"),
 }
 
@@ -48,11 +47,6 @@ async def diff(serving: AppState, request: Request) -> Response:
     With ``&facts=1`` all facts instead.
     """
     return await _response(serving, request, "diff")
-
-
-async def timeline(serving: AppState, request: Request) -> Response:
-    """The times at which things changed."""
-    return await _response(serving, request, "timeline")
 
 
 async def why(serving: AppState, request: Request) -> Response:
@@ -102,8 +96,6 @@ async def _arguments(
         facts, far = given.flag("facts"), _far(given.one("far"))
         areas = await run_in_threadpool(_areas, semantic_map, before, after)
         return {"before": before, "after": after, "facts": facts, "far": far, "surface": areas}
-    if what == "timeline":
-        return {}
     if ("iri" in given) == ("what" in given):
         raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
     return {"about": given.one("iri") or _needed(given, "what")}

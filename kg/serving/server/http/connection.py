@@ -11,7 +11,7 @@ import asyncio
 import socket
 import struct
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection
 from typing import Any, Final
 
 import h11
@@ -46,14 +46,18 @@ class ConnectionTable:
     def add(self, one: LimitedConnection) -> None:
         """Take in a new connection; close another, or this one, where there is no room for it."""
         self._all[one] = None
-        own = self._of.setdefault(one.client_name, {})
-        own[one] = None
-        waiting = [other for other in own if not other.is_busy]
-        room = max(self.limits.client_connections - len(own) + len(waiting), NEWCOMERS)
-        if len(waiting) > room and one.client_name not in self._proxies:
-            waiting[0].refuse()
-        elif len(self._all) > self._most:
+        self._of.setdefault(one.client_name, {})[one] = None
+        self.make_room(one.client_name)
+        if len(self._all) > self._most:
             next((other for other in self._all if not other.is_busy), one).refuse()
+
+    def make_room(self, client_name: str) -> None:
+        """Close the oldest connection of a client that waits for it, if the client has too many."""
+        own = self.of(client_name)
+        waiting = [one for one in own if not one.is_busy]
+        room = max(self.limits.client_connections - len(own) + len(waiting), NEWCOMERS)
+        if len(waiting) > room and client_name not in self._proxies:
+            waiting[0].refuse()
 
     def rename(self, one: LimitedConnection, client_name: str) -> None:
         """Count a connection as one of another client."""
@@ -70,7 +74,7 @@ class ConnectionTable:
         if not own:
             self._of.pop(one.client_name, None)
 
-    def of(self, client_name: str) -> Iterable[LimitedConnection]:
+    def of(self, client_name: str) -> Collection[LimitedConnection]:
         """The connections of a client."""
         return self._of.get(client_name, ())
 
@@ -137,6 +141,7 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):  # type: ignore[
         """Continue with the next request; the rest of an unread body has to arrive in time."""
         super().on_response_complete()
         self._time_head()
+        self._table.make_room(self.client_name)
 
     def send_400_response(self, msg: str) -> None:
         """Refuse what is not HTTP; after the begin of a response, hang up."""

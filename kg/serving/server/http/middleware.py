@@ -12,7 +12,12 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from kg.serving.server.http.clients import ReadingThreads, Uploads, client_of
 from kg.serving.server.http.problems import Problem, problem_response
-from kg.serving.server.http.request_checks import check_origin, check_request, check_token
+from kg.serving.server.http.request_checks import (
+    check_origin,
+    check_request,
+    check_token,
+    is_trusted,
+)
 from kg.serving.server.http.settings import ANY_ORIGIN, Settings
 from kg.serving.server.metrics import Metrics
 
@@ -134,7 +139,7 @@ class RequestGuard:
             answer.add_vary_header("Origin")
         if origin is None or not {origin, ANY_ORIGIN} & {*allowed}:
             return
-        trusted = origin in allowed
+        trusted = is_trusted(self._settings, origin)
         answer["Access-Control-Allow-Origin"] = origin if trusted else ANY_ORIGIN
         answer["Access-Control-Allow-Methods"] = ", ".join(
             ("GET", "HEAD", "POST", *(("PUT", "DELETE") if trusted else ()))
@@ -153,4 +158,3 @@ class RequestGuard:
         self._metrics.request(route, method, status, seconds)
         # without query string and headers, which may hold secrets
         log.info("%s %r %s %.1f ms", method, scope["path"][:200], status, seconds * 1000)
-

@@ -91,7 +91,7 @@ def check_origin(settings: Settings, path: str, method: str, headers: Headers) -
     else:
         is_foreign = site.lower() not in ("none", "same-origin")
     is_read = method in ("GET", "HEAD") or (method == "POST" and path.rstrip("/") == "/sparql")
-    if not is_foreign or origin in settings.allow_origins:
+    if not is_foreign or is_trusted(settings, origin):
         return
     if ANY_ORIGIN in settings.allow_origins and is_read:
         return
@@ -102,6 +102,11 @@ def check_origin(settings: Settings, path: str, method: str, headers: Headers) -
             403,
             "web pages of other sites may not use this server; start it with --allow-origin ORIGIN",
         )
+
+
+def is_trusted(settings: Settings, origin: str | None) -> bool:
+    """Whether scripts of web pages from `origin` may do all that a program may."""
+    return origin != ANY_ORIGIN and origin in settings.allow_origins
 
 
 def _is_of_host(origin: str, host: str) -> bool:

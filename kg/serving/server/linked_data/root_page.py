@@ -9,18 +9,17 @@ from starlette.responses import Response
 
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
-from kg.serving.server.http.media_types import GRAPH_FORMATS, HTML, accept_of
+from kg.serving.server.http.media_types import HTML, negotiated
 from kg.serving.server.http.request_checks import is_admitted, private_map
 from kg.serving.server.linked_data.description import dataset_description
 from kg.serving.server.linked_data.pages import MapHead, console_html, front_page
-from kg.serving.workers.content_negotiation import negotiate
 
 _UNKNOWN = MapHead(title="a private map", base="", sequence=0, private=True)
 
 
 async def root_page(serving: AppState, request: Request) -> Response:
     """The page, or VoID and DCAT if the client accepts RDF."""
-    media_type = negotiate(accept_of(request, query_parameters(request)), (*GRAPH_FORMATS, HTML))
+    media_type = negotiated(request, query_parameters(request))
     if media_type != HTML:
         if not is_admitted(serving.settings, request.headers):
             raise private_map()
