@@ -15,7 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from kg.serving.server.http.clients import Upload
+from kg.serving.server.http.clients import ReadingThreads, Upload
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
 
@@ -148,8 +148,8 @@ async def read_body(request: Request, limits: Limits) -> bytes:
     if encoding == "identity":
         return body
     upload.hold(len(body) + min(limits.body, MAX_RATIO * len(body)))
-    client, threads = request.state.client, request.state.threads
-    body = await threads.run(client, partial(_decompressed, body, limits))
+    threads: ReadingThreads = request.state.threads
+    body = await threads.run(request.state.client, partial(_decompressed, body, limits))
     upload.hold(len(body))
     return body
 

@@ -79,7 +79,7 @@ class ConnectionTable:
         return self._of.get(client_name, ())
 
 
-class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):  # type: ignore[misc]
+class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
     """Closes if a head stays incomplete, or the client reads nothing, for `idle_seconds`."""
 
     def __init__(self, table: ConnectionTable, *arguments: Any, **named: Any) -> None:

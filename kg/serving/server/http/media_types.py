@@ -61,11 +61,12 @@ def accept_of(request: Request, given: RequestParameters) -> str | None:
 def _types_of(name: str) -> Iterable[str]:
     """The media types that a name of a format stands for; empty for an unknown name."""
     key = re.sub(r"[-_./+ ]", "", name.lower())
-    if "/" in name:
-        # of a media type, or of several; an unescaped + is a space
-        parts = (part.partition(";")[0].strip() for part in name.lower().split(","))
-        return (part.replace(" ", "+") for part in parts if part)
-    return _NAMES.get(_SHORT.get(key, key), ())
+    known = _NAMES.get(_SHORT.get(key, key))
+    if known is not None or "/" not in name:
+        return known or ()
+    # a media type, or several; an unescaped + is a space
+    parts = (part.partition(";")[0].strip() for part in name.lower().split(","))
+    return (part.replace(" ", "+") for part in parts if part)
 
 
 def negotiated(

@@ -43,8 +43,8 @@ def check_request(settings: Settings, http_version: str, headers: Headers) -> No
     check_framing(http_version, headers)
     for name, value in headers.raw:
         if len(value) > MAX_HEADER and name not in _UNREAD:
-            name = name.decode("latin-1")[:40]
-            raise Problem(431, f"the header {name} has {len(value)} bytes, may have {MAX_HEADER}")
+            what = f"the header {name.decode('latin-1')[:40]} has {len(value)} bytes"
+            raise Problem(431, f"{what}, may have {MAX_HEADER}")
     check_host(settings, headers)
 
 

@@ -20,11 +20,11 @@ from kg.serving.server.http import bodies
 from kg.serving.server.http.conditions import state_of
 from kg.serving.server.http.media_types import HTML, document, negotiated
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.linked_data.derived_resources import derived_quads
 from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
+    derived_quads,
     local_path,
     look_up,
 )
