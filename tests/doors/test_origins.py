@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 import requests
 
 from kg.serving.opening import in_memory_map
-from kg.serving.server import MapServer, Settings
+from kg.serving.server import BearerTokens, MapServer, Settings
 from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import PATH, ToolHttpServer
@@ -105,3 +106,16 @@ def test_a_token_file_that_others_can_read_gets_a_line(
     warned = [line for line in caplog.messages if str(file) in line]
     assert len(warned) == (mode != 0o600)
     assert all("chmod 600" in line for line in warned)
+
+
+@pytest.mark.parametrize("guide", ["serve.md", "two-robots.md"])
+def test_the_guides_make_token_files_that_nobody_else_can_read(tmp_path: Path, guide: str) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "how-to" / guide).read_text(encoding="utf-8")
+    made = [line for line in text.splitlines() if "openssl rand" in line]
+    for line in made:
+        subprocess.run(["sh", "-c", line.strip()], cwd=tmp_path, check=True)
+    files = list(tmp_path.iterdir())
+    assert len(files) == len(made) > 0
+    for file in files:
+        assert file.stat().st_mode & 0o777 == 0o600
+        assert BearerTokens.load(file)
