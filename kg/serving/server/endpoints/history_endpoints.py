@@ -23,9 +23,6 @@ from kg.serving.server.http.conditions import MAX_DIGITS, sequence_at
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
-from kg.serving.workers.pool import QueryPool
-from kg.serving.workers.process import Answer
-from kg.serving.workers.request import ANYONE, Asker
 from kg.store.sparql_client import SEQUENCE
 
 #: media types of the responses
@@ -54,28 +51,15 @@ async def why(serving: AppState, request: Request) -> Response:
     return await _response(serving, request, "why")
 
 
-async def history_report(
-    pool: QueryPool,
-    semantic_map: SemanticMap,
-    what: str,
-    given: RequestParameters,
-    media_type: str,
-    asker: Asker = ANYONE,
-) -> Answer:
-    """The log, diff or explanation of a request, from a worker; Problem 400 for an invalid one."""
-    arguments = await _arguments(semantic_map, what, given)
-    # the snapshot must not be older than the history
-    least = semantic_map.sequence if what == "why" else 0
-    return await pool.history_report_async(
-        what, media_type, at_least=least, asker=asker, **arguments
-    )
-
-
 async def _response(serving: AppState, request: Request, what: str) -> Response:
     given = query_parameters(request)
     media_type = negotiate(request.headers.get("accept"), TYPES[what])
-    asker = asker_of(request)
-    report = history_report(serving.pool, serving.semantic_map, what, given, media_type, asker)
+    arguments = await _arguments(serving.semantic_map, what, given)
+    # the snapshot must not be older than the history
+    least = serving.semantic_map.sequence if what == "why" else 0
+    report = serving.pool.history_report_async(
+        what, media_type, at_least=least, asker=asker_of(request), **arguments
+    )
     answer = await unless_gone(request, asyncio.ensure_future(report))
     return Response(
         answer.body,
