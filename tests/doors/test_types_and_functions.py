@@ -59,8 +59,10 @@ def test_a_function_answers_at_every_door(house: House, door: str, function: str
 @pytest.mark.parametrize("door", UPDATING)
 def test_an_inferred_type_cannot_be_deleted(house: House, door: str) -> None:
     silent = door == "SPARQLUpdateStore"  # which hides the body of a refusal
-    with pytest.raises(RefusedError, match="" if silent else "here:Banana: delete or change that"):
+    with pytest.raises(
+        RefusedError, match=None if silent else "here:Banana: delete or change that"
+    ):
         UPDATING[door](house, f"DELETE DATA {{ <{house.map.base}{BANANA}> a here:Food }}")
-    with pytest.raises(RefusedError, match="" if silent else "may not write graph:inferred"):
+    with pytest.raises(RefusedError, match=None if silent else "may not write graph:inferred"):
         text = f"GRAPH graph:inferred {{ <{house.map.base}{CUP}> a here:Food }}"
         UPDATING[door](house, f"INSERT DATA {{ {text} }}")
