@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.conceptnet.api import ApiClient, ResponseCache, read_api
 from kg.knowledge.conceptnet.collecting import EdgeCollection
@@ -22,6 +24,7 @@ from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
 from kg.store.atomic_file import write_atomically
@@ -80,7 +83,7 @@ def import_conceptnet(
         iri: tuple(one for one in above if one in kinds)
         for iri, above in superclasses(quads).items()
     }
-    collection = EdgeCollection(TermMatcher(catalogue))
+    collection = EdgeCollection(TermMatcher(catalogue, _wider_kinds(quads)))
     statistics = DumpStatistics()
     with _assertions(
         source, language, collection, statistics, cache, client, progress
@@ -100,6 +103,22 @@ def import_conceptnet(
         *(found, tuple(changes), changed and not dry_run, used, weak),
         *(statistics.lines, statistics.requests, statistics.skipped),
     )
+
+
+def _wider_kinds(quads: Iterable[Quad]) -> dict[str, frozenset[str]]:
+    """IRI of each class -> labels of its superclasses."""
+    quads = tuple(quads)
+    labels = {
+        q.subject.value: q.object.value
+        for q in quads
+        if q.predicate.value == v.RDFS_LABEL
+        and isinstance(q.subject, NamedNode)
+        and isinstance(q.object, Literal)
+    }
+    return {
+        iri: frozenset(labels[one] for one in above if one in labels and one != iri)
+        for iri, above in superclasses(quads).items()
+    }
 
 
 @contextmanager
