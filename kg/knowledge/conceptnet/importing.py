@@ -22,6 +22,7 @@ from kg.knowledge.conceptnet.edits import (
 )
 from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
+from kg.knowledge.conceptnet.review import apply_review, read_review, review_text
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.model import vocabulary as v
@@ -50,6 +51,7 @@ def import_conceptnet(
     *,
     language: str = "en",
     ontologies: Path = ONTOLOGIES,
+    review: Path | None = None,
     dry_run: bool = False,
     cache: Path | None = None,
     client: ApiClient | None = None,
@@ -64,18 +66,24 @@ def import_conceptnet(
             kept. None: nothing is written.
         language: language of the assertions, as a code of ConceptNet.
         ontologies: folder of the ontologies with the categories; `into` is not read there.
+        review: table (CSV) of the relations with their sentences. Relations with keep = no in it
+            are left out, now and at later imports; then the table is written anew.
         dry_run: compute the changes without writing them.
         cache: folder for responses of the web API; an interrupted import resumes from there.
         client: a client of the web API to use instead of `source`'s address.
         progress: callback with the number of bytes (or requests) done, and the total.
 
     Raises:
-        ConceptNetError: the source or the file cannot be read, or the source has no assertion about
-            the categories.
+        ConceptNetError: the source, the file or the review cannot be read, or the source has no
+            assertion about the categories.
         GraphError: the file cannot be written.
         OntologyError: the ontologies cannot be read.
     """
     previous = ImportedFile() if into is None else read_imported_file(into)
+    if review is not None:
+        if into is None:
+            raise ConceptNetError(f"the review {review} needs the file to import into (--into)")
+        apply_review(previous, read_review(review))
     quads = load_ontologies(ontologies, without=into).quads
     catalogue = Catalogue.from_quads(quads)
     kinds = {c.iri for c in catalogue.categories if c.kind == "supercategory"}
@@ -99,6 +107,8 @@ def import_conceptnet(
     changed = into is not None and not (into.exists() and into.read_bytes() == text.encode())
     if into is not None and changed and not dry_run:
         write_atomically(into, text)
+    if review is not None and not dry_run:
+        write_atomically(review, review_text(found, previous))
     return ConceptNetImport(
         *(found, tuple(changes), changed and not dry_run, used, weak),
         *(statistics.lines, statistics.requests, statistics.skipped),

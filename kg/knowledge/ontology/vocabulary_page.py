@@ -129,9 +129,7 @@ def _targets(
     return ", ".join(sorted(f"{c.label} ({r.probability:g})" for c, r in named if c is not None))
 
 
-def _places(
-    catalogue: Catalogue, properties: _PropertiesBySubject
-) -> Iterator[tuple[str, ...]]:
+def _places(catalogue: Catalogue, properties: _PropertiesBySubject) -> Iterator[tuple[str, ...]]:
     yield "label", "term", "also called", "a kind of", "networks' names"
     for category in _of(catalogue, "place"):
         above = [t for t in _above(category, properties) if t != NamedNode(v.PLACE)]
