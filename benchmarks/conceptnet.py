@@ -120,7 +120,7 @@ def judge(graph: Path) -> Iterator[str]:
         yield f"{sample}: {all_verdicts.count('yes')} of {len(all_verdicts)} judged are sensible; "
         yield f"now found: {verdicts.count('yes')} of {len(verdicts)}\n"
     known = [judged[key][1] for key in found if key in judged]
-    yield f"all: {known.count('yes') / len(known):.3f} of {len(known)} judged relations that are found; "
+    yield f"all: {known.count('yes') / len(known):.3f} of {len(known)} that are found and judged; "
     yield f"{len(found) - len(known)} others were not judged\n"
 
 

@@ -1,6 +1,6 @@
 """Review table: the relations of an import, one a row, in which a person drops the wrong ones.
 
-The table is a CSV file for a spreadsheet, the weakest relations first. `keep` is yes or no (or yours,
+The table is a CSV file for a spreadsheet, the weakest first. `keep` is yes or no (or yours,
 of a relation that was edited by hand in the imported file). A relation with no is removed from the
 imported file and stays removed at later imports, as one that a person removes by hand. One that
 becomes yes again is brought back; `kept` says what `keep` was when the table was written, so that

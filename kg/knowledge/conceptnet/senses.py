@@ -155,7 +155,7 @@ class SenseFilter:
 
     @cached_property
     def _children(self) -> dict[Key, dict[str, float]]:
-        """Parent -> group -> votes of IsA edges that put object categories of it below the parent."""
+        """Parent -> group -> votes of IsA edges that put categories of it below the parent."""
         votes: dict[Key, dict[str, float]] = defaultdict(lambda: defaultdict(float))
         for key, iri in self._collection.naming.items():
             for parent, fact in self._collection.is_a.get(key, {}).items():
