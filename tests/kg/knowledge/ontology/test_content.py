@@ -22,14 +22,19 @@ SKOS = v.PREFIXES["skos"]
 WORDNET = "http://purl.org/vocabularies/princeton/wn30/synset-{}-noun-{}"
 
 
+#: (subject, predicate, object) as texts
+STATED = [
+    (getattr(q.subject, "value", ""), q.predicate.value, getattr(q.object, "value", ""))
+    for q in QUADS
+]
+
+
 def objects(subject: str, predicate: str) -> list[str]:
-    asked = NamedNode(subject), NamedNode(predicate)
-    return [getattr(q.object, "value", "") for q in QUADS if (q.subject, q.predicate) == asked]
+    return [o for s, p, o in STATED if (s, p) == (subject, predicate)]
 
 
 def test_each_category_has_a_definition_of_its_own() -> None:
-    comments = [q for q in QUADS if q.predicate.value == v.RDFS_COMMENT]
-    of = {q.subject.value: q.object.value for q in comments if isinstance(q.subject, NamedNode)}
+    of = {subject: text for subject, p, text in STATED if p == v.RDFS_COMMENT}
     definitions = Counter(of[c.iri] for c in CATALOGUE.categories)
     assert max(definitions.values()) == 1
     for category in CATALOGUE.categories:
@@ -40,12 +45,11 @@ def test_each_category_has_a_definition_of_its_own() -> None:
 
 
 def test_each_term_says_which_ontology_defines_it() -> None:
-    declared = {q.subject for q in QUADS if q.predicate == v.RDF_TYPE and "#" in str(q.object)}
-    ours = {term.value for term in declared if str(term).startswith(f"<{v.HERE}")}
-    defined = {q.subject.value for q in QUADS if q.predicate.value == v.RDFS_DEFINED_BY}
-    headers = {q.subject for q in QUADS if q.object == NamedNode(v.OWL_ONTOLOGY)}
-    assert ours == defined
-    assert {q.object for q in QUADS if q.predicate.value == v.RDFS_DEFINED_BY} <= headers
+    ours = {s for s, p, _ in STATED if p == v.RDF_TYPE.value and s.startswith(v.HERE)}
+    headers = {s for s, _, o in STATED if o == v.OWL_ONTOLOGY}
+    for term in ours:
+        (ontology,) = objects(term, v.RDFS_DEFINED_BY)
+        assert ontology in headers, term
 
 
 def test_each_place_is_indoors_or_outdoors_and_no_wider_kind_is_a_category() -> None:
@@ -71,7 +75,7 @@ def test_wider_kinds_do_not_make_places_alike() -> None:
 
 
 def test_a_concept_is_the_exact_match_of_one_category() -> None:
-    exact = Counter(q.object.value for q in QUADS if q.predicate.value == SKOS + "exactMatch")
+    exact = Counter(o for _, p, o in STATED if p == SKOS + "exactMatch")
     assert max(exact.values()) == 1
     for iri in exact:
         assert re.fullmatch(
