@@ -64,9 +64,8 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
     owned = {observation_iri(facts.base, removed.value)}
     owned.update(
         quad.object.value
-        for quad in pending.removed
-        if quad.subject == removed
-        and quad.predicate.value in (v.HAS_BELIEF, v.HAS_LABEL_BELIEF)
+        for quad in pending.removed.about(removed)
+        if quad.predicate.value in (v.HAS_BELIEF, v.HAS_LABEL_BELIEF)
         and isinstance(quad.object, NamedNode)
     )
     nodes = relation_nodes(pending.engine, removed.value)
