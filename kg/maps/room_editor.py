@@ -6,7 +6,6 @@ that perception finds in the floor.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,6 +27,7 @@ from kg.model.records import Assertion, DoorRecord, MapUpdate, ObjectRecord, Pla
 from kg.model.room_edit import Point, RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock
 
 _DOOR_WIDTH: Final = 0.8  # [m]
 _OVERLAP: Final = 0.01  # [m^2] from which two places overlap
@@ -53,7 +53,7 @@ class RoomEditor:
         writer: FrameWriter,
         assertions: AssertionService,
         history: StoredHistory,
-        guard: threading.RLock,
+        guard: WriterLock,
     ) -> None:
         self._store, self._facts, self._perceived = store, facts, perceived
         self._writer, self._asserted, self._history = writer, assertions, history

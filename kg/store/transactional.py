@@ -37,12 +37,14 @@ from kg.store.folder import (
 )
 from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
+
 from kg.store.transaction_quads import (
     check_blank_nodes,
     check_characters,
     sequence_quad,
     stored_sequence,
 )
+from kg.store.write_limit import check_facts
 
 
 class TransactionalStore:
@@ -212,6 +214,7 @@ class TransactionalStore:
                 removed = tuple(q for q in delete if q not in insert and q in self.engine)
             if not added and not removed:
                 return None
+            check_facts(len(added) + len(removed))
             check_blank_nodes((*added, *removed))
             check_characters(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
@@ -275,8 +278,19 @@ class TransactionalStore:
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` after each commit; returns a function that removes it."""
-        self._listeners.append(listener)
+        with self._committing:  # a commit that has begun is not one of those after
+            self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
+
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[list[ChangeSet]]:
+        """A list that gets each transaction that is committed within the block."""
+        changes: list[ChangeSet] = []
+        stop = self.listen(changes.append)
+        try:
+            yield changes
+        finally:
+            stop()
 
     def notify(self, change: ChangeSet) -> None:
         """Call the listeners with a stored transaction."""

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from itertools import islice
+from typing import TYPE_CHECKING, Final, cast
 
-from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Store, Triple
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
 
 from kg.maps.update.ground_update import GroundUpdate
 from kg.model import vocabulary as v
-from kg.rdf.quad_store import Subject
+from kg.model.transactions import ChangeSet
+from kg.rdf.quad_store import QuadStore, Subject
 from kg.rdf.skolem import with_fresh_iris
+from kg.store.write_limit import check_time
 
 if TYPE_CHECKING:
     from kg.store.transactional import TransactionalStore
 
 Term = NamedNode | BlankNode | Literal | Triple
 GraphName = NamedNode | BlankNode | DefaultGraph
+
+_FEW: Final = 64  # facts of a subject that are kept while a change is computed
 
 
 class PendingQuads:
@@ -67,12 +72,75 @@ class PendingQuads:
             found = self._by_subject.get(s, ())
         elif o is not None:
             found = self._by_object.get(o, ())
-        return tuple(
-            quad
-            for quad in found
-            if (p is None or quad.predicate == p)
-            and (o is None or quad.object == o)
-            and (g is None or quad.graph_name == g)
+        return matching(found, p, o, g)
+
+
+def matching(
+    quads: Iterable[Quad], p: NamedNode | None, o: Term | None, g: GraphName | None
+) -> tuple[Quad, ...]:
+    """Those of `quads` that have a predicate, an object and a graph; None stands for any."""
+    return tuple(
+        quad
+        for quad in quads
+        if (p is None or quad.predicate == p)
+        and (o is None or quad.object == o)
+        and (g is None or quad.graph_name == g)
+    )
+
+
+class ReadState:
+    """The state of a map before a change; it notes what was read of it.
+
+    `is_changed_by` tells whether a later transaction changes anything that was read, so that a
+    change can be computed while others write, and written only if it still holds.
+    """
+
+    def __init__(self, store: TransactionalStore) -> None:
+        self._store = store  # not its engine, so that a closed map is released
+        self._about: dict[object, tuple[Quad, ...] | None] = {}  # by subject; None: too many
+        self._objects: set[object] = set()
+        self._wide: set[tuple[object, object]] = set()  # predicate and graph; None: any
+
+    def quads_for_pattern(
+        self,
+        s: Subject | None,
+        p: NamedNode | None,
+        o: Term | None,
+        g: GraphName | None = None,
+        /,
+    ) -> Iterator[Quad]:
+        """The quads that match a pattern; None matches any term."""
+        check_time()
+        if s is None:
+            if o is None:
+                self._wide.add((p, g))
+            else:
+                self._objects.add(o)
+            return iter(self._store.engine.quads_for_pattern(s, p, o, g))
+        if s not in self._about:
+            # most subjects have few facts, which are asked for again and again
+            found = tuple(islice(self._store.engine.quads_for_pattern(s, None, None, None), _FEW))
+            self._about[s] = found if len(found) < _FEW else None
+        held = self._about[s]
+        if held is None:
+            return iter(self._store.engine.quads_for_pattern(s, p, o, g))
+        return iter(matching(held, p, o, g))
+
+    def __contains__(self, quad: Quad) -> bool:
+        s, p, o, g = quad
+        return next(self.quads_for_pattern(s, p, o, g), None) is not None
+
+    def is_changed_by(self, change: ChangeSet) -> bool:
+        """Whether a transaction changes facts that were read, or the ontology."""
+        return any(
+            quad.subject in self._about
+            or quad.object in self._objects
+            or quad.graph_name in (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
+            or any(
+                p in (None, quad.predicate) and g in (None, quad.graph_name) for p, g in self._wide
+            )
+            for quads in (change.added, change.removed)
+            for quad in quads
         )
 
 
@@ -80,7 +148,7 @@ class ChangeDraft:
     """Quads to add, which the graph lacks, and quads to remove, which the graph has."""
 
     def __init__(self, store: TransactionalStore) -> None:
-        self._store = store  # not its engine, so that a closed map is released
+        self.state = ReadState(store)
         self.added = PendingQuads()
         self.removed = PendingQuads()
 
@@ -88,21 +156,21 @@ class ChangeDraft:
         return bool(self.added or self.removed)
 
     @property
-    def engine(self) -> Store:
-        """The graph before the change."""
-        return self._store.native
+    def engine(self) -> QuadStore:
+        """The graph before the change, for reading by pattern."""
+        return cast(QuadStore, self.state)
 
     def change(self, delete: Iterable[Quad], insert: Iterable[Quad]) -> None:
         """Apply one operation: its deletions first, then its insertions."""
         for quad in delete:
             if quad in self.added:
                 self.added.remove(quad)
-            elif quad in self._store.engine:
+            elif quad in self.state:
                 self.removed.add(quad)
         for quad in insert:
             if quad in self.removed:
                 self.removed.remove(quad)
-            elif quad not in self._store.engine:
+            elif quad not in self.state:
                 self.added.add(quad)
 
     def apply(self, update: GroundUpdate) -> None:
@@ -120,13 +188,13 @@ class ChangeDraft:
         self, s: Subject | None, p: NamedNode | None, o: Term | None, g: GraphName | None
     ) -> Iterator[Quad]:
         """Quads before the change that match a pattern; None matches any term."""
-        return iter(self._store.engine.quads_for_pattern(s, p, o, g))
+        return self.state.quads_for_pattern(s, p, o, g)
 
     def after(
         self, s: Subject | None, p: NamedNode | None, o: Term | None, g: GraphName | None
     ) -> Iterator[Quad]:
         """Quads after the change that match a pattern; None matches any term."""
-        for quad in self._store.engine.quads_for_pattern(s, p, o, g):
+        for quad in self.state.quads_for_pattern(s, p, o, g):
             if quad not in self.removed:
                 yield quad
         yield from self.added.matching(s, p, o, g)

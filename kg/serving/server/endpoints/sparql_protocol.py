@@ -17,7 +17,7 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
-from kg.serving.server.http.client_departure import completed, unless_gone
+from kg.serving.server.http.client_departure import unless_gone
 from kg.serving.server.http.client_sessions import asker_of
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
@@ -134,7 +134,7 @@ async def write(
     serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
 ) -> Response:
     """Execute an update; the response has counts and the number of the transaction."""
-    return written(serving, await completed(act), request)
+    return written(serving, await serving.write(request, act), request)
 
 
 def written(

@@ -1,23 +1,16 @@
-"""Requests whose client leaves before the response: writes complete, queries are cancelled."""
+"""Queries whose client leaves before the response are cancelled."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from typing import Any, TypeVar
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import Receive
 
 from kg.serving.server.http.problems import Problem
 
 T = TypeVar("T")
-
-
-async def completed(act: Callable[[], T]) -> T:
-    """The result of `act` in a thread, which completes even if the client leaves."""
-    return await asyncio.shield(run_in_threadpool(act))
 
 
 async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:

@@ -11,15 +11,16 @@ from starlette.concurrency import run_in_threadpool
 from kg.serving.workers.admission import FairQueue
 
 T = TypeVar("T")
-THREADS: Final = 2  # at once; they share the interpreter's lock with the event loop
+THREADS: Final = 2  # that read at once; they share the interpreter's lock with the event loop
+WRITERS: Final = 4  # writes at once: they are validated beside each other
 WAITING: Final = 32  # requests of one client
 
 
 class ReadingThreads:
     """Threads; the last free one is for a client without a running request."""
 
-    def __init__(self) -> None:
-        self._queue = FairQueue(THREADS, WAITING)
+    def __init__(self, threads: int = THREADS) -> None:
+        self._queue = FairQueue(threads, WAITING)
 
     async def run(self, client: str, act: Callable[[], T]) -> T:
         """The result of `act`; raises PoolBusyError if too many requests of this client wait."""
