@@ -16,7 +16,7 @@ import uuid
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
 
 from pyoxigraph import NamedNode, Quad, Store
 
@@ -46,6 +46,8 @@ from kg.store.transaction_quads import (
 )
 from kg.store.write_limit import check_facts
 
+LOADED: Final = 5000  # facts from which on they are loaded before the rest of a transaction
+
 
 class TransactionalStore:
     """An open store, also as a context manager.
@@ -61,6 +63,7 @@ class TransactionalStore:
         self.journal: Journal | None = None
         self._sequence: int | None = None
         self._failed = False  # whether a write failed: the engine then refuses all further ones
+        self._loaded: ChangeSet | None = None  # whose facts were loaded, while it is not complete
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
@@ -274,6 +277,7 @@ class TransactionalStore:
                 self._engine, error = reopened(path / "store")
                 if error is not None:
                     raise self._unwritable(error) from error
+                self._unload()
                 self._failed = False
 
     def listen(self, listener: Listener) -> Callable[[], None]:
@@ -335,13 +339,19 @@ class TransactionalStore:
         try:
             self._write(change)
         except GraphError:
+            if self._loaded is not None:
+                raise  # it stays in the journal until `recover` has removed what was loaded
             # on a full disk this may fail too; the next `append` then withdraws the transaction
             with contextlib.suppress(GraphError):
                 self.journal.withdraw(change.sequence)
             raise
 
     def _write(self, change: ChangeSet) -> None:
-        removed, added = [*change.removed], [*change.added, sequence_quad(change.sequence)]
+        removed, added = [*change.removed], [sequence_quad(change.sequence)]
+        if len(change.added) > LOADED and self._unlock is not None:
+            self._load(change)
+        else:
+            added += change.added
         if self.sequence:
             removed.append(sequence_quad(self.sequence))
         text = ";\n".join(
@@ -350,6 +360,27 @@ class TransactionalStore:
             if quads
         )
         self._update(text)
+        self._loaded = None
+
+    def _load(self, change: ChangeSet) -> None:
+        """Add many facts at once, in a third of the time of an update, before the rest of `change`.
+
+        A process that ends before the rest is written finds `change` in the journal and completes
+        it. Readers see the facts a few milliseconds before the rest.
+        """
+        try:
+            self.native.bulk_extend(change.added)
+        except (OSError, RuntimeError) as error:
+            raise self._unwritable(error) from error
+        self._loaded = change
+
+    def _unload(self) -> None:
+        """Remove the facts of a transaction that was not completed."""
+        if self._loaded is not None:
+            self._update(f"DELETE DATA {{\n{graph_blocks(self._loaded.added)}}}")
+            if self.journal is not None:
+                self.journal.withdraw(self._loaded.sequence)
+            self._loaded = None
 
     def check_writable(self) -> None:
         """Raises GraphError if the store is read-only."""
