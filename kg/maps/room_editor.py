@@ -22,7 +22,7 @@ from kg.maps.facts.room_edits import EditedAreas
 from kg.maps.stored_history import StoredHistory
 from kg.model.areas import Area
 from kg.model.errors import InvalidFactError
-from kg.model.iris import agent_iri
+from kg.model.iris import agent_iri, whole_number
 from kg.model.records import Assertion, DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.room_edit import Point, RoomEdit
 from kg.model.transactions import Cause, ChangeSet
@@ -136,7 +136,7 @@ class RoomEditor:
     def _new_place(self, known: Iterable[str], name: str) -> PlaceRecord:
         prefix = f"{self._facts.base}place/"
         numbers = (iri.removeprefix(prefix) for iri in known)
-        number = 1 + max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        number = 1 + max((whole_number(n) or 0 for n in numbers), default=0)
         label = name.strip() or f"room {number}"
         return PlaceRecord(f"{prefix}{number}", label, 0.0, 0.0, 0.0, 0.0, from_floor=True)
 

@@ -37,7 +37,6 @@ from kg.store.folder import (
 )
 from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
-
 from kg.store.transaction_quads import (
     check_blank_nodes,
     check_characters,

@@ -17,7 +17,7 @@ from typing import Final, Self
 from kg.model.errors import InvalidFactError, PoolBusyError, QueryTimeoutError
 
 HELD: Final = 2.0  # [s] that a limited write may hold the lock of the map
-#: Facts that one limited transaction may add and remove: history and engine write them in one piece,
+#: Facts that one limited transaction may add and remove: history and engine write them in one go,
 #: which takes about 1.5 s on one core of a small computer, and others wait meanwhile.
 MAX_FACTS: Final = 60_000
 

@@ -39,7 +39,7 @@ from kg.maps.facts.searches import facts_of, subjects_of
 from kg.maps.facts.write_cache import WriteCache
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.iris import observation_iri
+from kg.model.iris import observation_iri, whole_number
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.store.sparql_backend import reading_ahead
@@ -341,7 +341,7 @@ class FrameWriter:
 
     def _advance_number(self, objects: Iterable[ObjectRecord], draft: _Draft) -> None:
         numbers = (record.iri.removeprefix(self._prefix) for record in objects)
-        used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        used = max((whole_number(n) or 0 for n in numbers), default=0)
         before = self._stored_next()
         self._next = max(self._next, before, used + 1)
         if self._next != before:

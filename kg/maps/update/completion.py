@@ -27,12 +27,14 @@ from kg.maps.update.deletion_guard import is_place
 from kg.maps.update.implicit_assertions import assert_perceived_properties, categories
 from kg.maps.update.relation_assertions import assert_relations, check_computed_relations
 from kg.model import vocabulary as v
-from kg.model.iris import observation_iri
+from kg.model.errors import InvalidFactError
+from kg.model.iris import observation_iri, whole_number
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon
 
 _OTHER_NUMBERS: Final = {v.XSD + name for name in ("decimal", "integer", "float")}
+MAX_OBJECT: Final = 10**15 - 1  # number that people may give an object; so new ones always exist
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 
 
@@ -55,7 +57,7 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         else:
             check_computed_relations(pending, subject)
         assert_perceived_properties(pending, facts, subject, by or "somebody")
-    _advance_number(pending, facts, touched)
+    _advance_number(pending, facts, (s for s in touched if pending.added.about(s)))
 
 
 def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
@@ -189,12 +191,21 @@ def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
     return subject.value
 
 
+def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
+    """The number in the IRI of an object of this map; 0 for other things."""
+    local = subject.value.removeprefix(facts.base + "object/")
+    if local == subject.value or not (local.isascii() and local.isdigit()):
+        return 0
+    number = whole_number(local)
+    if number is None or number > MAX_OBJECT:
+        raise InvalidFactError(
+            f"no object has a number of {len(local)} digits; up to {len(str(MAX_OBJECT))} would work"
+        )
+    return number
+
+
 def _advance_number(pending: ChangeDraft, facts: RecordCodec, touched: Iterable[NamedNode]) -> None:
-    used = 0
-    for subject in touched:
-        number = subject.value.removeprefix(facts.base + "object/")
-        if number.isascii() and number.isdigit():
-            used = max(used, int(number))
+    used = max((_number_of(facts, subject) for subject in touched), default=0)
     base, next_object = NamedNode(facts.base), NamedNode(v.NEXT_OBJECT)
     for quad in tuple(pending.after(base, next_object, None, v.DATASET_GRAPH)):
         if isinstance(quad.object, Literal) and int(quad.object.value) <= used:
