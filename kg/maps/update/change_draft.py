@@ -127,8 +127,8 @@ class ReadState:
         return iter(matching(held, p, o, g))
 
     def __contains__(self, quad: Quad) -> bool:
-        s, p, o, g = quad
-        return next(self.quads_for_pattern(s, p, o, g), None) is not None
+        about = next(self.quads_for_pattern(quad.subject, None, None), None)
+        return about is not None and quad in self._store.engine  # it compares numbers by value
 
     def is_changed_by(self, change: ChangeSet) -> bool:
         """Whether a transaction changes facts that were read, or the ontology."""

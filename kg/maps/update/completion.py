@@ -199,7 +199,8 @@ def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
     number = whole_number(local)
     if number is None or number > MAX_OBJECT:
         raise InvalidFactError(
-            f"no object has a number of {len(local)} digits; up to {len(str(MAX_OBJECT))} would work"
+            f"no object has a number of {len(local)} digits; up to {len(str(MAX_OBJECT))} digits "
+            "would work"
         )
     return number
 
