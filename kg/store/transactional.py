@@ -39,7 +39,7 @@ from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
 from kg.store.transaction_quads import (
     check_blank_nodes,
-    check_characters,
+    check_texts,
     sequence_quad,
     stored_sequence,
 )
@@ -218,7 +218,7 @@ class TransactionalStore:
                 return None
             check_facts(len(added) + len(removed))
             check_blank_nodes((*added, *removed))
-            check_characters(added)
+            check_texts(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence

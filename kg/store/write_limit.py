@@ -20,6 +20,7 @@ HELD: Final = 2.0  # [s] that a limited write may hold the lock of the map
 #: Facts that one limited transaction may add and remove: history and engine write them in one go,
 #: which takes about 1.5 s on one core of a small computer, and others wait meanwhile.
 MAX_FACTS: Final = 60_000
+_SECONDS_OF_A_FACT: Final = 1.5 / MAX_FACTS
 
 
 @dataclass(slots=True)
@@ -41,8 +42,8 @@ class WriteLimit:
         finally:
             _thread.limit = before
 
-    def check(self) -> None:
-        """Raise an error if the time is over, or the server ends."""
+    def check(self, more: float = 0.0) -> None:
+        """Raise an error if the time is over, or will be in `more` seconds, or the server ends."""
         if self.ending.is_set():
             raise PoolBusyError("the server ends; nothing was written")
         if time.thread_time() > self._until:
@@ -50,7 +51,7 @@ class WriteLimit:
                 f"the write takes more than {self.seconds:g} s, and nothing was written; "
                 "several smaller ones would work"
             )
-        if self._held_since is not None and time.monotonic() - self._held_since > HELD:
+        if self._held_since is not None and time.monotonic() - self._held_since + more > HELD:
             raise QueryTimeoutError(
                 f"the write makes others wait for more than {HELD:g} s, and nothing was written; "
                 "several smaller ones would work"
@@ -75,12 +76,19 @@ def check_time() -> None:
 
 
 def check_facts(count: int) -> None:
-    """Raise InvalidFactError if a limited transaction changes too many facts."""
-    if _current() is not None and count > MAX_FACTS:
+    """Raise an error if this thread's write is limited and changes too many facts.
+
+    Raises InvalidFactError, or as `check_time` if too little of the time is left for them.
+    """
+    limit = _current()
+    if limit is None:
+        return
+    if count > MAX_FACTS:
         raise InvalidFactError(
             f"this would change {count:,} facts at once, and nothing was written; at most "
             f"{MAX_FACTS:,} in one request would work"
         )
+    limit.check(_SECONDS_OF_A_FACT * count)
 
 
 class WriterLock:

@@ -22,6 +22,7 @@ from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
 from kg.rdf.quad_store import QuadStore
+from kg.store.transaction_quads import MAX_TEXT
 
 #: Shapes validate the other files and are not part of the map.
 SHAPES_FILE: Final = "shapes.ttl"
@@ -33,7 +34,6 @@ MAX_SUPERCLASSES: Final = 100_000  # pairs of a class and a superclass
 MAX_RELATIONS: Final = 10_000
 MAX_STATEMENTS: Final = 150_000
 MAX_LABELS: Final = 200  # of one term
-MAX_TEXT: Final = 100_000  # characters of one text
 
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
