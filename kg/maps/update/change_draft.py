@@ -33,8 +33,8 @@ class PendingQuads:
 
     def __init__(self) -> None:
         self._all: dict[Quad, None] = {}
-        self._by_subject: dict[Term, dict[Quad, None]] = {}
-        self._by_object: dict[Term, dict[Quad, None]] = {}
+        self._by_subject: dict[object, dict[Quad, None]] = {}
+        self._by_object: dict[object, dict[Quad, None]] = {}
 
     def __len__(self) -> int:
         return len(self._all)
