@@ -16,7 +16,7 @@ from typing import Final, Self
 
 from kg.model.errors import InvalidFactError, PoolBusyError, QueryTimeoutError
 
-HELD: Final = 2.0  # [s] that a limited write may hold the lock of the map
+HELD: Final = 2.0  # [s] of processor time that a limited write may hold the lock of the map
 #: Facts that one limited transaction may add and remove: history and engine write them in one go,
 #: which takes about 1.5 s on one core of a small computer, and others wait meanwhile.
 MAX_FACTS: Final = 60_000
@@ -30,7 +30,7 @@ class WriteLimit:
     seconds: float  # of processor time; also [s] to wait for the lock
     ending: threading.Event = field(default_factory=threading.Event)
     _until: float = 0.0  # processor time of the thread
-    _held_since: float | None = None  # monotonic time, while the thread holds the lock
+    _held_since: float | None = None  # the same, while the thread holds the lock
 
     @contextmanager
     def in_force(self) -> Iterator[None]:
@@ -51,7 +51,7 @@ class WriteLimit:
                 f"the write takes more than {self.seconds:g} s, and nothing was written; "
                 "several smaller ones would work"
             )
-        if self._held_since is not None and time.monotonic() - self._held_since + more > HELD:
+        if self._held_since is not None and time.thread_time() - self._held_since + more > HELD:
             raise QueryTimeoutError(
                 f"the write makes others wait for more than {HELD:g} s, and nothing was written; "
                 "several smaller ones would work"
@@ -107,7 +107,7 @@ class WriterLock:
             raise PoolBusyError("others write to this map; try again later")
         self._depth += 1
         if limit is not None and self._depth == 1:
-            limit._held_since = time.monotonic()
+            limit._held_since = time.thread_time()
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -32,6 +32,7 @@ from kg.model.iris import observation_iri, whole_number
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon
+from kg.store.write_limit import check_facts
 
 _OTHER_NUMBERS: Final = {v.XSD + name for name in ("decimal", "integer", "float")}
 MAX_OBJECT: Final = 10**15 - 1  # number that people may give an object; so new ones always exist
@@ -46,6 +47,7 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         if quad.graph_name == v.MAP_GRAPH and isinstance(quad.subject, NamedNode)
     )
     for subject in touched:
+        check_facts(len(pending.added) + len(pending.removed))
         if next(pending.after(subject, None, None, v.MAP_GRAPH), None) is None:
             _remove_dependents(pending, facts, subject)
             continue
@@ -88,14 +90,15 @@ def _complete_object(pending: ChangeDraft, facts: RecordCodec, subject: NamedNod
     _assign_cell(pending, subject)
     if not pending.is_new(subject):
         return  # the shapes report missing facts
+    moment = now()
     for predicate, value in (
         (v.Z, Literal(0.0)),
         (v.RDFS_LABEL, Literal(_label(pending, facts, subject))),
         (v.CONFIDENCE, Literal(1.0)),
         (v.EXISTENCE, Literal(1.0)),
         (v.OBSERVATION_COUNT, Literal(1)),
-        (v.LAST_SEEN, _literal(pending, subject, v.FIRST_SEEN) or now()),
-        (v.FIRST_SEEN, _literal(pending, subject, v.LAST_SEEN) or now()),
+        (v.LAST_SEEN, _literal(pending, subject, v.FIRST_SEEN) or moment),
+        (v.FIRST_SEEN, _literal(pending, subject, v.LAST_SEEN) or moment),
     ):
         _set_default(pending, subject, predicate, value)
 
