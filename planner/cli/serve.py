@@ -19,7 +19,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.model.errors import HereaboutsError
-from planner.cli.arguments import add_keep, add_map, end_on_signal, keep_seconds, positive
+from planner.cli.arguments import (
+    add_keep,
+    add_map,
+    end_at_latest,
+    end_on_signal,
+    keep_seconds,
+    positive,
+)
 from planner.cli.console import note
 from planner.cli.map_recording import check_unmapped, fitted
 from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
@@ -130,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
         for warning in server.confinement.warnings():
             note(warning)
         mapper.start()
-        server.run()
+        server.run(on_signal=end_at_latest)
     return 0
 
 

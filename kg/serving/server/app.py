@@ -217,14 +217,20 @@ class MapServer(ServerLifecycle):
             status=status,
             planner=planner,
         )
-        self._answer_with(application(self.serving), self.serving.feed.stop)
+        self._answer_with(application(self.serving), self._end_requests)
 
     @property
     def confinement(self) -> Confinement:
         """Confinement by the kernel of the processes that evaluate queries."""
         return self.serving.pool.confinement
 
+    def _end_requests(self) -> None:
+        """End what would run on: feeds, and writes that are not committed yet."""
+        self.serving.feed.stop()
+        self.serving.ending.set()
+
     def _close(self) -> None:
+        self.serving.ending.set()
         self.serving.tally.stop()
         self.serving.pool.close()
         super()._close()

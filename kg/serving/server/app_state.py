@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import threading
 from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final, Protocol, TypeVar
 
 from starlette.requests import Request
 
 from kg.maps.stored_map import StoredMap
 from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
-from kg.serving.server.http.clients import ReadingThreads, Sessions
+from kg.serving.server.http.clients import WRITERS, ReadingThreads, Sessions
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
 from kg.serving.server.running_counts import RunningCounts
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer
+from kg.store.write_limit import WriteLimit
 
 T = TypeVar("T")
 MAX_BYTES: Final = 32 << 20  # of all answers in the cache; the last one is always kept
@@ -106,6 +109,8 @@ class AppState:
     moments: MomentCache = field(default_factory=MomentCache)
     sessions: Sessions = field(default_factory=Sessions)
     threads: ReadingThreads = field(default_factory=ReadingThreads)
+    writers: ReadingThreads = field(default_factory=partial(ReadingThreads, WRITERS))
+    ending: threading.Event = field(default_factory=threading.Event)  # set when the server ends
 
     async def read(self, request: Request, act: Callable[[], T]) -> T:
         """The result of `act` in a thread, once it is this client's turn.
@@ -113,6 +118,20 @@ class AppState:
         Raises PoolBusyError if too many requests of the client wait.
         """
         return await self.threads.run(request.state.client, act)
+
+    async def write(self, request: Request, act: Callable[[], T]) -> T:
+        """The result of `act`, a write, in a thread, once it is this client's turn.
+
+        It completes even if the client leaves, within the time limit of queries. Raises
+        PoolBusyError if too many requests of the client wait, and as `WriteLimit`.
+        """
+        limit = WriteLimit(self.settings.limits.query_seconds, self.ending)
+
+        def limited() -> T:
+            with limit.in_force():
+                return act()
+
+        return await asyncio.shield(self.writers.run(request.state.client, limited))
 
     def author_of(self, request: Request) -> str:
         """The name of the client that writes; raises Problem as `BearerTokens.holder`."""

@@ -34,7 +34,6 @@ from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
 from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
-from kg.serving.server.http.event_stream import completed
 from kg.serving.server.http.media_types import negotiated
 from kg.serving.server.http.problems import Problem, problem_of, problem_response
 from kg.serving.server.http.request_checks import is_confirmed
@@ -91,13 +90,15 @@ def _replace(
     confirmed: bool,
 ) -> ChangeSet | None:
     """Replace the triples of a graph; None deletes them."""
-    semantic_map = serving.semantic_map
-    with semantic_map.hold():
-        check()
-        held = tuple(semantic_map.engine.quads_for_pattern(None, None, None, graph))
-        steps = (QuadChange(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
-        note = f"{'DELETE' if triples is None else 'PUT'} {graph}"
-        return semantic_map.apply_ground(GroundUpdate(steps), note, by=by, confirmed=confirmed)
+    steps = () if triples is None else (_insertion(graph, triples),)
+    return serving.semantic_map.apply_ground(
+        GroundUpdate(steps),
+        f"{'DELETE' if triples is None else 'PUT'} {graph}",
+        by=by,
+        confirmed=confirmed,
+        replaced=graph,
+        check=check,
+    )
 
 
 def _extend(
@@ -108,10 +109,8 @@ def _extend(
     check: Callable[[], None],
 ) -> ChangeSet | None:
     """Add triples to a graph."""
-    with serving.semantic_map.hold():
-        check()
-        update = GroundUpdate((_insertion(graph, triples),))
-        return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by)
+    update = GroundUpdate((_insertion(graph, triples),))
+    return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by, check=check)
 
 
 def _insertion(graph: NamedNode, triples: list[Triple]) -> QuadChange:
@@ -130,7 +129,7 @@ async def _take_ontology(
     client = asker_of(request).client
     document = OntologyDocument(*given, serving.semantic_map.base, whole, client)
     work = serving.pool.ontologies, serving.semantic_map, document
-    taken = await completed(partial(replace_ontology, *work, by=by, check=check))
+    taken = await serving.write(request, partial(replace_ontology, *work, by=by, check=check))
     return written(
         serving,
         taken.commit,

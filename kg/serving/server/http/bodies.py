@@ -15,6 +15,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
+from kg.model.iris import whole_number
 from kg.serving.server.http.clients import ReadingThreads, Upload
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
@@ -127,7 +128,7 @@ async def read_body(request: Request, limits: Limits) -> bytes:
     encoding than gzip and deflate, 503 if bodies of others fill the memory.
     """
     length = request.headers.get("content-length", "0")
-    if length.isdigit() and int(length) > limits.body:
+    if length.isdigit() and (whole_number(length) or 0) > limits.body:
         raise _too_long(limits)
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in _ENCODINGS:

@@ -26,7 +26,8 @@ from kg.store.process_memory import trim_heap
 
 T = TypeVar("T")
 MAX_CLIENTS: Final = 4096  # remembered at once; one that is forgotten counts as new
-THREADS: Final = 2  # at once; they share the interpreter's lock with the event loop
+THREADS: Final = 2  # that read at once; they share the interpreter's lock with the event loop
+WRITERS: Final = 4  # writes at once: they are validated beside each other
 WAITING: Final = 32  # requests of one client
 SMALL: Final = 64 << 10  # [bytes] of a body that does not count; connections limit their number
 
@@ -80,8 +81,8 @@ class ReadingThreads:
     The last free one is for a client without a running request.
     """
 
-    def __init__(self) -> None:
-        self._queue = FairQueue(THREADS, WAITING)
+    def __init__(self, threads: int = THREADS) -> None:
+        self._queue = FairQueue(threads, WAITING)
 
     async def run(self, client: str, act: Callable[[], T]) -> T:
         """The result of `act`; raises PoolBusyError if too many requests of this client wait."""

@@ -11,7 +11,6 @@ import json
 from collections.abc import AsyncIterator, Callable
 from typing import Any, TypeVar
 
-from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 
@@ -88,11 +87,6 @@ async def _send_heartbeats(send: Send) -> None:
 
 def _part(body: bytes) -> dict[str, object]:
     return {"type": "http.response.body", "body": body, "more_body": True}
-
-
-async def completed(act: Callable[[], T]) -> T:
-    """The result of `act` in a thread, which completes even if the client leaves."""
-    return await asyncio.shield(run_in_threadpool(act))
 
 
 async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import partial
+from types import FrameType
 from typing import Any, Self, cast
 
 import uvicorn
@@ -46,8 +47,12 @@ class ServerLifecycle:
         host, port = self._address
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
-    def run(self) -> None:
-        """Serve until interrupted, or until `stop` is called from another thread."""
+    def run(self, on_signal: Callable[[], None] = lambda: None) -> None:
+        """Serve until interrupted, or until `stop` is called from another thread.
+
+        `on_signal` is called when a signal that ends the server arrives.
+        """
+        self._server.on_signal = on_signal
         try:
             self._server.run(sockets=[self._socket])
         finally:
@@ -81,7 +86,12 @@ class _Uvicorn(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, end_streams: Callable[[], None]) -> None:
         super().__init__(config)
         self.ready = threading.Event()
+        self.on_signal: Callable[[], None] = lambda: None
         self._end_streams = end_streams
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.on_signal()
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
