@@ -66,7 +66,9 @@ class Shapes:
         if not isinstance(results, rdflib.Graph):
             raise OntologyError(f"{self._file}: {text}")
         is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))
-        return sorted({_finding(results, result) for result in results.subjects(*is_result)})
+        parts = set(results.objects(None, rdflib.URIRef(v.SH_DETAIL)))  # of other results
+        found = set(results.subjects(*is_result)) - parts
+        return sorted({_finding(results, result) for result in found})
 
 
 def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:

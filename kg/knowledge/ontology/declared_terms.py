@@ -1,8 +1,8 @@
-"""Declared ``here:`` terms of the vocabulary and an ontology; undeclared ones in queries."""
+"""Declared terms of the vocabulary and an ontology, and near spellings of undeclared ones."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterable
 
 from pyoxigraph import NamedNode
 
@@ -16,10 +16,9 @@ _PREFIX = "here:"
 
 def declared_terms(engine: QuadStore) -> set[str]:
     """IRIs in ``here:`` that the vocabulary module or the ontology in the store declares."""
-    vocabulary = {value for value in vars(v).values() if isinstance(value, str)}
     quads = engine.quads_for_pattern(None, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)
     declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-    return {iri for iri in vocabulary | declared if iri.startswith(v.HERE)} | {v.HERE}
+    return {iri for iri in v.TERMS | declared if iri.startswith(v.HERE)} | {v.HERE}
 
 
 def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
@@ -35,15 +34,18 @@ def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
 
 
 def undeclared(iri: str, declared: set[str]) -> str:
-    """The message for an undeclared ``here:`` term, with declared terms of a close spelling."""
-    names = {_short(known).lower(): _short(known) for known in declared if known != v.HERE}
-    close = did_you_mean(_short(iri).lower(), names)
-    spelt = re.sub(r"here:[\w-]+", lambda match: names[match[0]], close)
-    return f"no ontology declares {_short(iri)}{spelt}"
+    """The message for an undeclared ``here:`` term, with the closest declared one."""
+    return f"no ontology declares {v.curie(iri)}{like_declared(iri, declared)}"
 
 
-def _short(iri: str) -> str:
-    return _PREFIX + iri.removeprefix(v.HERE)
+def like_declared(iri: str, declared: Iterable[str]) -> str:
+    """A clause that names the term with the closest local name, whatever its namespace is.
+
+    Terms are the `declared` ones, and the vocabulary's. The clause is empty without a close name.
+    """
+    known = sorted({*declared, *v.TERMS} - {iri}, key=lambda term: not term.startswith(v.HERE))
+    names = {v.local_name(term): v.curie(term) for term in reversed(known)}
+    return did_you_mean(v.local_name(iri), names)
 
 
 def _iri(text: str) -> str:

@@ -16,6 +16,7 @@ from kg.knowledge.ontology.dl_profile import owl_dl_findings
 from kg.knowledge.ontology.lint import check_quads, shapes_of
 from kg.knowledge.ontology.loading import Ontology
 from kg.knowledge.ontology.relations import Notes, annotated_key
+from kg.knowledge.ontology.unused import unresolved_imports, unused_statements
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
@@ -28,7 +29,8 @@ _TERM: Final = re.compile(r"here:[\w-]+")
 
 
 def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
-    """Validation findings of SHACL, undeclared terms, OWL 2 DL and, with `reason`, of HermiT.
+    """Validation findings of SHACL, undeclared terms, OWL 2 DL and, with `reason`, of HermiT;
+    warnings for what a map does not use (`kg.knowledge.ontology.unused`).
 
     Annotating blank nodes have the name of their statement.
 
@@ -38,7 +40,9 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     quads = ontology.quads
     shapes = shapes_of(ontology.files[0].parent) if ontology.files else None
     found = check_quads(quads, shapes) if shapes else check_quads(quads)
-    found += owl_dl_findings(quads)
+    found += [*owl_dl_findings(quads), *ontology.findings, *unused_statements(quads)]
+    if not ontology.files:
+        found += unresolved_imports(quads)
     if not quads and ontology.files:
         found.append(Finding(ontology.files[0].name, "holds no statement", severity="warning"))
     if reason and not any(finding.severity == "violation" for finding in found):

@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.ontology.declared_terms import like_declared
 from kg.knowledge.ontology.loading import (
     SHAPES_FILE,
     check_hierarchy,
@@ -36,7 +38,11 @@ _PROPERTY_KINDS: Final = {
     v.OWL_DATATYPE_PROPERTY: "data",
     v.OWL_ANNOTATION_PROPERTY: "annotation",
 }
-_BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
+#: vocabularies whose properties need no declaration; the last one is of obsolete terms in Protege
+_BUILT_IN: Final = (
+    *(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl")),
+    "http://purl.obolibrary.org/obo/IAO_",
+)
 
 
 def check_ontologies(folder: Path = ONTOLOGIES) -> list[Finding]:
@@ -73,7 +79,7 @@ def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Fi
     found += _undeclared(quads, _declared(quads))
     found += _undeclared_properties(quads)
     found += _mixed_kinds(quads)
-    found += _objects_and_places(quads)
+    found += _disjoint(quads)
     found += _same_names(quads)
     try:
         relations(quads)
@@ -134,7 +140,10 @@ def _undeclared(quads: Iterable[Quad], declared: set[str]) -> list[Finding]:
             if term.value not in declared and term.value != v.HERE:
                 uses.setdefault(term.value, _text(q.subject))
     message = "the ontology declares no such term"
-    return [Finding(focus=user, message=message, value=term) for term, user in uses.items()]
+    return [
+        Finding(focus=user, message=message + like_declared(term, declared), value=term)
+        for term, user in uses.items()
+    ]
 
 
 def _undeclared_properties(quads: Iterable[Quad]) -> list[Finding]:
@@ -142,8 +151,9 @@ def _undeclared_properties(quads: Iterable[Quad]) -> list[Finding]:
     quads = tuple(quads)
     known = (*_BUILT_IN, v.HERE)
     used = {q.predicate.value for q in quads if not q.predicate.value.startswith(known)}
+    declared = _declared(quads)
     message = "a property is used that no ontology declares"
-    return [Finding(focus=iri, message=message) for iri in used - _declared(quads)]
+    return [Finding(iri, message + like_declared(iri, declared)) for iri in used - declared]
 
 
 def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
@@ -181,14 +191,36 @@ def _many_labels(quads: Iterable[Quad]) -> list[Finding]:
     return [Finding(_text(term), message) for term, n in count.items() if n > MAX_LABELS]
 
 
-def _objects_and_places(quads: Iterable[Quad]) -> list[Finding]:
-    """Categories that are both object and place; HermiT, where it runs, reports them too."""
-    message = "is a kind of here:Object and of here:Place; it can be one of them"
+def _disjoint(quads: Iterable[Quad]) -> list[Finding]:
+    """Classes under two classes that exclude each other; HermiT, where it runs, finds more."""
+    quads = tuple(quads)
+    excluded = _disjoint_pairs(quads)
+    message = "is a kind of {} and of {}; it can be one of them"
     return [
-        Finding(focus=iri, message=message)
+        Finding(iri, message.format(*(one.replace(v.HERE, "here:") for one in pair)))
         for iri, above in superclasses(quads).items()
-        if v.OBJECT in above and v.PLACE in above
+        for pair in combinations(above, 2)
+        if frozenset(pair) in excluded
     ]
+
+
+def _disjoint_pairs(quads: tuple[Quad, ...]) -> set[frozenset[str]]:
+    """The pairs of classes of owl:disjointWith and owl:AllDisjointClasses."""
+    first, rest = (
+        {q.subject: q.object for q in quads if q.predicate.value == predicate}
+        for predicate in (v.RDF_FIRST, v.RDF_REST)
+    )
+    pairs = {frozenset((v.OBJECT, v.PLACE))}
+    for q in quads:
+        if q.predicate.value == v.OWL_DISJOINT_WITH:
+            pairs.add(frozenset((_text(q.subject), _text(q.object))))
+        elif q.predicate.value == v.OWL_MEMBERS:
+            node, members = q.object, dict[str, None]()
+            while node in first and _text(first[node]) not in members:
+                members[_text(first[node])] = None
+                node = rest.get(node)
+            pairs |= {frozenset(pair) for pair in combinations(members, 2)}
+    return pairs
 
 
 def _same_names(quads: Iterable[Quad]) -> list[Finding]:

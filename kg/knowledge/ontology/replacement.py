@@ -20,6 +20,7 @@ from kg.knowledge.ontology.provisional_classes import provisional_to_keep
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.findings import Finding
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
@@ -38,6 +39,7 @@ class Replacement:
     changes: tuple[OntologyChange, ...]
     kept: tuple[str, ...]  # IRIs of relations that people changed in the map
     commit: ChangeSet | None
+    warnings: tuple[Finding, ...] = ()  # what the new ontology says and a map does not use
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class ReplacementPlan:
     insert: tuple[Quad, ...]  # quads that the state lacks
     lost: tuple[str, ...]  # IRIs of categories that the new ontology lacks
     unnamed: bool  # whether the state has blank nodes in its ontology
+    warnings: tuple[Finding, ...] = ()  # as of `Replacement`
 
     def fits(self, engine: QuadStore) -> bool:
         """Whether `engine`, with the same ontology, uses no category that would be lost."""
@@ -63,7 +66,7 @@ class ReplacementPlan:
         note = "; ".join(change.words for change in self.changes)[:MAX_NOTE]
         cause = Cause("ontology", by, note)
         commit = store.commit(self.delete, self.insert, cause, exact_at=store.sequence)
-        return Replacement(self.changes, self.kept, commit)
+        return Replacement(self.changes, self.kept, commit, self.warnings)
 
 
 def plan_replacement(

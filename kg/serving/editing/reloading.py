@@ -99,4 +99,4 @@ def ontology_at(address: str) -> Ontology:
 def ontology_of_map(address: str) -> Ontology:
     """The ontology of the map in a folder or on a server; raises GraphError."""
     with open_map(address, read_only=True) as semantic_map:
-        return Ontology(semantic_map.ontology.quads(), ())
+        return Ontology(semantic_map.ontology.quads())
