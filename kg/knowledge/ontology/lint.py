@@ -26,10 +26,12 @@ from kg.knowledge.ontology.loading import (
     superclasses,
 )
 from kg.knowledge.ontology.relations import relations
+from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
+from kg.rdf.skolem import named
 
 MAX_LABELS: Final = 200  # of one term
 
@@ -63,8 +65,11 @@ def shapes_of(folder: Path) -> Path:
 
 
 def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
-    """As `check_ontologies`, of an ontology given as quads with blank nodes."""
-    return list(_findings(tuple(quads), shapes, shapes.stat().st_mtime_ns))
+    """As `check_ontologies`, of an ontology given as quads; blank nodes get their IRIs in maps."""
+    quads = tuple(quads)
+    if any(isinstance(term, BlankNode) for q in quads for term in (q.subject, q.object)):
+        quads = named(quads)
+    return list(_findings(quads, shapes, shapes.stat().st_mtime_ns))
 
 
 @lru_cache(maxsize=1)  # a reload validates the same quads where they are read and where written
@@ -74,8 +79,9 @@ def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Fi
     if too_large := [*_size(quads), *_hierarchy(quads), *_many_labels(quads)]:
         return tuple(too_large)  # the shapes would take minutes
     # restrictions have no labels: only named classes are validated as terms
-    named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
-    found = validate(named, shapes)
+    terms = [q for q in quads if not (_text(q.subject).startswith(v.GENID) and _is_class(q))]
+    shipped = shapes == ONTOLOGIES / SHAPES_FILE
+    found = validate(_to_validate(terms) if shipped else terms, shapes)
     found += _undeclared(quads, _declared(quads))
     found += _undeclared_properties(quads)
     found += _mixed_kinds(quads)
@@ -86,6 +92,30 @@ def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Fi
     except OntologyError as error:
         found.append(Finding(focus="here:probability", message=str(error)))
     return tuple(sorted(set(found)))
+
+
+def _to_validate(quads: list[Quad]) -> Iterable[Quad]:
+    """The quads without those of the shipped ontology that are valid in any case.
+
+    Those would take seconds. What is left about an unchanged subject is its class, which others may
+    need. Subjects that depend on a class which `quads` lack or place elsewhere stay whole.
+    """
+    shipped = {q for q in shipped_ontology().quads if q.graph_name == v.ONTOLOGY_GRAPH}
+    given = set(quads)
+    if shipped >= given:
+        return quads
+    of_classes = (v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF)
+    lost = {_text(q.subject) for q in shipped - given if q.predicate.value in of_classes}
+    lost |= {iri for iri, above in superclasses(shipped).items() if lost & {*above}}
+    whole = {_text(q.subject) for q in given ^ shipped}
+    whole |= {_text(q.subject) for q in given if lost & {_text(q.subject), _text(q.object)}}
+    kept = (*of_classes, v.RDFS_LABEL, v.RDFS_COMMENT)
+    classes = {q.subject for q in quads if _is_class(q)}
+    return (
+        q
+        for q in quads
+        if _text(q.subject) in whole or (q.subject in classes and q.predicate.value in kept)
+    )
 
 
 def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:

@@ -113,7 +113,7 @@ def _with_clean_names(quads: Iterable[Quad]) -> tuple[tuple[Quad, ...], list[Fin
                 found.append(Finding(focus, message, q.predicate.value, severity="warning"))
                 datatype = None if value.language else value.datatype
                 value = Literal(text, language=value.language, datatype=datatype)
-        clean[Quad(q.subject, q.predicate, value, q.graph_name)] = None
+        clean[Quad(q.subject, q.predicate, value, v.ONTOLOGY_GRAPH)] = None
     return tuple(clean), found
 
 

@@ -113,25 +113,32 @@ def _of_statement(quad: Quad, catalogue: Catalogue) -> Iterator[Finding]:
     predicate, value = quad.predicate.value, getattr(quad.object, "value", "")
     if _is_node(quad.subject):
         return
-    unused: str | None = None
+    unused = None
     if predicate == v.RDF_TYPE.value:
         unused = _unused_type(value)
+    elif predicate.startswith(v.HERE):
+        unused = _unused_of_ours(predicate, value, _kind(catalogue, quad.subject))
     elif predicate == v.RDFS_SUB_CLASS_OF and _is_node(quad.object):
         unused = f"no superclass that has no name is used (a restriction, union, ...); {_RELATED}"
-    elif predicate == _OWL + "deprecated":
-        unused = _unused(predicate) if value in ("true", "1") else None
+    elif predicate == _OWL + "deprecated" and value not in ("true", "1"):
+        return
     elif predicate in _INSTEAD or (predicate.startswith((_OWL, _RDFS)) and predicate not in _USED):
         unused = _unused(predicate)
-    elif predicate in v.TERMS and predicate.startswith(v.HERE) and predicate not in _OF_TERMS:
-        unused = f"{v.curie(predicate)} is a property of things in a map; of a term it is not used"
-    elif predicate == v.CARRIES and value not in (v.ON, v.INSIDE):
-        unused = "here:carries is used with here:on and here:inside only"
-    elif predicate == v.BACK_HEIGHT and not _is_number(value):
-        unused = "here:backHeight is used with a number [m] only"
-    elif predicate in KINDS and _kind(catalogue, quad.subject) not in ("object", "supercategory"):
-        unused = f"{v.curie(predicate)} is used of objects only, and this is no kind of here:Object"
     if unused is not None:
         yield _warning(quad.subject, unused, predicate, quad.object)
+
+
+def _unused_of_ours(predicate: str, value: str, kind: str) -> str | None:
+    """Why a statement with a property of ours about a term of some kind is not used, if so."""
+    if predicate in v.TERMS and predicate not in _OF_TERMS:
+        return f"{v.curie(predicate)} is a property of things in a map; of a term it is not used"
+    if predicate == v.CARRIES and value not in (v.ON, v.INSIDE):
+        return "here:carries is used with here:on and here:inside only"
+    if predicate == v.BACK_HEIGHT and not _is_number(value):
+        return "here:backHeight is used with a number [m] only"
+    if predicate in KINDS and kind not in ("object", "supercategory"):
+        return f"{v.curie(predicate)} is used of objects only, and this is no kind of here:Object"
+    return None
 
 
 def _unused(predicate: str) -> str:
