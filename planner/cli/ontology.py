@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Parsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; imports are followed"
+_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples, JSON-LD) or folder; imports are followed"
 _ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
 
 

@@ -21,6 +21,11 @@ def declared_terms(engine: QuadStore) -> set[str]:
     return {iri for iri in v.TERMS | declared if iri.startswith(v.HERE)} | {v.HERE}
 
 
+def known_terms(engine: QuadStore) -> set[str]:
+    """IRIs that a query may use: the vocabulary's, and those that the ontology declares."""
+    return declared_terms(engine) | v.TERMS
+
+
 def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
     """A message for each undeclared ``here:`` term of a query.
 
