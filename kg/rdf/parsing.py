@@ -48,7 +48,7 @@ def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
 
 
 def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
-    """The triples of an ontology file in Turtle, RDF/XML, N-Triples or JSON-LD, as quads without a graph.
+    """The triples of an ontology file (Turtle, RDF/XML, N-Triples, JSON-LD), as quads.
 
     `parse` may run in another process (`kg.serving.workers.document_parsing`).
 

@@ -83,6 +83,7 @@ _CHOICE = re.compile(
     r"argument (?P<what>.+): invalid choice: ['\"](?P<given>.*)['\"] \(choose from (?P<known>.*)\)"
 )
 _OPTION = re.compile(r"(?<!\S)--?[a-z][\w-]*")
+_CALLED = {"COMMAND": "command"}  # in place of a metavar
 _MAX_CHOICES = 12  # listed in a message
 
 
@@ -100,11 +101,23 @@ class _Parser(argparse.ArgumentParser):
             names = [name.strip(" '\"") for name in choice["known"].split(",")]
             near = did_you_mean(choice["given"], names)
             if near or len(names) > _MAX_CHOICES:
-                return f"{choice['what']}: no {choice['given']!r}{near}"
+                what = choice["what"]
+                what = f"{what} has no" if what.startswith("-") else f"no {_CALLED.get(what, '')}"
+                return f"{what.strip()} {choice['given']!r}{near}"
         given = next(iter(_OPTION.findall(message)), None)
         if given is not None and message.startswith("unrecognized arguments"):
-            return f"{message}{did_you_mean(given, self._option_string_actions)}"
+            return f"{message}{did_you_mean(given, self._options())}"
         return message
+
+    def _options(self) -> set[str]:
+        """The options of the parser and of its commands."""
+        parsers = [
+            parser
+            for action in self._actions
+            if isinstance(action, argparse._SubParsersAction)
+            for parser in action.choices.values()
+        ]
+        return {*self._option_string_actions}.union(*(parser._options() for parser in parsers))
 
 
 def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParser:

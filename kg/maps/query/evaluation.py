@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import partial
 
@@ -47,6 +47,8 @@ class Table:
 
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
+    notes: tuple[str, ...] = field(default=(), kw_only=True, compare=False)
+    """Terms of the query that the map lacks, a sentence each; they match nothing."""
 
     def records(self) -> list[dict[str, Value]]:
         """One dict per row, by column."""

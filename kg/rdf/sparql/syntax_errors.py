@@ -7,6 +7,7 @@ cause: a prefix without declaration, a name without prefix, a misspelt keyword, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import pairwise
 from typing import Final
 
 from kg.model import vocabulary as v
@@ -20,15 +21,23 @@ _FORMS: Final = (
     *("SELECT", "ASK", "CONSTRUCT", "DESCRIBE", "PREFIX", "BASE", "INSERT", "DELETE", "WITH"),
     *("CLEAR", "DROP", "CREATE", "ADD", "COPY", "MOVE", "LOAD"),
 )
-_KEYWORDS: Final = (
-    *_FORMS,
+_CLAUSES: Final = (
     *("WHERE", "FROM", "NAMED", "GRAPH", "OPTIONAL", "UNION", "MINUS", "FILTER", "BIND", "VALUES"),
     *("SERVICE", "SILENT", "DISTINCT", "REDUCED", "ORDER", "GROUP", "HAVING", "BY", "ASC", "DESC"),
-    *("LIMIT", "OFFSET", "EXISTS", "NOT", "IN", "AS", "UNDEF", "DATA", "USING", "COUNT", "SUM"),
-    *("AVG", "MIN", "MAX", "SAMPLE", "GROUP_CONCAT", "SEPARATOR", "REGEX", "CONTAINS", "BOUND"),
-    *("STRSTARTS", "STRENDS", "LANG", "LANGMATCHES", "DATATYPE", "IF", "COALESCE", "STR", "IRI"),
-    *("TRUE", "FALSE", "A", "CONCAT", "STRLEN", "LCASE", "UCASE", "ABS", "ROUND", "NOW", "YEAR"),
+    *("LIMIT", "OFFSET", "EXISTS", "NOT", "IN", "AS", "UNDEF", "DATA", "USING", "INTO", "TO"),
+    *("DEFAULT", "ALL", "TRUE", "FALSE", "A", "SEPARATOR", "LATERAL", "VERSION"),
 )
+_FUNCTIONS: Final = (
+    *("COUNT", "SUM", "MIN", "MAX", "AVG", "SAMPLE", "GROUP_CONCAT", "STR", "LANG", "LANGMATCHES"),
+    *("DATATYPE", "BOUND", "IRI", "URI", "BNODE", "RAND", "ABS", "CEIL", "FLOOR", "ROUND", "IF"),
+    *("CONCAT", "STRLEN", "UCASE", "LCASE", "ENCODE_FOR_URI", "CONTAINS", "STRSTARTS", "STRENDS"),
+    *("STRBEFORE", "STRAFTER", "YEAR", "MONTH", "DAY", "HOURS", "MINUTES", "SECONDS", "TIMEZONE"),
+    *("TZ", "NOW", "UUID", "STRUUID", "MD5", "SHA1", "SHA256", "SHA384", "SHA512", "COALESCE"),
+    *("STRLANG", "STRDT", "SAMETERM", "ISIRI", "ISURI", "ISBLANK", "ISLITERAL", "ISNUMERIC"),
+    *("REGEX", "SUBSTR", "REPLACE", "TRIPLE", "SUBJECT", "PREDICATE", "OBJECT", "ISTRIPLE"),
+    *("LANGDIR", "STRLANGDIR", "HASLANG", "HASLANGDIR", "ADJUST"),
+)
+_KEYWORDS: Final = (*_FORMS, *_CLAUSES, *_FUNCTIONS)
 #: prefixes of vocabularies that maps do not use and queries elsewhere often do
 _ELSEWHERE: Final = {
     "wd": "http://www.wikidata.org/entity/",
@@ -60,9 +69,12 @@ def explained(
     tokens = list(tokens_of(sparql))
     cause = (
         _undeclared_prefix(tokens, reason)
+        or _unclosed_text(sparql, tokens, reason)
         or _first_word(tokens)
-        or _word(tokens, offset, terms)
+        or _word(tokens, terms)
         or _unclosed(sparql, tokens)
+        or _bare_expression(tokens)
+        or _stop(tokens, offset)
         or _expected(reason)
     )
     return f"does not parse at line {line}, column {at}: {cause}"
@@ -72,9 +84,7 @@ def _undeclared_prefix(tokens: list[Token], reason: str) -> str:
     if "Prefix not found" not in reason:
         return ""
     declared = [
-        after.text.rstrip(":")
-        for token, after in zip(tokens, tokens[1:], strict=False)
-        if token.keyword == "PREFIX"
+        after.text.rstrip(":") for token, after in pairwise(tokens) if token.keyword == "PREFIX"
     ]
     known = {*declared, *v.PREFIXES}
     used = (token.text.partition(":")[0] for token in tokens if token.kind == "name")
@@ -95,14 +105,14 @@ def _first_word(tokens: list[Token]) -> str:
     return ""
 
 
-def _word(tokens: list[Token], offset: int, terms: Callable[[], Iterable[str]]) -> str:
-    """The cause, where the parser stopped at a word that is no keyword."""
-    before = [token for token in tokens if token.start <= offset and token.kind == "word"]
-    if not before or before[-1].end + 1 < offset or before[-1].keyword in _KEYWORDS:
+def _word(tokens: list[Token], terms: Callable[[], Iterable[str]]) -> str:
+    """The cause, where a word is no keyword: SPARQL has no other words."""
+    words = (token.text for token in tokens if token.keyword not in ("", *_KEYWORDS))
+    word = next((text for text in words if not text[0].isdigit()), None)
+    if word is None:
         return ""
-    word = before[-1].text
-    if word.isdigit():
-        return ""
+    if any(token.kind == "variable" and token.text == f"?{word}" for token in tokens):
+        return f"{word!r} is neither a keyword nor a term; did you mean ?{word}?"
     # of two terms with one name, ours
     known = sorted(terms(), key=lambda iri: (iri.startswith(v.HERE), iri))
     names = {v.local_name(iri): v.curie(iri) for iri in known if not v.curie(iri).startswith("<")}
@@ -113,26 +123,58 @@ def _word(tokens: list[Token], offset: int, terms: Callable[[], Iterable[str]]) 
     return f"{word!r} is neither a keyword nor a term{near or forms}"
 
 
-def _unclosed(sparql: str, tokens: list[Token]) -> str:
-    """The cause, where a bracket or a string is not closed, or a bracket closes nothing."""
-    opened: list[Token] = []
+def _unclosed_text(sparql: str, tokens: list[Token], reason: str) -> str:
+    """The cause, where a string or an IRI is not closed."""
     for token in tokens:
         if token.kind == "other" and token.text in "\"'":
             return f"the string that begins at {_place(sparql, token)} is not closed"
+        if token.kind == "other" and token.text == "<" and reason.endswith('">"'):
+            return f"the IRI that begins at {_place(sparql, token)} has a space, or no >"
+    return ""
+
+
+def _unclosed(sparql: str, tokens: list[Token]) -> str:
+    """The cause, where a bracket is not closed, or closes nothing."""
+    opened: list[Token] = []
+    for token in tokens:
         if token.kind != "mark" or token.text == ";":
             continue
         if token.text in _BRACKETS:
             opened.append(token)
-        elif opened and _BRACKETS[opened[-1].text] == token.text:
+        elif not opened:
+            return f"the {token.text} at {_place(sparql, token)} closes nothing"
+        elif _BRACKETS[opened[-1].text] == token.text:
             opened.pop()
         else:
-            return f"the {token.text} at {_place(sparql, token)} closes nothing"
+            break
     if opened:
         last = opened[-1]
         return (
             f"the {last.text} at {_place(sparql, last)} is not closed; "
             f"a {_BRACKETS[last.text]} is missing"
         )
+    return ""
+
+
+def _bare_expression(tokens: list[Token]) -> str:
+    """The cause, where SELECT has an expression without brackets and name."""
+    words = [token.keyword for token in tokens]
+    for at, word in enumerate(words[:-1]):
+        follows = words[at + 2] if words[at + 1] in ("DISTINCT", "REDUCED") else words[at + 1]
+        if word == "SELECT" and follows in _FUNCTIONS:
+            return (
+                f"an expression after SELECT needs brackets and a name: ({follows}(...) AS ?name)"
+            )
+    return ""
+
+
+def _stop(tokens: list[Token], offset: int) -> str:
+    """The cause, where a text ends too early, or a bracket stands where a term should be."""
+    after = next((token for token in tokens if token.start >= offset), None)
+    if after is None:
+        return f"the text ends after {tokens[-1].text!r}" if tokens else "the text is empty"
+    if after.text in (*_BRACKETS.values(), ".", ";", ","):
+        return f"{after.text!r} comes too early: a term, variable or value is missing before it"
     return ""
 
 

@@ -43,7 +43,7 @@ from pyoxigraph import (
     Store,
 )
 
-from kg.knowledge.ontology.declared_terms import known_terms
+from kg.knowledge.ontology.declared_terms import absent_terms, known_terms
 from kg.model.errors import (
     HereaboutsError,
     NotAcceptableError,
@@ -217,7 +217,8 @@ class Evaluator:
         if media_type is None:
             what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
             raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
-        head = {"media_type": media_type, "sequence": sequence}
+        notes = absent_terms(request["sparql"], state)
+        head = {"media_type": media_type, "sequence": sequence, "notes": notes}
         self._send(b"H", json.dumps(head).encode())
         sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
         if isinstance(results, QueryTriples):

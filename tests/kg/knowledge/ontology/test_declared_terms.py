@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kg.knowledge.ontology.declared_terms import undeclared_terms
+from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.serving.opening import in_memory_map
 from planner.cli import main
 
@@ -24,7 +24,7 @@ from planner.cli import main
 )
 def test_what_no_ontology_declares_is_named(query: str, lines: tuple[str, ...]) -> None:
     with in_memory_map() as semantic_map:
-        found = undeclared_terms(query, semantic_map.engine)
+        found = absent_terms(query, semantic_map.engine)
     assert len(found) == len(lines)
     for line, start in zip(found, lines, strict=True):
         assert start in line
