@@ -165,10 +165,13 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _diff(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.diff import changes
+    from kg.knowledge.ontology.unused import unused_statements
     from kg.serving.editing.reloading import ontology_at
 
     old, new = ontology_at(arguments.old), ontology_at(arguments.new)
     found = changes(old.quads, new.quads)
+    for warning in (*new.findings, *unused_statements(new.quads)):
+        note(str(warning))
     if arguments.json:
         write_json([asdict(change) for change in found])
     else:

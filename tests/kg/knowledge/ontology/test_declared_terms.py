@@ -12,7 +12,19 @@ from planner.cli import main
 @pytest.mark.parametrize(
     ("query", "lines"),
     [
-        ("SELECT ?x { ?x a here:Cup ; here:existence ?e }", ()),
+        ("SELECT ?x { ?x a here:Cup ; rdfs:label ?e }", ()),
+        (
+            "SELECT ?x { ?x a here:Cup ; here:existence ?e }",
+            ("no statement of the map has the property here:existence",),
+        ),
+        ("SELECT ?x { ?x geo:hasGeometry ?g }", ("has geo:hasGeometry, though exports may",)),
+        ("ASK { GRAPH graph:mpa { ?x a here:Cup } }", ("no graph graph:mpa; it has graph:",)),
+        ("ASK { GRAPH graph:ontology { ?x a owl:Class } }", ()),
+        ("PREFIX h: <https://w3id.org/hereabouts#> ASK { ?x a h:Cpu }", ("mean here:Cup",)),
+        ("ASK { ?x a <http://w3id.org/hereabouts#Cup> }", ("mean here:Cup",)),
+        ("ASK { ?x rdfs:lable ?y }", ("mean rdfs:label",)),
+        ("ASK { ?x rdfs:label ?y FILTER(geof:sfWithin(?y, '1'^^xsd:decimal)) }", ()),
+        ("PREFIX e: <urn:e:> ASK { ?x e:foo 1 }", ("no statement of the map has <urn:e:foo>",)),
         (
             "SELECT ?x { ?x a here:Cupp }",
             ("no ontology declares here:Cupp; did you mean here:Cup",),
