@@ -29,7 +29,7 @@ def semantic_map():  # type: ignore[no-untyped-def]
         ("SELECT ?x { ?x here:x ?y FILTR(?y > 3) }", "did you mean FILTER?"),
         ("SELECT ?x { ?x here:x ?y } ODER BY ?x", "did you mean ORDER?"),
         ("SELECT ?x { ?x a here:Cup", "the { at line 1, column 11 is not closed"),
-        ("SELECT ?x {\n ?x a here:Cup }}", "the } at line 2, column 16 closes nothing"),
+        ("SELECT ?x {\n ?x a here:Cup }}", "the } at line 2, column 17 closes nothing"),
         ("SELECT ?x { FILTER(1 < (2 } }", "is not closed; a ) is missing"),
         ('SELECT ?x { ?x rdfs:label "cup }', "the string that begins at line 1, column 27"),
         ("SELECT ?x { ?x here:x }", "'}' comes too early"),
