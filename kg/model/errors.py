@@ -208,6 +208,6 @@ def did_you_mean(given: str, known: Iterable[str] | Mapping[str, str]) -> str:
     '; did you mean banana?'
     """
     texts = known if isinstance(known, Mapping) else {name: name for name in known}
-    names = {name.lower(): text for name, text in reversed(texts.items())}
+    names = {name.lower(): text for name, text in reversed(list(texts.items()))}
     close = difflib.get_close_matches(given.lower(), names, n=1, cutoff=0.6)
     return f"; did you mean {names[close[0]]}?" if close else ""
