@@ -106,7 +106,9 @@ def _with_iris(quads: Iterable[Quad], iris: Mapping[str, str]) -> Iterable[Quad]
     """The quads with other IRIs for some terms; nodes that stood for axioms about them anew."""
     if not iris:
         return quads
-    nodes = {NamedNode(iri): NamedNode(other) for iri, other in iris.items()}
+    nodes: dict[object, NamedNode] = {
+        NamedNode(iri): NamedNode(other) for iri, other in iris.items()
+    }
     return named(
         Quad(
             nodes.get(q.subject, q.subject),

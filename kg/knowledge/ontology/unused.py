@@ -80,9 +80,10 @@ def unused_statements(quads: Iterable[Quad]) -> list[Finding]:
     catalogue = Catalogue.from_quads(quads)
     found = [finding for q in own for finding in _of_statement(q, catalogue)]
     found += _of_axioms(own)
-    found += _of_classes(own, catalogue, superclasses(quads))
+    above = superclasses(quads)
+    found += _of_classes(own, catalogue, above)
     found += _of_labels(own, quads, catalogue)
-    found += _of_names(catalogue)
+    found += _of_names(catalogue, above)
     return [*_limited(found)]
 
 
@@ -230,15 +231,20 @@ def _of_labels(
             yield _warning(subject, message, v.RDFS_LABEL)
 
 
-def _of_names(catalogue: Catalogue) -> Iterator[Finding]:
-    """Warnings for synonyms that mean another category, whose label or IRI comes first."""
+def _of_names(catalogue: Catalogue, above: dict[str, tuple[str, ...]]) -> Iterator[Finding]:
+    """Warnings for synonyms that mean another category, whose label or IRI comes first.
+
+    A synonym that became a class of its own below (mug, under cup) is none.
+    """
     shipped = shipped_ontology().catalogue
     for category in catalogue.categories:
         if category.derived:
             continue
         for name in category.synonyms:
             first = catalogue.named(name_key(name), category.kind)
-            if first is None or first.iri == category.iri or _as_shipped(shipped, first, category):
+            if first is None or category.iri in above[first.iri]:
+                continue
+            if _as_shipped(shipped, first, category):
                 continue
             message = f"has the synonym {name!r}, which means {v.curie(first.iri)}"
             yield _warning(category.iri, message, v.SKOS_ALT_LABEL)

@@ -17,7 +17,6 @@ from kg.knowledge.ontology.loading import compile_commonsense, load_ontologies
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.findings import Finding
 
 ONTOLOGY = load_ontologies().quads
 BASE = "https://example.org/map/"
