@@ -236,16 +236,19 @@ def _disjoint(quads: Iterable[Quad]) -> list[Finding]:
 
 def _disjoint_pairs(quads: tuple[Quad, ...]) -> set[frozenset[str]]:
     """The pairs of classes of owl:disjointWith and owl:AllDisjointClasses."""
-    first, rest = (
-        {q.subject: q.object for q in quads if q.predicate.value == predicate}
-        for predicate in (v.RDF_FIRST, v.RDF_REST)
-    )
+    first: dict[object, object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_FIRST
+    }
+    rest: dict[object, object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_REST
+    }
     pairs = {frozenset((v.OBJECT, v.PLACE))}
     for q in quads:
         if q.predicate.value == v.OWL_DISJOINT_WITH:
             pairs.add(frozenset((_text(q.subject), _text(q.object))))
         elif q.predicate.value == v.OWL_MEMBERS:
-            node, members = q.object, dict[str, None]()
+            node: object = q.object
+            members = dict[str, None]()
             while node in first and _text(first[node]) not in members:
                 members[_text(first[node])] = None
                 node = rest.get(node)
