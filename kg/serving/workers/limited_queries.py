@@ -8,7 +8,7 @@ from typing import Final, Self
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.sparql.vetting import check_length, check_unicode, vet
-from kg.serving.workers.local_evaluation import ACCEPTED, table_of
+from kg.serving.workers.local_evaluation import ACCEPTED, table_of, table_of_answer
 from kg.serving.workers.pool import QueryPool
 from kg.store.sparql_backend import SparqlBackend
 
@@ -46,8 +46,7 @@ class LimitedQueries:
         check_unicode(sparql)
         engine, base = self._map.engine, self._map.base
         if not isinstance(engine, SparqlBackend):
-            answer = self._workers().run(sparql, accept=ACCEPTED, base=base)
-            return table_of(answer.media_type, answer.body)
+            return table_of_answer(self._workers().run(sparql, accept=ACCEPTED, base=base))
         vet(sparql)
         return table_of(
             *engine.fetch(sparql, (), (), base=base, seconds=self._seconds, max_bytes=self._result)
