@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAGES = sorted(p for glob in ("*.md", "docs/**/*.md", "lab/**/*.md") for p in ROOT.glob(glob))
 _OF_OTHER_VERSIONS = ("CHANGELOG.md", "upgrading.md")  # they name what there was
 _PACKAGES = ("kg", "perception", "mapping", "planner", "lab")
 _FOLDERS = "kg|perception|mapping|planner|lab|benchmarks|tests|queries|ontologies"
