@@ -31,7 +31,7 @@ from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 FILE: Final = "known_things.npz"  # in the folder of a map
 AUTHOR: Final = "looks"  # of the assertions; people are asked to confirm or retract them
 MAX_THINGS: Final = 1000
-#: likeness from which a thing may be the known one (docs/reference/benchmarks.md)
+#: likeness from which a thing may be the known one (lab/research/measurements.md)
 MIN_LIKENESS: Final = 0.4
 #: likeness, and how much greater it is than to any thing seen before, from which a thing is it
 MIN_DISTINCT: Final = 0.6

@@ -21,7 +21,7 @@ from mapping.objects.tracks import Track
 
 #: log-likelihood ratio of one thing against two of a category, by how much more alike they look
 #: than the new thing and the most similar other one: its value at 0, and its slope. Fitted to the
-#: lounge and judged on the kitchen (docs/reference/benchmarks.md).
+#: lounge and judged on the kitchen (lab/research/measurements.md).
 EVEN: Final = 0.5
 SLOPE: Final = 6.9
 _MAX_LOG_RATIO: Final = 3.0  # of the log-likelihood ratio, either way

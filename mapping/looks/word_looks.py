@@ -15,7 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from mapping.looks.object_looks import Looks, ObjectLooks
 
 #: likelihood ratio from which a thing is said to look like a word: in a room of 25 things one word
-#: in ten, of those that name none of them, then has a thing like it (docs/reference/benchmarks.md)
+#: in ten, of those that name none of them, then has a thing like it (lab/research/measurements.md)
 MIN_RATIO: Final = 10.0
 _RARE: Final = 0.001  # added to the background, so that no class is too rare to be a mistake
 _FOLDER: Final = Path(__file__).parent
