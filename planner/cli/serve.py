@@ -51,7 +51,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     for option, value, text in (
         ("--public-host", "NAME", "host name of this server for other machines"),
         ("--trusted-proxy", "ADDRESS", "reverse proxy, whose X-Forwarded-For names the client"),
-        ("--allow-origin", "ORIGIN", "let scripts of web pages from ORIGIN use the server"),
+        (
+            "--allow-origin",
+            "ORIGIN",
+            "scripts of pages from ORIGIN may use the server; *: all may read",
+        ),
         ("--allow-service", "URL", "SPARQL endpoint that queries may ask by SERVICE"),
     ):
         text = f"{text} (repeatable)"

@@ -26,11 +26,11 @@ from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import json_response, read_json
-from kg.serving.server.http.client_departure import completed
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import sequence_at
+from kg.serving.server.http.event_stream import completed
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.server.http.time_parameters import sequence_at
 from kg.store.sparql_client import SEQUENCE
 
 #: kinds of causes: frames of a mapper, a search of a robot, an import
