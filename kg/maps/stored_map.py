@@ -18,9 +18,11 @@ from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.facts.assertion_service import AssertionService
+from kg.maps.facts.assertions import noted
 from kg.maps.facts.coordinate_frames import changed_frame, maps_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
+from kg.maps.map_extent import check_positions, written_positions
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
@@ -73,7 +75,9 @@ class StoredMap(SemanticMap):
         self.history = StoredHistory(store, self.base, history)
         self.ontology = StoredOntology(store, categories, self._guard)
         self.assertions = AssertionService(
-            *(store, self._facts, self.perceived, self._writer, self._guard), names=self.ontology
+            *(store, self._facts, self.perceived, self._writer, self._guard),
+            names=self.ontology,
+            history=self.history,
         )
         self.rooms = RoomEditor(
             *(store, self._facts, self.perceived, self._writer),
@@ -150,12 +154,13 @@ class StoredMap(SemanticMap):
             if not confirmed:
                 check_confirmed(draft, self._facts, self.deletion_limit)
             validator.check_shapes(draft)
+            odd = check_positions(self.engine, written_positions(draft.added), "position")
             recompile_commonsense(draft)
             cause = Cause("update", by, " ".join(note.split())[:MAX_NOTE])
             change = self.store.commit(draft.removed, draft.added, cause)
             if allow and change is not None:
                 self.ontology.reread()
-            return change
+            return noted(change, self.base, odd)
 
     def restore(
         self,
