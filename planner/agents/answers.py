@@ -360,7 +360,10 @@ class Rows(Page):
 
 
 class Written(Answer):
-    """The assertion made or retracted; `changed` is false if nothing changed."""
+    """The assertion made or retracted; `changed` is false if nothing changed.
+
+    The notes tell of values of other people that it replaced, and of what is odd.
+    """
 
     thing: Iri
     property: str
@@ -369,3 +372,4 @@ class Written(Answer):
     untrusted_perceived: Sentence | None
     contradicted: bool  # whether perception believes otherwise
     changed: bool
+    untrusted_notes: list[Sentence] | None = None

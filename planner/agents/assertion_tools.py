@@ -49,7 +49,9 @@ class AssertionTools:
         return self._written(thing, property, change, made)
 
     def retract(self, thing: ThingName, property: Property) -> a.Written:
-        """Retract an assertion of any author; perception's value counts again."""
+        """Retract an assertion; perception's value counts again. One that somebody else made in
+        place of yours stays.
+        """
         thing = self._context.semantic_map.resolve("iri", thing)
         change = self._context.semantic_map.assertions.retract(thing, property, by=self._author())
         return self._written(thing, property, change, None)
@@ -66,4 +68,5 @@ class AssertionTools:
             untrusted_perceived=None if made is None else made.perceived,
             contradicted=made is not None and made.since is not None,
             changed=change is not None,
+            untrusted_notes=list(change.notes) if change is not None and change.notes else None,
         )

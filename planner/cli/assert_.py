@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 
 from planner.cli.arguments import add_author, add_json, add_map
-from planner.cli.console import note, write_json
+from planner.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -70,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "contradicted": assertion.since is not None,
                 "changed": change is not None,
                 "sequence": sequence,
+                **notes_of(change, shown=False),
             }
         )
         return 0
@@ -77,4 +78,5 @@ def run(arguments: argparse.Namespace) -> int:
     against = "; perception contradicts it" if assertion.since is not None else ""
     fact = f"{arguments.thing}: {arguments.property} is {value}"
     note(f"{fact} (asserted by {assertion.by}{against}); {done}")
+    notes_of(change, shown=True)
     return 0
