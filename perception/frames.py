@@ -132,8 +132,10 @@ def _check_scores(score: NDArray[np.floating], label: Sequence[str]) -> None:
     wrong = (score > _MAX_SCORE) | (score < 0)
     if wrong.any():
         n = int(np.argmax(wrong))
-        conversion = "score / 100 would work for percent" if (score >= 0).all() else (
-            "1 / (1 + np.exp(-score)) would work for logits"
+        conversion = (
+            "score / 100 would work for percent"
+            if (score >= 0).all()
+            else ("1 / (1 + np.exp(-score)) would work for logits")
         )
         raise FrameError(
             f"score {n} ({label[n]}) must be within 0..1, got {score[n]:g}; {conversion}"

@@ -21,12 +21,17 @@ from kg.rdf.quad_store import QuadStore
 MAX_DISTANCE: Final = 100.0  # [m] from a map, or ...
 MAX_SHARE: Final = 2.0  # ... times its diagonal, beyond which no position belongs to it
 ODD_DISTANCE: Final = 10.0  # [m] from a map, beyond which a position is odd
-MAX_SIDE: Final = 2000.0  # [m] of one place; larger ones are in millimetres
+MAX_SIDE: Final = 1000.0  # [m] of one place; larger ones are in millimetres
 _AXES: Final = ((v.X, v.X_MIN, v.X_MAX), (v.Y, v.Y_MIN, v.Y_MAX), (v.Z,))
 #: predicate -> which point of its subject it is of, and the axis
 _PLACES_OF: Final = {
-    **{v.X: ("position", 0), v.Y: ("position", 1), v.Z: ("position", 2)},
-    **{v.X_MIN: ("low", 0), v.Y_MIN: ("low", 1), v.X_MAX: ("high", 0), v.Y_MAX: ("high", 1)},
+    v.X: ("position", 0),
+    v.Y: ("position", 1),
+    v.Z: ("position", 2),
+    v.X_MIN: ("low", 0),
+    v.Y_MIN: ("low", 1),
+    v.X_MAX: ("high", 0),
+    v.Y_MAX: ("high", 1),
 }
 
 

@@ -261,7 +261,9 @@ class RoomEditor:
             if change.cause.kind == "rooms":
                 same |= {iri for iri, _ in others} & places
             if same:
-                labels = {place.iri: place.label for place in self._facts.places(self._store.engine)}
+                labels = {
+                    place.iri: place.label for place in self._facts.places(self._store.engine)
+                }
                 name = min(labels.get(iri, iri.removeprefix(self._facts.base)) for iri in same)
                 raise InvalidFactError(
                     f"{change.cause.by} changed {name} {ago(change.time)} ago (#{change.sequence}, "

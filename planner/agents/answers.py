@@ -242,6 +242,7 @@ class RouteAnswer(Page):
     end: list[Metres] | None = None  # x, y: the floor nearest to the goal
     end_to_goal: Metres | None = None  # from there in a straight line
     unseen_metres: Metres | None = None
+    notes: list[Sentence] | None = None  # where an end is off the floor
     doors: list[Doorway] = []  # in order
 
 
@@ -271,6 +272,7 @@ class PlanAnswer(Page):
     probability: Share | None  # that the whole plan finds it
     expected_seconds: Metres | None
     further_looks: int | None  # that gain too little for their time
+    note: Sentence | None = None  # where the start is off the floor
     looks: list[Look]
 
 
@@ -310,6 +312,7 @@ class NextLook(SearchProgress):
     """The look to take now; none if all is found, or if no look is worth the way."""
 
     look: ProposedLook | None
+    note: Sentence | None = None  # where the robot is off the floor
 
 
 class PlaceSummary(_Record):

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.agents import answers as a
@@ -92,6 +93,8 @@ class ListTools:
             raise QueryParameterError("give both x and y, or neither")
         if (inside is not None) + (near is not None) + (x is not None) > 1:
             raise QueryParameterError("give one of `inside`, `near`, and x with y")
+        if x is not None and y is not None:
+            check_positions(semantic_map.engine, [(x, y)], "point", QueryParameterError)
         if to is not None and near is None:
             raise QueryParameterError("`to` needs `near`: the two things to look between")
         if inside is not None:

@@ -85,7 +85,9 @@ class RouteTools:
         if found is None:
             raise QueryParameterError("the map has no floor and no places, so no way is known")
         if not math.isfinite(found.metres):
-            return a.RouteAnswer(map=state, total=0, reachable=False)
+            return a.RouteAnswer(
+                map=state, total=0, reachable=False, notes=list(found.notes) or None
+            )
         return a.RouteAnswer(
             map=state,
             reachable=True,
@@ -94,6 +96,7 @@ class RouteTools:
             end=found.end.tolist(),
             end_to_goal=float(np.linalg.norm(found.end - goal)),
             unseen_metres=found.unseen,
+            notes=list(found.notes) or None,
             doors=[
                 a.Doorway(
                     id=None if one.door is None else one.door.iri,

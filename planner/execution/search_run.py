@@ -110,6 +110,8 @@ class SearchRun:
         )
 
     def _loop(self) -> tuple[SearchState, str]:
+        if line := self._adapter.off_floor(self._robot.pose):
+            self._reporter.note(line)
         while self._targets.wanted:
             self._check_budget()
             proposal = self._adapter.next(self._robot.pose)

@@ -249,8 +249,8 @@ class AssertionService:
                 raise InvalidFactError(
                     f"the {present.property} of {present.subject.removeprefix(base)} is by "
                     f"{present.by} now ({shown_value(present, self._facts.catalogue)}), asserted "
-                    f"{ago(present.stamp)} after that of {by}; it stays: an assertion of one's own "
-                    "would replace it"
+                    f"{ago(present.stamp)} ago, after that of {by}; it stays: an assertion of "
+                    "one's own would replace it"
                 )
             return
 
