@@ -297,7 +297,7 @@ class RoomEditor:
         raise InvalidFactError(f"the robot is at ({x:.2f}, {y:.2f}), in no place of the map")
 
     def _chosen(self, known: Mapping[str, PlaceRecord], name: str) -> PlaceRecord:
-        iri = self._asserted.full(name)
+        iri = self._asserted.place(name)
         if iri not in known:
             base = self._facts.base
             there = ", ".join(i.removeprefix(base) for i in list(known)[:10]) or "none"

@@ -78,6 +78,7 @@ class StoredMap(SemanticMap):
             *(store, self._facts, self.perceived, self._writer, self._guard),
             names=self.ontology,
             history=self.history,
+            resolve=self.resolve,
         )
         self.rooms = RoomEditor(
             *(store, self._facts, self.perceived, self._writer),

@@ -115,11 +115,11 @@ class ListTools:
         return list(semantic_map.query("objects", least=least).records())
 
     def _inside(self, semantic_map: SemanticMap, inside: str, least: float) -> list[Row]:
-        if not self._context.is_thing(inside):
-            place = self._context.place(inside)
+        iri = self._context.iri(inside)
+        if not iri.startswith(f"{semantic_map.base}object/"):
+            place = self._context.place(iri)
             rows = semantic_map.query("objects-in-place", place=place, least=least)
             return list(rows.records())
-        iri = self._context.iri(inside)
         _position(semantic_map, iri)  # raises for anything else than an object
         return [
             row

@@ -21,7 +21,7 @@ from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import plain_place
+from planner.search.goals.place_names import fact_named, plain_place
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
 from planner.search.goals.targets import resolve, undetectable_target
@@ -148,8 +148,8 @@ class MapTools:
     ) -> a.WhyAnswer:
         """Why the map holds a thing or a fact: frame, box, rule, model or person behind it."""
         state, base = self._context.state(), self._map.base
-        named = self._context.iri(what).removeprefix(base)
-        steps = [step for reason in self._map.history.explain(named) for step in reason.walk()]
+        fact = fact_named(self._map, what)
+        steps = [step for reason in self._map.history.explain(fact) for step in reason.walk()]
         return a.WhyAnswer(
             map=state,
             steps=[

@@ -46,14 +46,15 @@ def add_what(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
+    from planner.search.goals.place_names import thing_named
 
     if arguments.by is None and not is_url(arguments.map):
         arguments.usage_error("an assertion needs an author: --by NAME")
     value, by = " ".join(arguments.value), arguments.by or ""
     with open_map(arguments.map) as semantic_map:
-        thing = semantic_map.resolve("iri", arguments.thing)
+        thing = thing_named(semantic_map, arguments.thing)
         if arguments.property in ("on", "inside") and value != "nothing":
-            value = semantic_map.resolve("iri", value)
+            value = thing_named(semantic_map, value)
         change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
         (assertion,) = (
             a for a in semantic_map.assertions.all(thing) if a.property == arguments.property

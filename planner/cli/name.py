@@ -97,7 +97,9 @@ def _name(
 
 
 def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
-    thing = semantic_map.resolve("iri", thing).removeprefix(semantic_map.base)
+    from planner.search.goals.place_names import thing_named
+
+    thing = thing_named(semantic_map, thing).removeprefix(semantic_map.base)
     former = _category(semantic_map, thing)
     before = None if former is None else _label(semantic_map, former.value)
     semantic_map.assertions.add(thing, "name", name, by=by)

@@ -24,9 +24,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
+    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map) as semantic_map:
-        thing = semantic_map.resolve("iri", arguments.thing)
+        thing = thing_named(semantic_map, arguments.thing)
         change = semantic_map.assertions.retract(thing, arguments.property, by=arguments.by)
         sequence = semantic_map.sequence
     if arguments.json:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
@@ -33,7 +33,12 @@ from kg.maps.map_extent import check_positions
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name
 from kg.model.areas import Area
-from kg.model.errors import HereaboutsError, InvalidFactError, did_you_mean
+from kg.model.errors import (
+    HereaboutsError,
+    InvalidFactError,
+    QueryParameterError,
+    did_you_mean,
+)
 from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.wkt import area_of_polygon
@@ -89,8 +94,9 @@ class AssertionService:
         guard: threading.RLock,
         names: NamedCategories,
         history: StoredHistory,
+        resolve: Callable[[str, str], str],
     ) -> None:
-        self._history = history
+        self._history, self._resolve = history, resolve
         self._store, self._facts, self._perceived = store, facts, perceived
         self._writer, self._guard, self._names = writer, guard, names
         self._assertions = Assertions(facts.base)
@@ -191,17 +197,22 @@ class AssertionService:
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
 
     def full(self, iri: str) -> str:
-        """Full IRI of a short form such as ``object/17``; a full IRI is returned unchanged.
+        """IRI of a thing by its id (object/17), IRI or label, as `SemanticMap.resolve` reads it.
 
-        Raises InvalidFactError for a text that is none.
+        Raises InvalidFactError for a text that names none.
         """
-        full = iri if ":" in iri else self._facts.base + iri
         try:
-            return NamedNode(full).value
-        except ValueError as error:
-            raise InvalidFactError(
-                f"no thing {iri[:200]!r}; give its IRI, or as in object/17, place/1"
-            ) from error
+            return NamedNode(self._resolve("iri", iri)).value
+        except (ValueError, QueryParameterError) as error:
+            why = f"{error}" if isinstance(error, QueryParameterError) else f"no thing {iri[:200]!r}"
+            raise InvalidFactError(f"{why}; its IRI, or as in object/17, place/1, works") from error
+
+    def place(self, name: str) -> str:
+        """IRI of a place by its id, label or number; "" for none."""
+        try:
+            return self._resolve("place", name)
+        except QueryParameterError:
+            return ""
 
     def _made(
         self,

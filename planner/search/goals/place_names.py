@@ -86,17 +86,46 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
 
 
 def object_named(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of the object that a label (``cup 2``), ``object/2`` or an IRI names, else "".
+    """IRI of the object that a label (``cup 2``, ``the red cup``), ``object/2`` or an IRI names.
 
-    Raises QueryParameterError for a category with a number that no object has (``cup 99``); the
-    message lists those that there are.
+    "" for any other text, and for a category that several objects have as their label. Raises
+    QueryParameterError for another label of several objects, and for a category with a number that
+    no object has (``cup 99``); the message lists those that there are.
     """
+    catalogue = semantic_map.catalogue
     try:
-        iri = semantic_map.resolve("iri", text)
+        iri = semantic_map.resolve("thing", text)
     except QueryParameterError:
-        category, _, number = text.strip().rpartition(" ")
-        catalogue = semantic_map.catalogue
-        if number.isdigit() and catalogue.get(category, "object") and not catalogue.get(text):
+        if catalogue.get(text) is None:
             raise
         return ""
+    category, _, number = text.strip().rpartition(" ")
+    is_numbered = number.isdigit() and catalogue.get(category, "object")
+    if not iri and is_numbered and not catalogue.get(text):
+        return semantic_map.resolve("iri", text)
     return iri if iri.startswith(f"{semantic_map.base}object/") else ""
+
+
+def thing_named(semantic_map: SemanticMap, text: str) -> str:
+    """IRI of the one thing or place that a text names, in any form that a door takes.
+
+    An id, an IRI, a label; a place also by its number or by a category that it alone has, an object
+    by a category of which the map has one. Raises QueryParameterError or UnknownCategoryError.
+    """
+    if found := semantic_map.resolve("thing", text):
+        return found
+    try:
+        return place_named(semantic_map, text)
+    except QueryParameterError:
+        return semantic_map.resolve("iri", text)
+
+
+def fact_named(semantic_map: SemanticMap, text: str) -> str:
+    """A thing as in `thing_named`, or a fact of it: subject, predicate and perhaps an object.
+
+    The result is short (``object/17 here:inPlace place/1``). The predicate has a colon.
+    """
+    words = text.split()
+    at = next((n for n, word in enumerate(words) if n and ":" in word), len(words))
+    iri = thing_named(semantic_map, " ".join(words[:at]) if at < len(words) else text)
+    return " ".join([iri.removeprefix(semantic_map.base), *words[at:]])

@@ -19,7 +19,7 @@ from kg.model.errors import QueryParameterError, UndetectableError
 from kg.model.records import DepartedRecord
 from mapping.objects.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
-from planner.search.goals.place_names import object_named, titled
+from planner.search.goals.place_names import object_named, place_named, titled
 from planner.search.goals.search_goals import resolve_target
 from planner.search.goals.target_words import undetectable
 from planner.settings import BELIEF
@@ -87,7 +87,7 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     rows = semantic_map.query("status", category=category.iri).records()
     found = tuple(_place(row, category.label) for row in rows)
     if place is not None:
-        chosen = semantic_map.resolve("place", place)
+        chosen = place_named(semantic_map, place)
         found = tuple(one for one in found if one.place == chosen)
     places = {p.iri: titled(semantic_map.catalogue, p) for p in semantic_map.places()}
     named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]

@@ -55,7 +55,7 @@ async def _list(serving: AppState, request: Request) -> Response:
     given = query_parameters(request)
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
-        iri = full_iri(serving.semantic_map.base, iri)
+        iri = full_iri(serving.semantic_map.base, serving.semantic_map.resolve("iri", iri))
     # a strong tag, which the If-Match of an edit can name
     state = replace(state_of(serving.semantic_map), form="json" if media_type == JSON else "")
     headers = {"Vary": "Accept", **state.headers}
@@ -93,13 +93,14 @@ def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
 async def _assert(serving: AppState, request: Request, by: str) -> Response:
     content = await read_json(request, serving.settings.limits, ("thing", "property", "value"))
     base = serving.semantic_map.base
-    thing, prop = full_iri(base, _word(content, "thing")), _property(_word(content, "property"))
+    named, prop = _word(content, "thing"), _property(_word(content, "property"))
     value = _value(content["value"])
 
     def write() -> tuple[ChangeSet | None, Assertion]:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
             check_preconditions(request, state_of(semantic_map), exists=True)
+            thing = full_iri(base, semantic_map.resolve("iri", named))
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions["category" if prop == NAME else prop]
@@ -121,13 +122,13 @@ async def _retract(serving: AppState, request: Request, by: str) -> Response:
     iri, prop = given.one("iri"), given.one("property")
     if not iri or not prop:
         raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
-    thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
 
     def retract() -> ChangeSet | None:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
             check_preconditions(request, state_of(semantic_map), exists=True)
+            thing = full_iri(semantic_map.base, semantic_map.resolve("iri", iri))
             return semantic_map.assertions.retract(thing, prop, by=by)
 
     return written(serving, await completed(retract), request)
