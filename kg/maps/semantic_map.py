@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from kg.history.timestamps import Instant
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.knowledge.ontology.declared_terms import undeclared_terms
 from kg.maps.facts.assertion_service import PerceivedRecords
 from kg.maps.facts.departed_objects import departed_in
 from kg.maps.facts.doors import doors_in
@@ -258,6 +260,8 @@ class SemanticMap(ABC):
             total_order=foreign,
             subclasses=foreign,
         )
+        if foreign and not table.rows:
+            table = replace(table, notes=undeclared_terms(query.sparql, self.engine))
         return query.check(table)
 
     def resolve(self, kind: str, text: str) -> str:

@@ -77,6 +77,8 @@ class KnownThing(Thing):
     untrusted_where: Sentence | None = None
     untrusted_may_be: list[tuple[Label, Share]] | None = None
     untrusted_frame: Label | None = None
+    untrusted_category_by: Label | None = None  # who said so, if a person gave the category
+    untrusted_detected_as: Label | None = None  # what `observations` counts then
     found_by: Iri | None = None
 
 
@@ -355,11 +357,12 @@ class MapDescription(Page):
 
 
 class Rows(Page):
-    """A SPARQL answer; times are ISO 8601, IRIs text."""
+    """A SPARQL answer; times are ISO 8601, IRIs text. The notes tell why nothing may match."""
 
     listed: ClassVar[str] = "untrusted_rows"
     untrusted_columns: list[Label]
     untrusted_rows: list[list[Cell]]
+    untrusted_notes: list[Sentence] | None = None  # terms that no ontology declares
 
 
 class Written(Answer):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+import math
+from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import Field
@@ -13,6 +14,7 @@ from kg.model.errors import QueryParameterError
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext, number_or_none, state_of, time_or_none
 from planner.freespace.planning_map import Row
+from planner.search.goals.place_names import is_unnamed
 from planner.search.goals.targets import resolve
 
 Word = Annotated[str, Field(min_length=1, max_length=100)]
@@ -57,7 +59,9 @@ class ListTools:
         """
         with self._context.at(at) as semantic_map:
             rows, place = self._rows(semantic_map, inside, near, (x, y), to, radius, least), None
-            if what is not None:
+            if what is not None and is_unnamed(semantic_map.catalogue, what):
+                rows = self._unnamed(semantic_map, inside, near, (x, y), radius)
+            elif what is not None:
                 (target,) = resolve(semantic_map, (what,))
                 kinds = {
                     str(row["object"])
@@ -126,6 +130,36 @@ class ListTools:
             for row in semantic_map.query("related", object=iri).records()
             if row["relation"] in ("on", "inside")
             and (number_or_none(row, "existence") or 0) >= least
+        ]
+
+    def _unnamed(
+        self,
+        semantic_map: SemanticMap,
+        inside: str | None,
+        near: str | None,
+        point: tuple[float | None, float | None],
+        radius: float,
+    ) -> list[Row]:
+        """The things without a name in a place, or around a thing or point, as rows."""
+        place = None if inside is None else self._context.iri(inside)
+        x, y = point
+        if near is not None:
+            x, y = _position(semantic_map, self._context.iri(near))
+        labels = {one.iri: one.label for one in semantic_map.places()}
+        return [
+            {
+                "object": one.iri,
+                "label": semantic_map.catalogue.title(one.category, one.iri),
+                "category": "unnamed thing",
+                "existence": one.existence,
+                **dict(zip("xyz", one.p_map.tolist(), strict=True)),
+                "place": labels.get(one.place or ""),
+                "observations": one.observations,
+                "lastSeen": datetime.fromtimestamp(one.last_seen, UTC),
+            }
+            for one in semantic_map.unnamed_things()
+            if place in (None, one.place)
+            and (x is None or y is None or math.dist(one.p_map[:2], (x, y)) <= radius)
         ]
 
     def recent(

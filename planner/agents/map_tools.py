@@ -21,7 +21,7 @@ from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import fact_named, plain_place
+from planner.search.goals.place_names import fact_named, plain_place, stated_categories
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
 from planner.search.goals.targets import resolve, undetectable_target
@@ -186,6 +186,7 @@ class MapTools:
             ],
             total=len(table.rows),
             skip=skip,
+            untrusted_notes=list(table.notes) or None,
         )
 
     def _summary(self, place: PlaceRecord) -> a.PlaceSummary:
@@ -216,9 +217,12 @@ def _departed_of(semantic_map: SemanticMap, categories: Sequence[str]) -> list[a
 def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.KnownThing:
     """One object as an answer at `now` [s since 1970]; raises QueryParameterError for none."""
     rows = semantic_map.query("objects", least=0.0).records()
+    stated = stated_categories(semantic_map).get(iri)
     for row in rows:
         if row["object"] == iri:
             return a.KnownThing(
+                untrusted_category_by=stated.by if stated else None,
+                untrusted_detected_as=(stated.detected_as or None) if stated else None,
                 **thing(row).model_dump(),
                 untrusted_where=whereabouts(semantic_map, iri),
                 still_there=_still_there(semantic_map, iri, str(row["category"]), now),
@@ -250,6 +254,8 @@ def known_thing(one: KnownObject, now: float) -> a.KnownThing:
         untrusted_where=one.where,
         untrusted_may_be=list(one.may_be[:3]) or None,
         untrusted_frame=one.frame,
+        untrusted_category_by=one.stated.by if one.stated else None,
+        untrusted_detected_as=(one.stated.detected_as or None) if one.stated else None,
         found_by=one.found_by,
     )
 

@@ -235,7 +235,7 @@ def _print_known(
             note(target.note)
         said = find_sentences(semantic_map, target, now, state)
         write("\n".join(said))
-        vain = detections_in_vain(semantic_map, target.label, arguments.map)
+        vain = detections_in_vain(semantic_map, target.kind, arguments.map)
         if vain and said[0].startswith("No "):
             write(vain)
 

@@ -276,7 +276,7 @@ class SearchRun:
             self._verifier.judge(target, detection)
             for detection in update.detections
             for target in self._targets.wanted
-            if detection.category in target.kinds
+            if target.accepts(detection.category, detection.iri)
         ]
         return sightings, update
 

@@ -204,7 +204,9 @@ class AssertionService:
         try:
             return NamedNode(self._resolve("iri", iri)).value
         except (ValueError, QueryParameterError) as error:
-            why = f"{error}" if isinstance(error, QueryParameterError) else f"no thing {iri[:200]!r}"
+            why = (
+                f"{error}" if isinstance(error, QueryParameterError) else f"no thing {iri[:200]!r}"
+            )
             raise InvalidFactError(f"{why}; its IRI, or as in object/17, place/1, works") from error
 
     def place(self, name: str) -> str:

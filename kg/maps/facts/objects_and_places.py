@@ -14,7 +14,6 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.provisional_classes import NAMED
 from kg.maps.facts.label_beliefs import label_quads, labels_of
 from kg.maps.facts.object_relations import relation_quads, relations_of
 from kg.maps.facts.observations import evidence_of, observation_quads
@@ -254,14 +253,8 @@ class RecordCodec:
         return iri
 
     def object_label(self, record: ObjectRecord | DepartedRecord) -> str:
-        """Default label of an object."""
-        return self.title_of(record.category, record.iri)
-
-    def title_of(self, category: str, iri: str) -> str:
         """Default label of an object: its category and its number; a person's name as it is."""
-        label = self.catalogue.label(category)
-        number = iri.rstrip("/").rpartition("/")[2]
-        return label if category.startswith(NAMED) else f"{label} {number}"
+        return self.catalogue.title(record.category, record.iri)
 
     def _stored_beliefs(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
         """Properties of a place's belief in each category."""

@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 
 from pyoxigraph import (
@@ -45,6 +45,8 @@ class Table:
 
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
+    #: what may be wrong with a query that matches nothing: terms that no ontology declares
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def records(self) -> list[dict[str, Value]]:
         """One dict per row, by column."""

@@ -128,8 +128,8 @@ class ParameterResolver:
                     category = meaning.categories[0]
         if category is None:
             raise QueryParameterError(
-                f"nothing is called {text[:60]!r}; a thing has an id such as object/1, a label, "
-                "which `hereabouts ask MAP objects` lists, or a category that it alone has"
+                f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
+                "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
             )
         if category.kind == "place":
             return self._place(text)
@@ -137,7 +137,9 @@ class ParameterResolver:
         if len(found) == 1:
             return found[0]
         if not found:
-            raise QueryParameterError(f"no {category.label} is in the map; give object/1 or a label")
+            raise QueryParameterError(
+                f"no {category.label} is in the map; give object/1 or a label"
+            )
         labels = [self._label(iri) for iri in found[:_LISTED]]
         rest = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
         raise QueryParameterError(
@@ -150,7 +152,9 @@ class ParameterResolver:
 
     def _label(self, iri: str) -> str:
         named = (NamedNode(iri), NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
-        labels = [str(getattr(q.object, "value", "")) for q in self.engine.quads_for_pattern(*named)]
+        labels = [
+            str(getattr(q.object, "value", "")) for q in self.engine.quads_for_pattern(*named)
+        ]
         return min(labels, default=iri.removeprefix(self.base))
 
     def _numbered(self, text: str) -> str:

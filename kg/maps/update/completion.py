@@ -186,7 +186,7 @@ def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
     for quad in pending.after(subject, v.RDF_TYPE, None, v.MAP_GRAPH):
         category = facts.catalogue.by_iri(getattr(quad.object, "value", ""))
         if category is not None:
-            return facts.title_of(category.iri, subject.value)
+            return facts.catalogue.title(category.iri, subject.value)
     return subject.value
 
 

@@ -126,7 +126,7 @@ def _relabel(
     """Update a label that consists of the category and the number."""
     label = NamedNode(v.RDFS_LABEL)
     before, after = (
-        Quad(subject, label, Literal(facts.title_of(category, subject.value)), v.MAP_GRAPH)
+        Quad(subject, label, Literal(facts.catalogue.title(category, subject.value)), v.MAP_GRAPH)
         for category in (old, new)
     )
     if before in pending.facts(subject, v.RDFS_LABEL):

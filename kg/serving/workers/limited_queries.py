@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Final, Self
 
+from kg.knowledge.ontology.declared_terms import undeclared_terms
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
@@ -37,12 +39,18 @@ class LimitedQueries:
         self._guard = threading.Lock()
 
     def ask(self, sparql: str) -> Table:
-        """The answer to a query.
+        """The answer to a query; without rows, its notes tell of terms that nobody declares.
 
         Raises QueryError for a query that does not parse, QueryRefusedError for a query that writes
         or reads other sources, QueryTimeoutError, QueryTooLargeError, PoolBusyError,
         and RemoteError of a server.
         """
+        table = self._answer(sparql)
+        if table.rows:
+            return table
+        return replace(table, notes=undeclared_terms(sparql, self._map.engine))
+
+    def _answer(self, sparql: str) -> Table:
         check_length(sparql)
         check_unicode(sparql)
         engine, base = self._map.engine, self._map.base

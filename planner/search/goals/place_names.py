@@ -1,14 +1,16 @@
-"""Names of places and objects of a map: labels, numbers, IRIs, categories of one place."""
+"""Names of places and objects of a map: what a text names, and how answers name things."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import PlaceRecord
+from kg.model.vocabulary import UNNAMED_THING
 
 _SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
@@ -36,13 +38,12 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:
-    """A place's label in a sentence: ``the guest room``; ``place 3``, ``redkitchen``, ``Ann's``.
+    """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
 
-    Labels take an article where their last word is a common noun.
+    Labels take an article where they are common nouns. Other names stay as people gave them.
     """
-    *_, last = label.split() or [""]
-    is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
-    return f"the {label}" if label.islower() and "'" not in label and is_noun else label
+    is_noun = catalogue.get(label, "place") or name_key(label) in word_table().senses
+    return f"the {label}" if label.islower() and is_noun else label
 
 
 def listed_places(semantic_map: SemanticMap) -> str:
@@ -83,6 +84,48 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     tail = f" {text.strip().casefold()}"
     catalogue, places = semantic_map.catalogue, semantic_map.places()
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
+
+
+@dataclass(frozen=True, slots=True)
+class StatedCategory:
+    """A person's word on what an object is, and what detectors take it for."""
+
+    by: str
+    category: str  # label
+    given: str  # the name as given; "" for a category that is no name
+    detected_as: str  # the detectors' own label; "" where they agree, or know none
+
+    def words(self, label: str) -> str:
+        """`` (so named by ann)``, or `` (called bowl by ann)`` of an object with another label."""
+        called = "so named" if label in (self.category, self.given) else f"called {self.category}"
+        return f" ({called} by {self.by})"
+
+
+def stated_categories(semantic_map: SemanticMap) -> dict[str, StatedCategory]:
+    """The objects whose category a person has asserted, by IRI."""
+    catalogue, asserted = semantic_map.catalogue, semantic_map.assertions.all()
+    given = {(a.subject, a.by, a.stamp): a.value for a in asserted if a.property == "label"}
+    return {
+        one.subject: StatedCategory(
+            one.by,
+            catalogue.label(one.value),
+            given.get((one.subject, one.by, one.stamp), ""),
+            catalogue.label(one.perceived)
+            if one.perceived not in (None, one.value, UNNAMED_THING)
+            else "",
+        )
+        for one in asserted
+        if one.property == "category"
+    }
+
+
+def is_unnamed(catalogue: Catalogue, text: str) -> bool:
+    """Whether words mean the things that nobody named: ``unnamed things``."""
+    words = text.strip().casefold()
+    if words in ("thing without a name", "things without a name"):
+        return True
+    known = catalogue.get(words)
+    return known is not None and known.iri == UNNAMED_THING
 
 
 def object_named(semantic_map: SemanticMap, text: str) -> str:
