@@ -59,7 +59,7 @@ class ListTools:
         """
         with self._context.at(at) as semantic_map:
             rows, place = self._rows(semantic_map, inside, near, (x, y), to, radius, least), None
-            if what is not None and is_unnamed(semantic_map.catalogue, what):
+            if what is not None and is_unnamed(what):
                 rows = self._unnamed(semantic_map, inside, near, (x, y), radius)
             elif what is not None:
                 (target,) = resolve(semantic_map, (what,))
@@ -145,19 +145,11 @@ class ListTools:
         x, y = point
         if near is not None:
             x, y = _position(semantic_map, self._context.iri(near))
-        labels = {one.iri: one.label for one in semantic_map.places()}
         return [
-            {
-                "object": one.iri,
-                "label": semantic_map.catalogue.title(one.category, one.iri),
-                "category": "unnamed thing",
-                "existence": one.existence,
-                **dict(zip("xyz", one.p_map.tolist(), strict=True)),
-                "place": labels.get(one.place or ""),
-                "observations": one.observations,
-                "lastSeen": datetime.fromtimestamp(one.last_seen, UTC),
-            }
-            for one in semantic_map.unnamed_things()
+            row
+            for row, one in zip(
+                unnamed_things(semantic_map), semantic_map.unnamed_things(), strict=True
+            )
             if place in (None, one.place)
             and (x is None or y is None or math.dist(one.p_map[:2], (x, y)) <= radius)
         ]
@@ -188,6 +180,24 @@ def _position(semantic_map: SemanticMap, iri: str) -> tuple[float, float]:
     if not rows:
         raise unknown(iri)
     return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
+
+
+def unnamed_things(semantic_map: SemanticMap) -> list[Row]:
+    """The things without a name as rows, with the columns of the query `objects`."""
+    labels = {one.iri: one.label for one in semantic_map.places()}
+    return [
+        {
+            "object": one.iri,
+            "label": semantic_map.catalogue.title(one.category, one.iri),
+            "category": "unnamed thing",
+            "existence": one.existence,
+            **dict(zip("xyz", one.p_map.tolist(), strict=True)),
+            "place": labels.get(one.place or ""),
+            "observations": one.observations,
+            "lastSeen": datetime.fromtimestamp(one.last_seen, UTC),
+        }
+        for one in semantic_map.unnamed_things()
+    ]
 
 
 def unknown(iri: str) -> QueryParameterError:

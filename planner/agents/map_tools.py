@@ -14,14 +14,19 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
 from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents import answers as a
-from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown
+from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from planner.agents.map_context import MapContext, clock, state_of, time_or_none
 from planner.freespace.planning_map import Row
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import fact_named, plain_place, stated_categories
+from planner.search.goals.place_names import (
+    fact_named,
+    is_unnamed,
+    plain_place,
+    stated_categories,
+)
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
 from planner.search.goals.targets import resolve, undetectable_target
@@ -88,6 +93,14 @@ class MapTools:
             if self._context.is_thing(what):
                 one = one_thing(semantic_map, self._context.iri(what), now)
                 return a.WhereIs(map=state, things=[one], total=1)
+            if is_unnamed(what):
+                unnamed = unnamed_things(semantic_map)
+                return a.WhereIs(
+                    map=state,
+                    things=[a.KnownThing(**thing(r).model_dump()) for r in unnamed[skip:][:limit]],
+                    total=len(unnamed),
+                    skip=skip,
+                )
             if rooms := about_rooms(semantic_map, Question("where", what), time.time()):
                 proof = ". ".join(rooms) + "."
                 return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)

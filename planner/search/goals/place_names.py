@@ -14,6 +14,10 @@ from kg.model.vocabulary import UNNAMED_THING
 
 _SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
+_UNNAMED = (
+    *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
+    *("unnamed object", "unnamed objects"),
+)
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -119,13 +123,10 @@ def stated_categories(semantic_map: SemanticMap) -> dict[str, StatedCategory]:
     }
 
 
-def is_unnamed(catalogue: Catalogue, text: str) -> bool:
+def is_unnamed(text: str) -> bool:
     """Whether words mean the things that nobody named: ``unnamed things``."""
-    words = text.strip().casefold()
-    if words in ("thing without a name", "things without a name"):
-        return True
-    known = catalogue.get(words)
-    return known is not None and known.iri == UNNAMED_THING
+    words = text.strip().casefold().removeprefix("the ")
+    return text == UNNAMED_THING or words in _UNNAMED
 
 
 def object_named(semantic_map: SemanticMap, text: str) -> str:

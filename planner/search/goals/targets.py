@@ -16,7 +16,7 @@ from kg.model.errors import (
     UnknownCategoryError,
     did_you_mean,
 )
-from planner.search.goals.place_names import object_named
+from planner.search.goals.place_names import is_unnamed, object_named
 from planner.search.goals.target_words import Undetectable, meaning_of, undetectable
 
 _NEED: Final = re.compile(
@@ -111,6 +111,12 @@ def _need(semantic_map: SemanticMap, text: str) -> str:
 
 def _resolve(semantic_map: SemanticMap, text: str) -> Target:
     need = _need(semantic_map, text)
+    if is_unnamed(text):
+        count = len(semantic_map.unnamed_things())
+        raise UnknownCategoryError(
+            f"{count} things of the map have no name, so any of them is no target; one by its id, "
+            "such as object/90, would work, and `hereabouts name MAP --review FILE.html` shows them"
+        )
     if not need:
         return _named(semantic_map, text)
     kinds = _used_for(semantic_map, need)
