@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Final
 
 from kg.history.timestamps import iso
@@ -63,12 +64,18 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
-    catalogue = semantic_map.catalogue
-    question = parsed(text, lambda name: catalogue.get(name) is not None)
+    question = parsed(text, cache(partial(_is_name, semantic_map)))
     if question is not None and question.where in _WHOLE:
         labels = {place.label.casefold() for place in semantic_map.places()}
         return question if question.where in labels else replace(question, where="")
     return question
+
+
+def _is_name(semantic_map: SemanticMap, words: str) -> bool:
+    """Whether words are the name of a category, or of one thing."""
+    if semantic_map.catalogue.get(words) is not None:
+        return True
+    return bool(words) and bool(semantic_map.resolve("thing", words))
 
 
 def _not_understood(semantic_map: SemanticMap, text: str) -> str:
