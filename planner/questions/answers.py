@@ -21,7 +21,6 @@ from planner.questions.patterns import Question, parsed
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.questions.wording import MAX_LENGTH
-from planner.search.goals.place_names import object_named
 from planner.search.plans.report import empty_answer, find_answer
 
 #: names of all that a map has, unless a place is called so
@@ -97,7 +96,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
-    if question.kind == "where" and alone and not object_named(semantic_map, question.what):
+    if question.kind == "where" and alone:
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
     answer = answer_question(semantic_map, wanted[0], now)

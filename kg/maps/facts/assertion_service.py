@@ -134,7 +134,7 @@ class AssertionService:
             odd = self._position_checked(record, prop, text)
             asserted = self._of(record.iri)
             made = {prop: self._made(record, asserted, prop, text, by)}
-            if name and self._facts.object_label(believed_object(record, made)) != name:
+            if name and self._facts.catalogue.title(text, record.iri) != name:
                 made["label"] = self._made(record, asserted, "label", name, by)
                 made["label"] = replace(made["label"], stamp=made[prop].stamp)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")

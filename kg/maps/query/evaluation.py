@@ -46,7 +46,7 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
     #: what may be wrong with a query that matches nothing: terms that no ontology declares
-    notes: tuple[str, ...] = field(default=(), compare=False)
+    notes: tuple[str, ...] = field(default=(), compare=False, kw_only=True)
 
     def records(self) -> list[dict[str, Value]]:
         """One dict per row, by column."""

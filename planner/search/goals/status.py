@@ -195,8 +195,8 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
         if record.existence >= PRESENT:
             value = "present"
         where = place.label if place else "no place"
-        by = stated_categories(semantic_map).get(iri)
-        said = f"called {by.category} by {by.by}, " if by else ""
+        stated = stated_categories(semantic_map).get(iri)
+        said = f"called {stated.category} by {stated.by}, " if stated else ""
         proof = f"{said}in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
