@@ -24,7 +24,7 @@ from kg.model.records import (
 from kg.model.transactions import Cause
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.occupancy.mapped_floor import FloorView
-from mapping.places.viewed_floor import ViewedFloor
+from mapping.places.place_mapper import ViewedFloor
 from planner.execution.options import SearchOutcome
 from planner.execution.protocol import RobotPose
 
