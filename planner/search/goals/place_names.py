@@ -14,6 +14,9 @@ from kg.model.vocabulary import UNNAMED_THING
 
 _SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
+_DETERMINERS = frozenset(
+    ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
+)
 _UNNAMED = (
     *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
     *("unnamed object", "unnamed objects"),
@@ -44,10 +47,13 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 def in_words(catalogue: Catalogue, label: str) -> str:
     """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
 
-    Labels take an article where they are common nouns. Other names stay as people gave them.
+    Labels take an article where their last word is a common noun, and no other word is before it
+    that stands for one. Other names stay as people gave them.
     """
-    is_noun = catalogue.get(label, "place") or name_key(label) in word_table().senses
-    return f"the {label}" if label.islower() and is_noun else label
+    first, *_, last = label.split() * 2 or ["", ""]
+    is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
+    determined = first in _DETERMINERS or "'" in label
+    return f"the {label}" if label.islower() and is_noun and not determined else label
 
 
 def listed_places(semantic_map: SemanticMap) -> str:
