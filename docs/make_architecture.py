@@ -87,7 +87,6 @@ WALKS: Final = {
         "planner.freespace.floor_plan",
         "planner.search.belief",
         "planner.search.viewpoints.candidate_views",
-        "planner.search.viewpoints.candidate_views",
         "planner.search.goals.known_objects",
         "planner.search.plans.view_plan",
         "planner.search.viewpoints.next_best_view",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -27,6 +26,7 @@ from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import anonymous
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
@@ -39,7 +39,7 @@ class StoredOntology:
     """
 
     def __init__(
-        self, store: TransactionalStore, categories: StoredCatalogue, guard: threading.RLock
+        self, store: TransactionalStore, categories: StoredCatalogue, guard: WriterLock
     ) -> None:
         self._store, self._categories, self._guard = store, categories, guard
         self._validator: UpdateValidator | None = None

@@ -115,6 +115,10 @@ BESIDE: Final = HERE + "beside"
 HAS_RELATION: Final = HERE + "hasRelation"
 OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
 RELATED_TO: Final = HERE + "relatedTo"
+#: inverses of here:on, here:inside and here:inPlace, for reasoners; no map states them
+SUPPORTS: Final = HERE + "supports"
+HOLDS: Final = HERE + "holds"
+HAS_OBJECT: Final = HERE + "hasObject"
 
 # individuals: confidence, counts and times
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
@@ -244,9 +248,13 @@ OWL_DISJOINT_WITH: Final = "http://www.w3.org/2002/07/owl#disjointWith"
 RDFS_DATATYPE: Final = "http://www.w3.org/2000/01/rdf-schema#Datatype"
 RDFS_DOMAIN: Final = "http://www.w3.org/2000/01/rdf-schema#domain"
 RDFS_RANGE: Final = "http://www.w3.org/2000/01/rdf-schema#range"
+SCHEMA_DOMAIN_INCLUDES: Final = "https://schema.org/domainIncludes"  # nothing follows from it
+SCHEMA_RANGE_INCLUDES: Final = "https://schema.org/rangeIncludes"
 OWL_ANNOTATED_SOURCE: Final = "http://www.w3.org/2002/07/owl#annotatedSource"
 OWL_ANNOTATED_PROPERTY: Final = "http://www.w3.org/2002/07/owl#annotatedProperty"
 OWL_ANNOTATED_TARGET: Final = "http://www.w3.org/2002/07/owl#annotatedTarget"
+SH_TARGET_SUBJECTS_OF: Final = "http://www.w3.org/ns/shacl#targetSubjectsOf"
+SH_TARGET_OBJECTS_OF: Final = "http://www.w3.org/ns/shacl#targetObjectsOf"
 SH_RESULT: Final = "http://www.w3.org/ns/shacl#ValidationResult"
 SH_FOCUS_NODE: Final = "http://www.w3.org/ns/shacl#focusNode"
 SH_RESULT_PATH: Final = "http://www.w3.org/ns/shacl#resultPath"

@@ -40,6 +40,20 @@ class Shapes:
             self._graph = rdflib.Graph().parse(file, format="turtle")
         except (SyntaxError, OSError) as error:
             raise OntologyError(f"{file}: {str(error).splitlines()[0]}") from None
+        self._predicates = {
+            str(predicate)
+            for kind in (v.SH_TARGET_SUBJECTS_OF, v.SH_TARGET_OBJECTS_OF)
+            for predicate in self._graph.objects(None, rdflib.URIRef(kind))
+        }
+
+    def may_target(self, facts: Iterable[pyoxigraph.Quad]) -> bool:
+        """Whether a shape may target the subject of `facts`: by its class or a property.
+
+        Most subjects that a document adds beside the map's own things are of no shape.
+        """
+        return any(
+            q.predicate == v.RDF_TYPE or q.predicate.value in self._predicates for q in facts
+        )
 
     def validate(
         self, quads: Iterable[pyoxigraph.Quad], focus: Iterable[str] | None = None

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from kg.model.errors import RecordingError
-from planner.cli.arguments import positive, title_for, whole
+from planner.cli.arguments import end_at_latest, positive, title_for, whole
 from planner.cli.console import note
 from planner.cli.map_recording import (
     add_map_options,
@@ -160,6 +160,8 @@ def until_signal() -> Iterator[threading.Event]:
 
     def end(number: int, frame: object) -> None:
         ended.set()
+        if number == signal.SIGTERM:
+            end_at_latest()
         for each in numbers:
             signal.signal(each, before[each])
 

@@ -6,7 +6,7 @@ each property is of one kind (OWL 2 DL), the compiled view of a map is that of i
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -17,8 +17,7 @@ from pyoxigraph import BlankNode, NamedNode, Quad
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.ontology.loading import (
     SHAPES_FILE,
-    check_hierarchy,
-    check_size,
+    check_limits,
     compile_commonsense,
     load_ontologies,
     superclasses,
@@ -28,8 +27,6 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
-
-MAX_LABELS: Final = 200  # of one term
 
 _PROPERTY_KINDS: Final = {
     v.OWL_OBJECT_PROPERTY: "object",
@@ -65,8 +62,10 @@ def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) 
 def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Finding, ...]:
     from kg.rdf.shacl import validate
 
-    if too_large := [*_size(quads), *_hierarchy(quads), *_many_labels(quads)]:
-        return tuple(too_large)  # the shapes would take minutes
+    try:
+        check_limits(quads)
+    except OntologyError as error:  # the shapes would take minutes
+        return (Finding(focus="owl:Ontology", message=str(error)),)
     # restrictions have no labels: only named classes are validated as terms
     named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
     found = validate(named, shapes)
@@ -157,28 +156,6 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
         for iri, of in kinds.items()
         if len(of) > 1
     ]
-
-
-def _size(quads: tuple[Quad, ...]) -> list[Finding]:
-    try:
-        check_size(quads)
-    except OntologyError as error:
-        return [Finding(focus="owl:Ontology", message=str(error))]
-    return []
-
-
-def _hierarchy(quads: Iterable[Quad]) -> list[Finding]:
-    try:
-        check_hierarchy(quads)
-    except OntologyError as error:
-        return [Finding(focus="rdfs:subClassOf", message=str(error))]
-    return []
-
-
-def _many_labels(quads: Iterable[Quad]) -> list[Finding]:
-    count = Counter(q.subject for q in quads if q.predicate.value == v.RDFS_LABEL)
-    message = f"has more than {MAX_LABELS} labels"
-    return [Finding(_text(term), message) for term, n in count.items() if n > MAX_LABELS]
 
 
 def _objects_and_places(quads: Iterable[Quad]) -> list[Finding]:

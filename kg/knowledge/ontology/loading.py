@@ -7,7 +7,7 @@ classes, probability and source (docs/explanation/ontology.md).
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
@@ -21,6 +21,8 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
+from kg.rdf.quad_store import QuadStore
+from kg.store.transaction_quads import MAX_TEXT
 
 #: Shapes validate the other files and are not part of the map.
 SHAPES_FILE: Final = "shapes.ttl"
@@ -31,7 +33,7 @@ MAX_LEVELS: Final = 100
 MAX_SUPERCLASSES: Final = 100_000  # pairs of a class and a superclass
 MAX_RELATIONS: Final = 10_000
 MAX_STATEMENTS: Final = 150_000
-MAX_TEXT: Final = 100_000  # characters of one text
+MAX_LABELS: Final = 200  # of one term
 
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
@@ -106,12 +108,24 @@ def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
     return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
 
 
-def check_size(quads: Collection[Quad]) -> None:
-    """Check that an ontology has a size that maps can hold.
+def check_grown(engine: QuadStore, added: Iterable[Quad]) -> None:
+    """As `check_limits`, of the ontology of a map with the quads that would be added to it."""
+    stored = engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+    check_limits([*stored, *(q for q in added if q.graph_name == v.ONTOLOGY_GRAPH)])
+
+
+def check_limits(quads: Collection[Quad]) -> None:
+    """Check that an ontology has a size that maps can hold; called wherever one is made or grows.
 
     Raises:
-        OntologyError: there are too many statements or relations, or a text is too long.
+        OntologyError: there are too many statements, relations or labels of a term, a text is too
+            long, or the classes form no hierarchy, or too large a one.
     """
+    _check_size(quads)
+    _check_hierarchy(quads)
+
+
+def _check_size(quads: Collection[Quad]) -> None:
     related = sum(q.predicate.value in _RELATION_CLASSES for q in quads)
     for count, most, what in (
         (len(quads), MAX_STATEMENTS, "statements"),
@@ -125,15 +139,14 @@ def check_size(quads: Collection[Quad]) -> None:
                 f"{q.subject} has a text of {len(q.object.value):,} characters; "
                 f"at most {MAX_TEXT:,} would work"
             )
+    labels = Counter(q.subject for q in quads if q.predicate.value == v.RDFS_LABEL)
+    for term, count in labels.items():
+        if count > MAX_LABELS:
+            raise OntologyError(f"{term} has more than {MAX_LABELS} labels")
 
 
-def check_hierarchy(quads: Iterable[Quad]) -> None:
-    """Check that the classes of an ontology form a hierarchy of a size that maps can hold.
-
-    Raises:
-        OntologyError: classes are superclasses of one another, or there are too many classes,
-            levels, or pairs of a class and a superclass; each pair is a triple of the map.
-    """
+def _check_hierarchy(quads: Iterable[Quad]) -> None:
+    # each pair of a class and a superclass is a triple of the map
     parents = _parents(quads)
     if len(parents) > MAX_CLASSES:
         raise OntologyError(
@@ -193,11 +206,10 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     Deterministic in content and order. Layout: docs/explanation/architecture.md.
 
     Raises:
-        OntologyError: as `check_size`, `check_hierarchy` and `relations`.
+        OntologyError: as `check_limits` and `relations`.
     """
     quads = tuple(quads)
-    check_size(quads)
-    check_hierarchy(quads)
+    check_limits(quads)
     compiled = [
         _quad(iri, v.IS_A, NamedNode(above))
         for iri, all_above in superclasses(quads).items()

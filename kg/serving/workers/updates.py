@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from pyoxigraph import Quad, RdfFormat, parse
@@ -22,7 +23,7 @@ from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
 
 ATTEMPTS: Final = 3  # evaluations without a lock
-HELD: Final = 2.0  # [s] of an evaluation with the lock of the writer
+HELD: Final = 1.0  # [s] of an evaluation with the lock of the writer; validation needs some, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +53,21 @@ def update_map(
         last = attempt == ATTEMPTS
         with semantic_map.hold() if last else nullcontext():
             update, sequence = _evaluated(pool, semantic_map, request, HELD if last else None)
-            with semantic_map.hold():
-                if update.reads and sequence != semantic_map.sequence:
-                    continue
-                return semantic_map.apply_ground(update, request.sparql, by=by, confirmed=confirmed)
+            check = partial(_check_unchanged, semantic_map, sequence) if update.reads else None
+            with suppress(StaleError):
+                return semantic_map.apply_ground(
+                    update, request.sparql, by=by, confirmed=confirmed, check=check
+                )
     raise ConflictError("others write faster than this update is evaluated; try again later")
+
+
+class StaleError(ConflictError):
+    """Others wrote since an update was evaluated: it is evaluated again."""
+
+
+def _check_unchanged(semantic_map: StoredMap, sequence: int) -> None:
+    if sequence != semantic_map.sequence:
+        raise StaleError(f"the map is at #{semantic_map.sequence}, not at #{sequence}")
 
 
 def _evaluated(

@@ -17,12 +17,12 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
-from kg.serving.server.http.client_departure import completed, unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import sequence_at
+from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.server.http.time_parameters import sequence_at
 from kg.serving.server.linked_data.description import service_description
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import SEQUENCE
@@ -134,7 +134,7 @@ async def write(
     serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
 ) -> Response:
     """Execute an update; the response has counts and the number of the transaction."""
-    return written(serving, await completed(act), request)
+    return written(serving, await serving.write(request, act), request)
 
 
 def written(

@@ -1,6 +1,8 @@
-"""`/subscribe?query=`: a continuous query; reports the bindings that commits add and remove.
+"""Feeds as server-sent events: `/changes`, each transaction, and `/subscribe`, a query's bindings.
 
-The query is evaluated again after each commit, at most once in `COALESCE` seconds.
+A feed of changes resumes from a sequence number; as JSON it is a page of past transactions. The
+query of a subscription is evaluated again after each commit, at most once in `COALESCE` seconds;
+the feed reports the bindings that commits add and remove.
 """
 
 from __future__ import annotations
@@ -8,22 +10,91 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from functools import partial
+from typing import Final
 
+from starlette.concurrency import iterate_in_threadpool
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.types import ASGIApp
 
 from kg.model.transactions import ChangeSet
+from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
-from kg.serving.server.http.bodies import query_parameters
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.change_broadcast import ChangeBroadcast, Queue
+from kg.serving.server.http.bodies import JSON, query_parameters
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import EventStream, event
-from kg.serving.server.http.media_types import EVENTS, SOLUTIONS
+from kg.serving.server.http.media_types import EVENTS, SOLUTIONS, accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import Asker
+
+PAGE: Final = 256  # changes of one JSON response
+PAGE_BYTES: Final = 4 << 20  # a longer response gets no further change
+
+
+async def changes(serving: AppState, request: Request) -> ASGIApp:
+    """Commits after `Last-Event-ID` or ``?since=``, else from now on.
+
+    Raises Problem: 410 if they are not kept, 503 if there are too many followers.
+    """
+    kind = negotiate(accept_of(request, query_parameters(request)), (EVENTS, JSON))
+    since = _since(request)
+    feed = serving.feed
+    if kind == JSON:
+        if since is None:
+            raise Problem(400, "changes as JSON need ?since=, a sequence number")
+        body = await serving.read(request, partial(_page_of, feed.since(since), since))
+        return Response(body, media_type=JSON, headers={"Cache-Control": "no-store"})
+    queue = Queue(serving.settings.limits.feed_backlog)
+    feed.add(queue, request.state.client)
+    try:
+        past = () if since is None else feed.since(since)
+    except BaseException:
+        feed.remove(queue)
+        raise
+    events = _commits(feed, queue, past, since or 0)
+    return EventStream(events, queue.ended, partial(feed.remove, queue))
+
+
+def _page_of(past: Iterable[ChangeSet], since: int) -> bytes:
+    """A page of changes; `sequence` is the number of the last, `more` whether others follow."""
+    rows: list[str] = []
+    last, size, more = since, 0, False
+    for change in past:
+        if more := (len(rows) >= PAGE or size > PAGE_BYTES):
+            break
+        rows.append(json.dumps(change_to_json(change), ensure_ascii=False))
+        last, size = change.sequence, size + len(rows[-1])
+    head = f'{{"sequence": {last}, "more": {json.dumps(more)}, "changes": ['
+    return f"{head}{', '.join(rows)}]}}\n".encode()
+
+
+async def _commits(
+    feed: ChangeBroadcast, queue: Queue, past: Iterable[ChangeSet], sent: int
+) -> AsyncIterator[bytes]:
+    async for change in iterate_in_threadpool(past):
+        sent = change.sequence
+        yield event(sent, "change", change_to_json(change))
+    while True:
+        change = await queue.take()
+        # changes that were committed while the past was read are in the queue too
+        if change.sequence > sent:
+            sent = change.sequence
+            yield feed.event_of(change)
+
+
+def _since(request: Request) -> int | None:
+    text = request.headers.get("last-event-id") or query_parameters(request).one("since")
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise Problem(400, f"since must be a sequence number, got {text[:40]!r}")
+    return int(text)
+
 
 COALESCE = 0.2  # [s] to wait for further commits after a commit
 MAX_ANSWER = 1 << 20  # [bytes] of an answer that can be followed
@@ -65,7 +136,7 @@ async def subscribe(serving: AppState, request: Request) -> ASGIApp:
         _unsubscribe(serving, follower)
         raise
     return EventStream(
-        _events(serving, sparql, follower, first),
+        _bindings(serving, sparql, follower, first),
         follower.ended,
         partial(_unsubscribe, serving, follower),
     )
@@ -89,12 +160,12 @@ def _unsubscribe(serving: AppState, follower: QueryFollower) -> None:
     serving.subscriptions.discard(follower)
 
 
-async def _events(
+async def _bindings(
     serving: AppState, sparql: str, follower: QueryFollower, answer: Answer
 ) -> AsyncIterator[bytes]:
     rows = _rows(answer)
     # the whole answer comes first, so that a client that reconnects needs no earlier state
-    yield _event("result", answer.sequence, rows, Counter())
+    yield _binding_event("result", answer.sequence, rows, Counter())
     while True:
         await follower.changed.wait()
         await asyncio.sleep(COALESCE)
@@ -105,7 +176,7 @@ async def _events(
         answer = await _evaluate(serving, sparql, follower.sequence, asker)
         before, rows = rows, _rows(answer)
         if rows != before:
-            yield _event("bindings", answer.sequence, rows - before, before - rows)
+            yield _binding_event("bindings", answer.sequence, rows - before, before - rows)
 
 
 async def _evaluate(serving: AppState, sparql: str, at_least: int, asker: Asker) -> Answer:
@@ -131,7 +202,7 @@ def _rows(answer: Answer) -> Counter[str]:
     return Counter(json.dumps(row, sort_keys=True) for row in result["results"]["bindings"])
 
 
-def _event(kind: str, number: int, added: Counter[str], removed: Counter[str]) -> bytes:
+def _binding_event(kind: str, number: int, added: Counter[str], removed: Counter[str]) -> bytes:
     data = {
         "sequence": number,
         "added": [json.loads(row) for row in added.elements()],
