@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
 from kg.knowledge.ontology.catalogue import StoredCatalogue
-from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.loading import ontology_of
 from kg.knowledge.ontology.provisional_classes import (
     add_provisional_classes,
     clean,
@@ -55,11 +56,11 @@ class StoredOntology:
         from kg.knowledge.ontology.diagnostics import check_valid
         from kg.knowledge.ontology.replacement import plan_replacement
 
-        ontology = Ontology(tuple(anonymous(quads)), ())
-        check_valid(ontology)
+        ontology = ontology_of(anonymous(quads))
+        warnings = check_valid(ontology)
         with self._guard:
             plan = plan_replacement(self._store.engine, ontology.quads, whole=whole)
-            return self.write(plan, by)
+            return self.write(replace(plan, warnings=tuple(warnings)), by)
 
     def write(self, plan: ReplacementPlan, by: str | None) -> Replacement:
         """Write a planned replacement that fits the map; the caller holds the map."""

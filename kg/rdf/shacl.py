@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 
 import pyoxigraph
@@ -80,12 +81,19 @@ class Shapes:
         if not isinstance(results, rdflib.Graph):
             raise OntologyError(f"{self._file}: {text}")
         is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))
-        return sorted({_finding(results, result) for result in results.subjects(*is_result)})
+        parts = set(results.objects(None, rdflib.URIRef(v.SH_DETAIL)))  # of other results
+        found = set(results.subjects(*is_result)) - parts
+        return sorted({_finding(results, result) for result in found})
 
 
 def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:
     """Validate quads against the shapes in a file, as `Shapes.validate`."""
-    return Shapes(shapes).validate(quads)
+    return _shapes(shapes, shapes.stat().st_mtime_ns).validate(quads)
+
+
+@lru_cache(maxsize=1)
+def _shapes(file: Path, _modified: int) -> Shapes:
+    return Shapes(file)
 
 
 def _finding(results: rdflib.Graph, result: Node) -> Finding:

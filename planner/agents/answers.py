@@ -362,7 +362,7 @@ class Rows(Page):
     listed: ClassVar[str] = "untrusted_rows"
     untrusted_columns: list[Label]
     untrusted_rows: list[list[Cell]]
-    untrusted_notes: list[Sentence] | None = None  # terms that no ontology declares
+    notes: list[Sentence] = Field(default_factory=list)  # terms of the query that the map lacks
 
 
 class Written(Answer):

@@ -199,7 +199,7 @@ class MapTools:
             ],
             total=len(table.rows),
             skip=skip,
-            untrusted_notes=list(table.notes) or None,
+            notes=[*table.notes[:8]],
         )
 
     def _summary(self, place: PlaceRecord) -> a.PlaceSummary:

@@ -123,7 +123,7 @@ def test_ways_lead_to_things_and_places_by_the_same_names(house: House) -> None:
 def test_an_undeclared_term_is_told(house: House) -> None:
     query = "SELECT ?s WHERE { ?s here:posX ?x }"
     assert "here:posX" in house.map.query(query).notes[0]
-    assert "here:posX" in tool(house, "ask_sparql", query=query)["untrusted_notes"][0]
+    assert "here:posX" in tool(house, "ask_sparql", query=query)["notes"][0]
     assert house.map.query("SELECT ?s WHERE { ?s here:heading 99 }").notes == ()
 
 

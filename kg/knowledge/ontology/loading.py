@@ -16,10 +16,11 @@ from typing import Final, TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.relations import CategoryRelation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, Notes, annotated_key, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
 from kg.rdf.quad_store import QuadStore
 from kg.store.transaction_quads import MAX_TEXT
@@ -39,15 +40,18 @@ _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
     v.NEAR_BY: NamedNode(v.NEAR_BY_RELATION),
 }
+_NAMES: Final = (v.RDFS_LABEL, v.SKOS_ALT_LABEL, v.SKOS_HIDDEN_LABEL)
+_OF_AXIOMS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
 _Term = TypeVar("_Term")
 
 
 @dataclass(frozen=True, slots=True)
 class Ontology:
-    """Ontology files as read, in the order of their names; nothing is inferred."""
+    """An ontology as a map takes it (`ontology_of`), with the files it was read from, if any."""
 
     quads: tuple[Quad, ...]  # all in graph:ontology
-    files: tuple[Path, ...]
+    files: tuple[Path, ...] = ()
+    findings: tuple[Finding, ...] = ()  # labels that were read in another spelling
 
 
 def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -> Ontology:
@@ -82,7 +86,65 @@ def read_files(files: Iterable[Path], parse: Parse | None = None) -> Ontology:
     quads: dict[Quad, None] = {}
     for number, path in enumerate(files):
         quads.update(dict.fromkeys(_read(path, parse, prefix=f"o{number}n")))
-    return Ontology(tuple(quads), files)
+    return ontology_of(quads, files)
+
+
+def ontology_of(quads: Iterable[Quad], files: Iterable[Path] = ()) -> Ontology:
+    """The ontology of quads as a map takes it, at every way into a map.
+
+    Names lose line ends and the spaces around them. A relation that stands only in its owl:Axiom is
+    stated too, as the OWLAPI reads it. A class under a supercategory alone (here:Food) becomes a
+    here:Object, since only objects are in supercategories.
+    """
+    named, findings = _with_clean_names(quads)
+    stated = dict.fromkeys((*named, *_annotated_only(named)))
+    return Ontology((*stated, *_implied_objects(stated)), tuple(files), tuple(findings))
+
+
+def _with_clean_names(quads: Iterable[Quad]) -> tuple[tuple[Quad, ...], list[Finding]]:
+    clean, found = dict[Quad, None](), []
+    for q in quads:
+        value = q.object
+        if q.predicate.value in _NAMES and isinstance(value, Literal):
+            text = " ".join(value.value.split())
+            focus = getattr(q.subject, "value", "")
+            if not text:
+                found.append(Finding(focus, "has an empty name", q.predicate.value))
+            elif text != value.value:
+                message = f"has spaces or line ends around words of a name; it is read as {text!r}"
+                found.append(Finding(focus, message, q.predicate.value, severity="warning"))
+                datatype = None if value.language else value.datatype
+                value = Literal(text, language=value.language, datatype=datatype)
+        clean[Quad(q.subject, q.predicate, value, v.ONTOLOGY_GRAPH)] = None
+    return tuple(clean), found
+
+
+def _annotated_only(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The relations that owl:Axiom nodes annotate."""
+    notes: dict[object, Notes] = defaultdict(list)
+    for q in quads:
+        if q.predicate.value in _OF_AXIOMS:
+            notes[q.subject].append((q.predicate.value, q.object))
+    for axiom in notes.values():
+        key = annotated_key(axiom)
+        if key is not None and key[0] in _RELATION_CLASSES:
+            kind, subject, target = map(NamedNode, key)
+            yield Quad(subject, kind, target, v.ONTOLOGY_GRAPH)
+
+
+def _implied_objects(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The missing here:Object above classes that are under a supercategory, and under nothing else
+    that tells what they are."""
+    parents = _parents(quads)
+    above = {iri: _reachable(iri, parents) for iri in parents}
+    objects = [iri for iri, kinds in above.items() if v.OBJECT in kinds]
+    supercategories = set().union(*(above[iri] for iri in objects)) - {*objects}
+    placed = {*objects, *supercategories, *(i for i, kinds in above.items() if v.PLACE in kinds)}
+    implied = {iri for iri, kinds in above.items() if iri not in placed and kinds & supercategories}
+    for iri in sorted(iri for iri in implied if not parents[iri] & implied):
+        yield Quad(
+            NamedNode(iri), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(v.OBJECT), v.ONTOLOGY_GRAPH
+        )
 
 
 def _read(path: Path, parse: Parse | None, *, prefix: str) -> Iterator[Quad]:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import replace
 from typing import Final, Self
 
-from kg.knowledge.ontology.declared_terms import undeclared_terms
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.vetting import check_length, check_unicode, vet
-from kg.serving.workers.local_evaluation import ACCEPTED, table_of
+from kg.serving.workers.local_evaluation import ACCEPTED, table_of, table_of_answer
 from kg.serving.workers.pool import QueryPool
 from kg.store.sparql_backend import SparqlBackend
 
@@ -39,24 +37,17 @@ class LimitedQueries:
         self._guard = threading.Lock()
 
     def ask(self, sparql: str) -> Table:
-        """The answer to a query; without rows, its notes tell of terms that nobody declares.
+        """The answer to a query.
 
         Raises QueryError for a query that does not parse, QueryRefusedError for a query that writes
         or reads other sources, QueryTimeoutError, QueryTooLargeError, PoolBusyError,
         and RemoteError of a server.
         """
-        table = self._answer(sparql)
-        if table.rows:
-            return table
-        return replace(table, notes=undeclared_terms(sparql, self._map.engine))
-
-    def _answer(self, sparql: str) -> Table:
         check_length(sparql)
         check_unicode(sparql)
         engine, base = self._map.engine, self._map.base
         if not isinstance(engine, SparqlBackend):
-            answer = self._workers().run(sparql, accept=ACCEPTED, base=base)
-            return table_of(answer.media_type, answer.body)
+            return table_of_answer(self._workers().run(sparql, accept=ACCEPTED, base=base))
         vet(sparql)
         sparql = with_subclasses(sparql, superclasses_of(engine))
         return table_of(

@@ -8,7 +8,7 @@ concurrency control). The last attempt makes other writers wait for a limited ti
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -17,7 +17,7 @@ from typing import Any, Final
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.maps.stored_map import StoredMap
-from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.ground_update import GroundUpdate, why_unchanged
 from kg.model.errors import ConflictError
 from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
@@ -42,9 +42,11 @@ def update_map(
     *,
     by: str | None,
     confirmed: bool = False,
+    explain: Callable[[str], object] | None = None,
 ) -> ChangeSet | None:
     """Evaluate an update in a worker and apply it as one transaction; None without changes.
 
+    `explain` is called with the reason why an update deleted nothing, if it changed nothing.
     Raises as `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the
     pool.
     """
@@ -55,9 +57,12 @@ def update_map(
             update, sequence = _evaluated(pool, semantic_map, request, HELD if last else None)
             check = partial(_check_unchanged, semantic_map, sequence) if update.reads else None
             with suppress(StaleError):
-                return semantic_map.apply_ground(
+                change = semantic_map.apply_ground(
                     update, request.sparql, by=by, confirmed=confirmed, check=check
                 )
+                if change is None and explain is not None:
+                    explain(why_unchanged(update, semantic_map.engine))
+                return change
     raise ConflictError("others write faster than this update is evaluated; try again later")
 
 

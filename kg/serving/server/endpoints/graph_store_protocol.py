@@ -136,6 +136,7 @@ async def _take_ontology(
         request,
         changes=[asdict(change) for change in taken.changes],
         kept=list(taken.kept),
+        warnings=[asdict(warning) for warning in taken.warnings],
     )
 
 

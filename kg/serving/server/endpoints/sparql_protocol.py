@@ -24,11 +24,14 @@ from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.description import service_description
+from kg.serving.workers.process import Answer
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import SEQUENCE
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
+NOTE: Final = "Here-Note"  # header of an answer: terms of the query that the map lacks
+MAX_NOTE: Final = 1000  # characters
 
 
 async def sparql(serving: AppState, request: Request) -> Response:
@@ -96,8 +99,14 @@ async def _query(serving: AppState, request: Request, given: RequestParameters) 
     return Response(
         answer.body,
         media_type=answer.media_type,
-        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
+        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence), **_notes(answer)},
     )
+
+
+def _notes(answer: Answer) -> dict[str, str]:
+    """A header that names the terms of a query that the map lacks."""
+    text = "; ".join(answer.details.get("notes", ()))
+    return {NOTE: text[:MAX_NOTE].encode("ascii", "backslashreplace").decode()} if text else {}
 
 
 def _least(serving: AppState, request: Request) -> int:
@@ -121,13 +130,17 @@ async def _update(
         graphs_of(given, "using-graph-uri"),
         graphs_of(given, "using-named-graph-uri"),
     )
+    notes: list[str] = []
     act = partial(
         update_map,
         *(serving.pool, serving.semantic_map, update),
         by=by,
         confirmed=is_confirmed(request),
+        explain=notes.append,
     )
-    return await write(serving, request, act)
+    change = await serving.write(request, act)
+    told = {"note": notes[0]} if any(notes) else {}
+    return written(serving, change, request, **told)
 
 
 async def write(
