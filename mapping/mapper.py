@@ -143,7 +143,7 @@ class Mapper:
                 transforms, detections of another type.
         """
         with self.timer.stage("map"):
-            check_detections(detections, scores)
+            check_detections(frame, detections, scores)
             self._observe(frame)
             if self._monitor is not None:
                 self._monitor.add(frame)

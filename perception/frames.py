@@ -7,14 +7,16 @@ Pixels are (column, row) with the origin at the centre of the top left pixel; th
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import FrameError
+
+_MAX_SCORE: Final = 1.0001  # by rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,9 @@ class Frame:
 class Detections:
     """Detections of one image: parallel arrays of length n, best score first.
 
-    Raises FrameError, a ValueError, where shapes or types are not the ones below.
+    Raises FrameError, a ValueError, where shapes or types are not the ones below, where a box is
+    no x1, y1, x2, y2 in pixels, and for a score above 1. Whether the boxes lie in the image is
+    checked where they are mapped (`mapping.frames.frame_checks`).
     """
 
     xyxy: NDArray[np.float32]  # (n, 4) [px] in the frame's own pixels
@@ -62,6 +66,10 @@ class Detections:
 
     def __post_init__(self) -> None:
         _check_arrays(xyxy=self.xyxy, score=self.score)
+        if isinstance(self.label, str) or not all(isinstance(one, str) for one in self.label):
+            raise FrameError(
+                f"label must be texts, one a box, as in ('cup', 'chair'); got {self.label!r:.80}"
+            )
         n = len(self.label)
         if self.mask and len(self.mask) != n:
             raise FrameError(f"mask must be ({n},), got ({len(self.mask)},)")
@@ -72,6 +80,9 @@ class Detections:
                 f"xyxy must be ({n}, 4) and score ({n},) as there are {n} labels, "
                 f"got {self.xyxy.shape}, {self.score.shape}"
             )
+        if n:
+            _check_boxes(self.xyxy, self.label)
+            _check_scores(self.score, self.label)
 
     def __len__(self) -> int:
         return len(self.label)
@@ -96,6 +107,39 @@ def _check_arrays(**arrays: object) -> None:
                 f"{name} must be a numpy array, got {type(given).__name__}; "
                 f"np.asarray({name}) would work"
             )
+
+
+def _check_boxes(xyxy: NDArray[np.floating], label: Sequence[str]) -> None:
+    """Raise FrameError for corners in another order, and where all are shares of an image."""
+    wrong = (xyxy[:, 2] < xyxy[:, 0]) | (xyxy[:, 3] < xyxy[:, 1])  # nan compares false
+    if wrong.any():
+        n = int(np.argmax(wrong))
+        raise FrameError(
+            f"box {n} ({label[n]}) must be x1, y1, x2, y2 [px] with x1 <= x2 and y1 <= y2, got "
+            f"{xyxy[n].tolist()}; np.hstack([b[:, :2], b[:, :2] + b[:, 2:]]) would work for boxes "
+            "b of x, y, width, height"
+        )
+    if xyxy.min() >= 0 and xyxy.max() <= 1 and (xyxy[:, 2:] > xyxy[:, :2]).all():
+        raise FrameError(
+            f"boxes must be in pixels, and all are within 0..1, as in {xyxy[0].tolist()} "
+            f"({label[0]}); xyxy * (width, height, width, height) of the image would work for "
+            "shares of it"
+        )
+
+
+def _check_scores(score: NDArray[np.floating], label: Sequence[str]) -> None:
+    """Raise FrameError for scores that are no probabilities."""
+    wrong = (score > _MAX_SCORE) | (score < 0)
+    if wrong.any():
+        n = int(np.argmax(wrong))
+        conversion = (
+            "score / 100 would work for percent"
+            if (score >= 0).all()
+            else ("1 / (1 + np.exp(-score)) would work for logits")
+        )
+        raise FrameError(
+            f"score {n} ({label[n]}) must be within 0..1, got {score[n]:g}; {conversion}"
+        )
 
 
 def box_pixels(

@@ -13,12 +13,20 @@ from typing import Final
 
 from kg.maps.facts import room_edits
 from kg.maps.facts.assertion_service import AssertionService, PerceivedRecords
-from kg.maps.facts.assertions import Assertions, PropertyAssertions, area_text, believed_object
+from kg.maps.facts.assertions import (
+    Assertions,
+    PropertyAssertions,
+    ago,
+    area_text,
+    believed_object,
+    noted,
+)
 from kg.maps.facts.doors import doors_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.robot_and_recordings import robot_in
 from kg.maps.facts.room_edits import EditedAreas
+from kg.maps.map_extent import check_positions
 from kg.maps.stored_history import StoredHistory
 from kg.model.areas import Area
 from kg.model.errors import InvalidFactError
@@ -26,10 +34,12 @@ from kg.model.iris import agent_iri, whole_number
 from kg.model.records import Assertion, DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.room_edit import Point, RoomEdit
 from kg.model.transactions import Cause, ChangeSet
+from kg.model.vocabulary import MAP_GRAPH
 from kg.store.transactional import TransactionalStore
 from kg.store.write_limit import WriterLock
 
 _DOOR_WIDTH: Final = 0.8  # [m]
+_BY_PEOPLE: Final = ("rooms", "assert", "retract", "update", "restore")  # kinds of causes
 _OVERLAP: Final = 0.01  # [m^2] from which two places overlap
 
 
@@ -63,6 +73,7 @@ class RoomEditor:
     def edit(self, edit: RoomEdit, *, by: str = "") -> ChangeSet | None:
         """Apply an edit in one transaction; None if nothing changed.
 
+        Its notes tell of values of other people that it replaces, and of points that are odd.
         Raises InvalidFactError, with nothing written, if the edit is not possible.
         """
         if not by.strip():
@@ -70,8 +81,9 @@ class RoomEditor:
         with self._guard:
             self._store.check_writable()
             note = f"{edit.kind} {' '.join(edit.places)} {edit.name}".strip()
+            odd = check_positions(self._store.engine, edit.points, "point")
             if edit.kind == "undo":
-                result, note = self._undone()
+                result, note = self._undone(by.strip())
             else:
                 result = self._result(edit, by.strip())
             update = MapUpdate(
@@ -81,7 +93,8 @@ class RoomEditor:
                 removed=result.removed,
             )
             asserted = {iri: assertions for iri, (_, assertions) in result.places.items()}
-            return self._writer.change(update, Cause("rooms", by.strip(), note), asserted)
+            change = self._writer.change(update, Cause("rooms", by.strip(), note), asserted)
+            return noted(change, self._facts.base, odd)
 
     def _result(self, edit: RoomEdit, by: str) -> _Result:
         known = {place.iri: place for place in self._facts.places(self._store.engine)}
@@ -169,37 +182,95 @@ class RoomEditor:
             written[place.iri] = replace(record, adjacent=adjacent), self._asserted_of(place.iri)
         return _Result(written, doors=(door,))
 
-    def _undone(self) -> tuple[_Result, str]:
-        """The last edit in reverse: its places and doors as they were before."""
-        sequence, subjects = self._last_edit()
-        past = self._history.store_at(sequence - 1).engine
+    def _undone(self, by: str) -> tuple[_Result, str]:
+        """The last edit of an author in reverse: its places and doors as they were before.
+
+        What was asserted of the places since then, other than areas and names of the edit, stays.
+        """
+        edit, later = self._last_edit(by)
+        past = self._history.store_at(edit.sequence - 1).engine
         before = {place.iri: place for place in self._facts.places(past)}
         now = {place.iri: place for place in self._perceived.places()}
+        subjects, asserted = self._touched(edit)
         prefix = f"{self._facts.base}place/"
         touched = {iri for iri in subjects if iri.rpartition("/")[0] + "/" == prefix}
+        new = (touched - before.keys()) & now.keys()
+        self._check_not_built_on(edit, later, new)
         places = {}
         for iri in touched & before.keys():
             record = now.get(iri, before[iri]).with_area(before[iri].area)
             record = replace(record, adjacent=before[iri].adjacent)
-            places[iri] = record, self._codec.of(past, iri)
+            former = self._codec.of(past, iri)
+            kept = {p: a for p, a in self._asserted_of(iri).items() if (iri, p) not in asserted}
+            if iri in now:
+                former = {p: a for p, a in former.items() if (iri, p) in asserted}
+            places[iri] = record, {**kept, **former}
         doors = {door.iri: door for door in doors_in(past) if door.iri in subjects}
         known = {door.iri for door in doors_in(self._store.engine)}
-        gone = [*(touched - before.keys()) & now.keys(), *(known & subjects) - doors.keys()]
+        gone = [*new, *(known & subjects) - doors.keys()]
         result = _Result(places, tuple(sorted(gone)), tuple(doors.values()))
-        return result, f"undo #{sequence}"
+        return result, f"undo #{edit.sequence}"
 
-    def _last_edit(self) -> tuple[int, set[str]]:
-        """Number and subjects of the last edit that was not undone."""
-        log = self._history.log
-        edits = [c for c in self._history.changes(log.floor) if c.cause.kind == "rooms"]
+    def _last_edit(self, by: str) -> tuple[ChangeSet, list[ChangeSet]]:
+        """The last edit of an author that was not undone, and what people changed after it."""
+        log, later = self._history.log, list[ChangeSet]()
         undone: set[str] = set()
-        for change in reversed(edits):
-            if change.cause.note.startswith("undo #"):
-                undone.add(change.cause.note.removeprefix("undo "))
-            elif f"#{change.sequence}" not in undone:
-                quads = (*change.added, *change.removed)
-                return change.sequence, {getattr(quad.subject, "value", "") for quad in quads}
-        raise InvalidFactError("no edit of rooms is left to undo")
+        changes = [c for c in self._history.changes(log.floor) if c.cause.kind in _BY_PEOPLE]
+        for change in reversed(changes):
+            note = change.cause.note
+            if change.cause.kind == "rooms" and note.startswith("undo #"):
+                undone.add(note.removeprefix("undo "))
+            elif f"#{change.sequence}" in undone:
+                continue
+            elif change.cause.kind == "rooms" and change.cause.by == by:
+                return change, later
+            else:
+                later.append(change)
+        raise InvalidFactError(
+            f"no edit of rooms is left to undo for {by}; everyone takes back edits of one's own"
+        )
+
+    def _touched(self, change: ChangeSet) -> tuple[set[str], set[tuple[str, str]]]:
+        """IRIs of what a transaction changed, and the assertions among it: thing and property."""
+        subjects: set[str] = set()
+        asserted: set[tuple[str, str]] = set()
+        for quad in (*change.added, *change.removed):
+            iri = getattr(quad.subject, "value", "")
+            if (about := self._codec.subject(iri)) is not None:
+                asserted.add((about, iri.split("/perceived/")[0].rpartition("/")[2]))
+            elif quad.graph_name == MAP_GRAPH:
+                subjects.add(iri)
+        return subjects, asserted
+
+    def _check_not_built_on(
+        self, edit: ChangeSet, later: Iterable[ChangeSet], new: Iterable[str]
+    ) -> None:
+        """Raise InvalidFactError where another person changed the same areas, doors or new places.
+
+        The places beside an edited area are of it too. Objects, which only changed their place,
+        do not count.
+        """
+        _, claims = self._touched(edit)
+        places = {iri for iri, _ in claims} | set(new)
+        for change in reversed([*later]):
+            if change.cause.by == edit.cause.by:
+                continue
+            _, others = self._touched(change)
+            on_new = {iri for iri, _ in others} & set(new)
+            same = on_new | {iri for iri, prop in others & claims}
+            if change.cause.kind == "rooms":
+                same |= {iri for iri, _ in others} & places
+            if same:
+                labels = {
+                    place.iri: place.label for place in self._facts.places(self._store.engine)
+                }
+                name = min(labels.get(iri, iri.removeprefix(self._facts.base)) for iri in same)
+                raise InvalidFactError(
+                    f"{change.cause.by} changed {name} {ago(change.time)} ago (#{change.sequence}, "
+                    f"{change.cause.kind} {change.cause.note[:40]}), after the edit "
+                    f"#{edit.sequence} of {edit.cause.by}: that stays; an undo by "
+                    f"{change.cause.by} first, or a new edit, would work"
+                )
 
     def _objects_elsewhere(self, result: _Result) -> tuple[ObjectRecord, ...]:
         """The objects that lie in another place after the edit."""
@@ -226,7 +297,7 @@ class RoomEditor:
         raise InvalidFactError(f"the robot is at ({x:.2f}, {y:.2f}), in no place of the map")
 
     def _chosen(self, known: Mapping[str, PlaceRecord], name: str) -> PlaceRecord:
-        iri = self._asserted.full(name)
+        iri = self._asserted.place(name)
         if iri not in known:
             base = self._facts.base
             there = ", ".join(i.removeprefix(base) for i in list(known)[:10]) or "none"

@@ -42,6 +42,7 @@ from kg.model.records import (
     RobotRecord,
 )
 from kg.model.transactions import Cause, ChangeSet
+from kg.model.vocabulary import UNNAMED_THING
 from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import TransactionalStore
 
@@ -265,13 +266,23 @@ class SemanticMap(ABC):
         return query.check(table)
 
     def resolve(self, kind: str, text: str) -> str:
-        """IRI of a "category", a "place" or any thing ("iri") by its name in queries.
+        """IRI of a "category", a "place" or any thing ("iri") by its name, at every door.
 
-        A place has a label, a number and an IRI. Raises UnknownCategoryError or
-        QueryParameterError, which list the alternatives.
+        A place has a label, a number and an IRI; a thing an id (object/17), an IRI, a label in
+        large or small letters, with or without an article, and its category where it alone has it.
+        As "thing" only ids, IRIs and labels count, and other texts are "". Raises
+        UnknownCategoryError or QueryParameterError, which list the alternatives.
         """
-        resolver = ParameterResolver(self.engine, self.base, self.catalogue, self.places)
+        resolver = ParameterResolver(
+            self.engine, self.base, self.catalogue, self.places, self._believed_of
+        )
         return resolver.resolve(kind, text)
+
+    def _believed_of(self, category: str) -> tuple[str, ...]:
+        """IRIs of the objects of a category (IRI), of things without a name too."""
+        if category == UNNAMED_THING:
+            return tuple(record.iri for record in self.unnamed_things())
+        return tuple(record.iri for record in self.objects(category, min_existence=0.5))
 
     def place_iri(self, number: int) -> str:
         """``<base>place/N``."""

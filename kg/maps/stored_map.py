@@ -18,9 +18,11 @@ from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.facts.assertion_service import AssertionService
+from kg.maps.facts.assertions import noted
 from kg.maps.facts.coordinate_frames import changed_frame, maps_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
+from kg.maps.map_extent import check_positions, written_positions
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
@@ -80,7 +82,10 @@ class StoredMap(SemanticMap):
         self.history = StoredHistory(store, self.base, history)
         self.ontology = StoredOntology(store, categories, self._guard)
         self.assertions = AssertionService(
-            *(store, self._facts, self.perceived, self._writer, self._guard), names=self.ontology
+            *(store, self._facts, self.perceived, self._writer, self._guard),
+            names=self.ontology,
+            history=self.history,
+            resolve=self.resolve,
         )
         self.rooms = RoomEditor(
             *(store, self._facts, self.perceived, self._writer),
@@ -154,6 +159,8 @@ class StoredMap(SemanticMap):
         if check is not None:
             check()  # before the work, too
 
+        odd: list[str] = []
+
         def drafted() -> ChangeDraft:
             draft = ChangeDraft(self.store)
             if replaced is not None:
@@ -162,6 +169,7 @@ class StoredMap(SemanticMap):
             drop_inferred_types(draft, update)
             check_facts(len(draft.added) + len(draft.removed))
             self._complete(draft, by, allow, confirmed)
+            odd[:] = [check_positions(self.engine, written_positions(draft.added), "position")]
             return draft
 
         def write(draft: ChangeDraft) -> ChangeSet | None:
@@ -172,7 +180,7 @@ class StoredMap(SemanticMap):
             change = self.store.commit(draft.removed, draft.added, cause, exact_at=exact)
             if allow and change is not None:
                 self.ontology.reread()
-            return change
+            return noted(change, self.base, *odd)
 
         return self._written(drafted, lambda draft, new: draft.state.is_changed_by(new), write)
 

@@ -35,7 +35,7 @@ class RoomEdit:
     - draw: a new place called `name` with the corners `points`
     - door: a door at the point between two places
     - here: the place in which the robot stands is called `name`
-    - undo: the last edit that was not undone
+    - undo: the last edit of the same author that was not undone
     """
 
     kind: RoomEditKind

@@ -40,6 +40,7 @@ class ChangeSet:
     cause: Cause
     added: tuple[Quad, ...]
     removed: tuple[Quad, ...]
+    notes: tuple[str, ...] = ()  # what its author should know of it; not kept
 
     def __len__(self) -> int:
         return len(self.added) + len(self.removed)

@@ -79,8 +79,8 @@ class FrameChecks:
                 )
 
 
-def check_detections(detections: Detections, scores: SceneScores | None) -> None:
-    """Raise FrameError where they are of another type, or boxes or scores are not finite."""
+def check_detections(frame: Frame, detections: Detections, scores: SceneScores | None) -> None:
+    """Raise FrameError where they are of another type, not finite, or of another image size."""
     if not isinstance(detections, Detections):
         raise FrameError(
             f"detections must be Detections, got {type(detections).__name__}; "
@@ -94,10 +94,26 @@ def check_detections(detections: Detections, scores: SceneScores | None) -> None
             f"{detections.xyxy[n].tolist()}, score {detections.score[n]:g}; "
             "Detections(xyxy, score, label) of the finite ones would work"
         )
+    if isinstance(frame, Frame):  # another type is refused with the frame
+        _check_in_image(frame, detections)
     if scores is not None and not isinstance(scores, SceneScores):
         raise FrameError(
             f"scores must be SceneScores, got {type(scores).__name__}; "
             'SceneScores({"kitchen": 0.9}) would work'
+        )
+
+
+def _check_in_image(frame: Frame, detections: Detections) -> None:
+    """Raise FrameError for a box whose centre lies outside the image, which no detector makes."""
+    height, width = frame.depth.shape
+    centre = (detections.xyxy[:, :2] + detections.xyxy[:, 2:]) / 2
+    outside = (centre < -0.5).any(axis=1) | (centre > (width - 0.5, height - 0.5)).any(axis=1)
+    if outside.any():
+        n = int(np.argmax(outside))
+        raise FrameError(
+            f"frame {frame.id}: box {n} ({detections.label[n]}) {detections.xyxy[n].tolist()} lies "
+            f"outside the image of {width} x {height} px; boxes of an image of another size, "
+            f"times ({width} / its width, {height} / its height) each, would work"
         )
 
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from kg.maps.map_extent import MAX_SIDE
 from kg.model.areas import MAX_COORDINATE, Area, Rectangle, area_of
 from kg.model.errors import LayoutError
 from kg.model.regular_files import read_text
@@ -122,6 +123,11 @@ class LayoutPlace:
                 raise LayoutError(
                     f"{self.label} has {low} {sides[low]:g} and {high} {sides[high]:g}; "
                     f"{low} below {high} would work"
+                )
+            if (side := sides[high] - sides[low]) > MAX_SIDE:
+                raise LayoutError(
+                    f"{self.label} is {side:,.0f} m long: are these millimetres? metres of the map "
+                    "would work"
                 )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.cache_invalidation import ExternalChanges
+from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.errors import LayoutError, UnknownCategoryError
@@ -27,7 +28,8 @@ class PlaceRegistry:
     other runs follow, with their views and beliefs. All are as perception believes them; `refresh`
     reads changes of other writers.
 
-    Raises LayoutError where the layout names a category that the ontology does not have.
+    Raises LayoutError where the layout names a category that the ontology does not have, and for a
+    place that is too far away to belong to the map.
     """
 
     def __init__(
@@ -172,10 +174,16 @@ def _extent_iri(semantic_map: SemanticMap, known: Iterable[PlaceRecord], recordi
 
 
 def _layout_places(
-    semantic_map: SemanticMap, places: Iterable[LayoutPlace], known: dict[str, PlaceRecord]
+    semantic_map: SemanticMap, places: Sequence[LayoutPlace], known: dict[str, PlaceRecord]
 ) -> dict[str, PlaceRecord]:
-    """Layout places by IRI, with the map's beliefs so far."""
+    """Layout places by IRI, with the map's beliefs so far.
+
+    Raises LayoutError for a place that is too far away to belong to the map.
+    """
     given = {}
+    for place in places:
+        corners = [(place.area.xmin, place.area.ymin), (place.area.xmax, place.area.ymax)]
+        check_positions(semantic_map.engine, corners, f"corner of {place.label}", LayoutError)
     for place in places:
         iri = semantic_map.place_iri(place.number)
         believed = known.get(iri)

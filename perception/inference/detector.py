@@ -85,7 +85,8 @@ class OnnxDetector:
             masks = [_mask(found.mask(int(i)), xyxy[i], shape) for i in kept]
         return Detections(
             xyxy[kept].astype(np.float32),
-            found.score[kept].astype(np.float32),
+            # sums of a network's shares may exceed 1
+            np.clip(found.score[kept], 0, 1).astype(np.float32),
             tuple(self._label(int(i)) for i in found.label[kept]),
             mask=tuple(masks),
         )

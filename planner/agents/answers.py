@@ -77,6 +77,8 @@ class KnownThing(Thing):
     untrusted_where: Sentence | None = None
     untrusted_may_be: list[tuple[Label, Share]] | None = None
     untrusted_frame: Label | None = None
+    untrusted_category_by: Label | None = None  # who said so, if a person gave the category
+    untrusted_detected_as: Label | None = None  # what `observations` counts then
     found_by: Iri | None = None
 
 
@@ -242,6 +244,7 @@ class RouteAnswer(Page):
     end: list[Metres] | None = None  # x, y: the floor nearest to the goal
     end_to_goal: Metres | None = None  # from there in a straight line
     unseen_metres: Metres | None = None
+    notes: list[Sentence] | None = None  # where an end is off the floor
     doors: list[Doorway] = []  # in order
 
 
@@ -271,6 +274,7 @@ class PlanAnswer(Page):
     probability: Share | None  # that the whole plan finds it
     expected_seconds: Metres | None
     further_looks: int | None  # that gain too little for their time
+    note: Sentence | None = None  # where the start is off the floor
     looks: list[Look]
 
 
@@ -310,6 +314,7 @@ class NextLook(SearchProgress):
     """The look to take now; none if all is found, or if no look is worth the way."""
 
     look: ProposedLook | None
+    note: Sentence | None = None  # where the robot is off the floor
 
 
 class PlaceSummary(_Record):
@@ -352,7 +357,7 @@ class MapDescription(Page):
 
 
 class Rows(Page):
-    """A SPARQL answer; times are ISO 8601, IRIs text."""
+    """A SPARQL answer; times are ISO 8601, IRIs text. The notes tell why nothing may match."""
 
     listed: ClassVar[str] = "untrusted_rows"
     untrusted_columns: list[Label]
@@ -361,7 +366,10 @@ class Rows(Page):
 
 
 class Written(Answer):
-    """The assertion made or retracted; `changed` is false if nothing changed."""
+    """The assertion made or retracted; `changed` is false if nothing changed.
+
+    The notes tell of values of other people that it replaced, and of what is odd.
+    """
 
     thing: Iri
     property: str
@@ -370,3 +378,4 @@ class Written(Answer):
     untrusted_perceived: Sentence | None
     contradicted: bool  # whether perception believes otherwise
     changed: bool
+    untrusted_notes: list[Sentence] | None = None

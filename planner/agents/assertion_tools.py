@@ -38,9 +38,9 @@ class AssertionTools:
         sensors, never text of the map.
         """
         semantic_map = self._context.semantic_map
-        thing = semantic_map.resolve("iri", thing)
+        thing = self._context.iri(thing)
         if property in ("on", "inside") and isinstance(value, str) and value != "nothing":
-            value = semantic_map.resolve("iri", value)
+            value = self._context.iri(value)
         change = semantic_map.assertions.add(thing, property, value, by=self._author())
         stated = "category" if property == "name" else property
         made = next(
@@ -49,8 +49,10 @@ class AssertionTools:
         return self._written(thing, property, change, made)
 
     def retract(self, thing: ThingName, property: Property) -> a.Written:
-        """Retract an assertion of any author; perception's value counts again."""
-        thing = self._context.semantic_map.resolve("iri", thing)
+        """Retract an assertion; perception's value counts again. One that somebody else made in
+        place of yours stays.
+        """
+        thing = self._context.iri(thing)
         change = self._context.semantic_map.assertions.retract(thing, property, by=self._author())
         return self._written(thing, property, change, None)
 
@@ -59,11 +61,12 @@ class AssertionTools:
     ) -> a.Written:
         return a.Written(
             map=self._context.state(),
-            thing=self._context.iri(thing),
+            thing=thing,
             property=prop,
             untrusted_value=None if made is None else made.value,
             untrusted_by=made.by if made else change.cause.by if change else None,
             untrusted_perceived=None if made is None else made.perceived,
             contradicted=made is not None and made.since is not None,
             changed=change is not None,
+            untrusted_notes=list(change.notes) if change is not None and change.notes else None,
         )

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+import math
+from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import Field
 
+from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.agents import answers as a
 from planner.agents.map_context import MapContext, number_or_none, state_of, time_or_none
 from planner.freespace.planning_map import Row
+from planner.search.goals.place_names import is_unnamed
 from planner.search.goals.targets import resolve
 
 Word = Annotated[str, Field(min_length=1, max_length=100)]
@@ -56,7 +59,9 @@ class ListTools:
         """
         with self._context.at(at) as semantic_map:
             rows, place = self._rows(semantic_map, inside, near, (x, y), to, radius, least), None
-            if what is not None:
+            if what is not None and is_unnamed(what):
+                rows = self._unnamed(semantic_map, inside, near, (x, y), radius)
+            elif what is not None:
                 (target,) = resolve(semantic_map, (what,))
                 kinds = {
                     str(row["object"])
@@ -92,6 +97,8 @@ class ListTools:
             raise QueryParameterError("give both x and y, or neither")
         if (inside is not None) + (near is not None) + (x is not None) > 1:
             raise QueryParameterError("give one of `inside`, `near`, and x with y")
+        if x is not None and y is not None:
+            check_positions(semantic_map.engine, [(x, y)], "point", QueryParameterError)
         if to is not None and near is None:
             raise QueryParameterError("`to` needs `near`: the two things to look between")
         if inside is not None:
@@ -112,17 +119,39 @@ class ListTools:
         return list(semantic_map.query("objects", least=least).records())
 
     def _inside(self, semantic_map: SemanticMap, inside: str, least: float) -> list[Row]:
-        if not self._context.is_thing(inside):
-            place = self._context.place(inside)
+        iri = self._context.iri(inside)
+        if not iri.startswith(f"{semantic_map.base}object/"):
+            place = self._context.place(iri)
             rows = semantic_map.query("objects-in-place", place=place, least=least)
             return list(rows.records())
-        iri = self._context.iri(inside)
         _position(semantic_map, iri)  # raises for anything else than an object
         return [
             row
             for row in semantic_map.query("related", object=iri).records()
             if row["relation"] in ("on", "inside")
             and (number_or_none(row, "existence") or 0) >= least
+        ]
+
+    def _unnamed(
+        self,
+        semantic_map: SemanticMap,
+        inside: str | None,
+        near: str | None,
+        point: tuple[float | None, float | None],
+        radius: float,
+    ) -> list[Row]:
+        """The things without a name in a place, or around a thing or point, as rows."""
+        place = None if inside is None else self._context.iri(inside)
+        x, y = point
+        if near is not None:
+            x, y = _position(semantic_map, self._context.iri(near))
+        return [
+            row
+            for row, one in zip(
+                unnamed_things(semantic_map), semantic_map.unnamed_things(), strict=True
+            )
+            if place in (None, one.place)
+            and (x is None or y is None or math.dist(one.p_map[:2], (x, y)) <= radius)
         ]
 
     def recent(
@@ -151,6 +180,24 @@ def _position(semantic_map: SemanticMap, iri: str) -> tuple[float, float]:
     if not rows:
         raise unknown(iri)
     return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
+
+
+def unnamed_things(semantic_map: SemanticMap) -> list[Row]:
+    """The things without a name as rows, with the columns of the query `objects`."""
+    labels = {one.iri: one.label for one in semantic_map.places()}
+    return [
+        {
+            "object": one.iri,
+            "label": semantic_map.catalogue.title(one.category, one.iri),
+            "category": "unnamed thing",
+            "existence": one.existence,
+            **dict(zip("xyz", one.p_map.tolist(), strict=True)),
+            "place": labels.get(one.place or ""),
+            "observations": one.observations,
+            "lastSeen": datetime.fromtimestamp(one.last_seen, UTC),
+        }
+        for one in semantic_map.unnamed_things()
+    ]
 
 
 def unknown(iri: str) -> QueryParameterError:

@@ -14,7 +14,7 @@ from planner.agents.answers import MapState
 from planner.freespace.planning_map import Row
 from planner.questions.moments import instant
 from planner.search.goals.candidate_queries import map_time
-from planner.search.goals.place_names import object_named, place_named
+from planner.search.goals.place_names import object_named, place_named, thing_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,18 +44,11 @@ class MapContext:
 
     def is_thing(self, what: str) -> bool:
         """Whether a text names one object rather than a kind or a place."""
-        return self.iri(what).startswith(f"{self.semantic_map.base}object/")
+        return bool(object_named(self.semantic_map, what))
 
     def iri(self, what: str) -> str:
-        """The IRI that ``object/17`` is short for, or of the one object with a label (``cup 17``).
-
-        Raises QueryParameterError for a category with the number of no object.
-        """
-        if "://" in what:
-            return what
-        is_label = " " in what and what[-1:].isdigit()
-        named = object_named(self.semantic_map, what) if is_label else ""
-        return named or self.semantic_map.base + what
+        """The IRI of the one thing or place that a text names, as at all doors (`thing_named`)."""
+        return thing_named(self.semantic_map, what)
 
     def place(self, text: str) -> str:
         """IRI of a place by its label, number or IRI, or by a category that one place alone has.

@@ -14,14 +14,19 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
 from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents import answers as a
-from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown
+from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from planner.agents.map_context import MapContext, clock, state_of, time_or_none
 from planner.freespace.planning_map import Row
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import plain_place
+from planner.search.goals.place_names import (
+    fact_named,
+    is_unnamed,
+    plain_place,
+    stated_categories,
+)
 from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.status import PlaceStatus, status
 from planner.search.goals.targets import resolve, undetectable_target
@@ -88,6 +93,14 @@ class MapTools:
             if self._context.is_thing(what):
                 one = one_thing(semantic_map, self._context.iri(what), now)
                 return a.WhereIs(map=state, things=[one], total=1)
+            if is_unnamed(what):
+                unnamed = unnamed_things(semantic_map)
+                return a.WhereIs(
+                    map=state,
+                    things=[a.KnownThing(**thing(r).model_dump()) for r in unnamed[skip:][:limit]],
+                    total=len(unnamed),
+                    skip=skip,
+                )
             if rooms := about_rooms(semantic_map, Question("where", what), time.time()):
                 proof = ". ".join(rooms) + "."
                 return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)
@@ -148,8 +161,8 @@ class MapTools:
     ) -> a.WhyAnswer:
         """Why the map holds a thing or a fact: frame, box, rule, model or person behind it."""
         state, base = self._context.state(), self._map.base
-        named = self._context.iri(what).removeprefix(base)
-        steps = [step for reason in self._map.history.explain(named) for step in reason.walk()]
+        fact = fact_named(self._map, what)
+        steps = [step for reason in self._map.history.explain(fact) for step in reason.walk()]
         return a.WhyAnswer(
             map=state,
             steps=[
@@ -217,9 +230,12 @@ def _departed_of(semantic_map: SemanticMap, categories: Sequence[str]) -> list[a
 def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.KnownThing:
     """One object as an answer at `now` [s since 1970]; raises QueryParameterError for none."""
     rows = semantic_map.query("objects", least=0.0).records()
+    stated = stated_categories(semantic_map).get(iri)
     for row in rows:
         if row["object"] == iri:
             return a.KnownThing(
+                untrusted_category_by=stated.by if stated else None,
+                untrusted_detected_as=(stated.detected_as or None) if stated else None,
                 **thing(row).model_dump(),
                 untrusted_where=whereabouts(semantic_map, iri),
                 still_there=_still_there(semantic_map, iri, str(row["category"]), now),
@@ -251,6 +267,8 @@ def known_thing(one: KnownObject, now: float) -> a.KnownThing:
         untrusted_where=one.where,
         untrusted_may_be=list(one.may_be[:3]) or None,
         untrusted_frame=one.frame,
+        untrusted_category_by=one.stated.by if one.stated else None,
+        untrusted_detected_as=(one.stated.detected_as or None) if one.stated else None,
         found_by=one.found_by,
     )
 

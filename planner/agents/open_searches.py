@@ -51,6 +51,10 @@ class OpenSearch:
         """The number of looks that were reported."""
         return len(self._looks)
 
+    def off_floor(self, pose: RobotPose) -> str:
+        """A line about a pose off the floor, or ""; QueryParameterError for one far away."""
+        return self._adapter.off_floor(pose)
+
     def next(self, pose: RobotPose) -> NextView | None:
         """The next look from `pose`; None if all is found or no look is worth the way."""
         sequence = self._map.sequence

@@ -85,7 +85,9 @@ class RouteTools:
         if found is None:
             raise QueryParameterError("the map has no floor and no places, so no way is known")
         if not math.isfinite(found.metres):
-            return a.RouteAnswer(map=state, total=0, reachable=False)
+            return a.RouteAnswer(
+                map=state, total=0, reachable=False, notes=list(found.notes) or None
+            )
         return a.RouteAnswer(
             map=state,
             reachable=True,
@@ -94,6 +96,7 @@ class RouteTools:
             end=found.end.tolist(),
             end_to_goal=float(np.linalg.norm(found.end - goal)),
             unseen_metres=found.unseen,
+            notes=list(found.notes) or None,
             doors=[
                 a.Doorway(
                     id=None if one.door is None else one.door.iri,
@@ -115,10 +118,11 @@ class RouteTools:
         if to is None:
             return float(x or 0.0), float(y or 0.0)
         semantic_map = self._context.semantic_map
-        if self._context.is_thing(to):
-            rows = semantic_map.query("whereabouts", object=self._context.iri(to)).records()
+        iri = self._context.iri(to)
+        if iri.startswith(f"{semantic_map.base}object/"):
+            rows = semantic_map.query("whereabouts", object=iri).records()
             if not rows:
                 raise QueryParameterError(f"{to} is no object of the map now; where_is finds some")
             return float(str(rows[0]["x"])), float(str(rows[0]["y"]))
-        iri = self._context.place(to)
+        iri = self._context.place(iri)
         return next(p.area.centre for p in semantic_map.places() if p.iri == iri)

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import PoolBusyError, QueryParameterError
 from planner.agents import answers as a
@@ -94,6 +95,7 @@ class SearchTools:
             probability=None if found is None else found.probability,
             expected_seconds=None if seconds is None or not math.isfinite(seconds) else seconds,
             further_looks=len(steps) - worth or None,
+            note=(found.note or None) if found is not None else None,
             looks=[_look(step) for step in steps[:worth][skip : skip + limit]],
             total=worth,
             skip=skip,
@@ -132,10 +134,12 @@ class SearchTools:
             else:
                 begun = OpenSearch(self._context.semantic_map, what or ())
                 open_search = self._searches.add(begun)
+            off = open_search.off_floor(pose)
             proposed = open_search.next(pose)
             return a.NextLook(
                 **self._progress(state, open_search, give_up=proposed is None),
                 look=None if proposed is None else _proposed(proposed),
+                note=off or None,
             )
 
     def report_look(
@@ -153,6 +157,8 @@ class SearchTools:
         state = self._context.state()
         with self._turn():
             open_search = self._searches.get(search)
+            spots = [(one.x, one.y) for one in found]
+            check_positions(self._context.semantic_map.engine, spots, "find", QueryParameterError)
             open_search.report([(one.what, one.x, one.y) for one in found], reached=reached)
             return a.SearchProgress(**self._progress(state, open_search))
 

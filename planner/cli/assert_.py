@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 
 from planner.cli.arguments import add_author, add_json, add_map
-from planner.cli.console import note, write_json
+from planner.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -46,14 +46,15 @@ def add_what(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
+    from planner.search.goals.place_names import thing_named
 
     if arguments.by is None and not is_url(arguments.map):
         arguments.usage_error("an assertion needs an author: --by NAME")
     value, by = " ".join(arguments.value), arguments.by or ""
     with open_map(arguments.map) as semantic_map:
-        thing = semantic_map.resolve("iri", arguments.thing)
+        thing = thing_named(semantic_map, arguments.thing)
         if arguments.property in ("on", "inside") and value != "nothing":
-            value = semantic_map.resolve("iri", value)
+            value = thing_named(semantic_map, value)
         change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
         (assertion,) = (
             a for a in semantic_map.assertions.all(thing) if a.property == arguments.property
@@ -70,6 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "contradicted": assertion.since is not None,
                 "changed": change is not None,
                 "sequence": sequence,
+                **notes_of(change, shown=False),
             }
         )
         return 0
@@ -77,4 +79,5 @@ def run(arguments: argparse.Namespace) -> int:
     against = "; perception contradicts it" if assertion.since is not None else ""
     fact = f"{arguments.thing}: {arguments.property} is {value}"
     note(f"{fact} (asserted by {assertion.by}{against}); {done}")
+    notes_of(change, shown=True)
     return 0

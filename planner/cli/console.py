@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
 
+    from kg.model.transactions import ChangeSet
     from planner.search.plans.thesis_rules import Plan
     from planner.search.plans.view_plan import ViewPlan
 
@@ -41,6 +42,14 @@ def err() -> Console:
 def note(message: str) -> None:
     """A line on stderr, dim where colours are on."""
     print(_styled(printable(message), "2", sys.stderr), file=sys.stderr)  # noqa: T201
+
+
+def notes_of(change: ChangeSet | None, *, shown: bool) -> dict[str, list[str]]:
+    """Notes of a transaction as a member of a JSON answer, if it has any; `shown` on stderr too."""
+    lines = [] if change is None else list(change.notes)
+    for line in lines if shown else ():
+        note(line)
+    return {"notes": lines} if lines else {}
 
 
 def write(text: str) -> None:

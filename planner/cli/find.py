@@ -196,6 +196,8 @@ def _by_viewpoints(
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
     now = now_of(semantic_map, arguments)
+    if found.note:
+        note(found.note)
     if arguments.json:
         _write_answer(arguments, answer_json(semantic_map, state, found, now))
         return 0
@@ -233,7 +235,7 @@ def _print_known(
             note(target.note)
         said = find_sentences(semantic_map, target, now, state)
         write("\n".join(said))
-        vain = detections_in_vain(semantic_map, target.label, arguments.map)
+        vain = detections_in_vain(semantic_map, target.kind, arguments.map)
         if vain and said[0].startswith("No "):
             write(vain)
 
@@ -262,6 +264,7 @@ def _print(found: ViewPlan, arguments: argparse.Namespace) -> None:
 
 def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     """The thesis' rule or its baseline, on one target and without geometry."""
+    from kg.maps.map_extent import check_positions
     from planner.search.goals.search_goals import resolve_target
     from planner.search.plans.thesis_rules import Travel, brute_force, plan_search
     from planner.search.plans.view_plan import robot_start
@@ -280,6 +283,8 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
     target = arguments.object[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
     x, y, _ = arguments.start or robot_start(semantic_map)
+    if odd := check_positions(semantic_map.engine, [(x, y)], "start", QueryParameterError):
+        note(odd)
     if arguments.rule == "brute-force":
         category = resolve_target(semantic_map.catalogue, target)
         places = semantic_map.places()
@@ -306,6 +311,10 @@ def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> 
     if arguments.json:
         _write_answer(arguments, empty_answer(semantic_map, targets, now))
         return 0
+    if arguments.start is not None:
+        from kg.maps.map_extent import check_positions
+
+        check_positions(semantic_map.engine, [arguments.start[:2]], "start", QueryParameterError)
     for iri in (iri for target in targets for iri in target.queried):
         write(explain_none(semantic_map, iri))
     return 0

@@ -27,9 +27,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.history.timestamps import iso
     from kg.serving.opening import open_map
+    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        thing = semantic_map.resolve("iri", arguments.thing)
+        thing = thing_named(semantic_map, arguments.thing)
         entries = list(semantic_map.history.events(thing))
     shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
     if arguments.json:

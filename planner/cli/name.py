@@ -90,23 +90,28 @@ def _name(
     else:
         for one in done:
             before = f", before: {one['before']} by {one['before_by']}" if one["before_by"] else ""
-            note(f"{one['thing']}: {one['category']} (named by {one['by']}{before})")
+            kind = f", category {one['category']}" if one["category"] != one["name"] else ""
+            note(f"{one['thing']}: {one['name']}{kind} (named by {one['by']}{before})")
         for one in refused:
             note(f"{one['thing']} is not named: {one['error']}")
     return 1 if refused else 0
 
 
 def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
-    thing = semantic_map.resolve("iri", thing).removeprefix(semantic_map.base)
+    from planner.search.goals.place_names import thing_named
+
+    thing = thing_named(semantic_map, thing).removeprefix(semantic_map.base)
     former = _category(semantic_map, thing)
     before = None if former is None else _label(semantic_map, former.value)
     semantic_map.assertions.add(thing, "name", name, by=by)
     now = _category(semantic_map, thing)
     if now is None:
         raise InvalidFactError(f"the name of {thing} was retracted meanwhile")
+    label = [a.value for a in semantic_map.assertions.all(thing) if a.property == "label"]
     changed = former is not None and former.value != now.value
     return {
         "thing": thing,
+        "name": label[0] if label else _label(semantic_map, now.value),
         "category": _label(semantic_map, now.value),
         "iri": now.value,
         "by": now.by,

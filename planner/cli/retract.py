@@ -1,6 +1,7 @@
 """Retract an assertion; the value of perception is restored.
 
-Perception has kept its value up to date. `hereabouts ask MAP assertions` lists all assertions.
+Perception has kept its value up to date. `hereabouts ask MAP assertions` lists all assertions. One
+that somebody else has made in place of one's own stays.
 
 example: hereabouts retract kitchen.map object/17 category --by ann
 """
@@ -11,7 +12,7 @@ import argparse
 
 from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.assert_ import add_what
-from planner.cli.console import note, write_json
+from planner.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -23,9 +24,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
+    from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map) as semantic_map:
-        thing = semantic_map.resolve("iri", arguments.thing)
+        thing = thing_named(semantic_map, arguments.thing)
         change = semantic_map.assertions.retract(thing, arguments.property, by=arguments.by)
         sequence = semantic_map.sequence
     if arguments.json:
@@ -36,9 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
                 "by": change.cause.by if change else arguments.by,
                 "changed": change is not None,
                 "sequence": sequence,
+                **notes_of(change, shown=False),
             }
         )
         return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
     note(f"{arguments.thing}: {arguments.property} has the value of perception; {done}")
+    notes_of(change, shown=True)
     return 0

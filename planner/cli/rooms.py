@@ -9,7 +9,7 @@ areas are assertions, which later recordings respect. `hereabouts places MAP` li
   draw --points CORNERS           a new place, called --name
   door PLACE PLACE --points POINT
   here --name NAME                names the place in which the robot stands
-  undo                            takes the last edit back, then the one before
+  undo                            takes one's own last edit back, then the one before
 
 example: hereabouts rooms home.map split place/2 --points "3 0, 3 4" --name pantry --by ann
 """
@@ -20,7 +20,7 @@ import argparse
 
 from kg.model.room_edit import NEEDS, Point, RoomEdit
 from planner.cli.arguments import add_author, add_json, add_map
-from planner.cli.console import note, write_json
+from planner.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -49,8 +49,9 @@ def run(arguments: argparse.Namespace) -> int:
         base, sequence = semantic_map.base, semantic_map.sequence
     changed = [iri for iri, place in after.items() if place != before.get(iri)]
     removed = sorted(before.keys() - after.keys())
+    notes = notes_of(change, shown=not arguments.json)
     if arguments.json:
-        write_json({"changed": changed, "removed": removed, "sequence": sequence})
+        write_json({"changed": changed, "removed": removed, "sequence": sequence, **notes})
         return 0
     for iri in changed:
         place = after[iri]

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from planner.cli.arguments import add_author, add_json, add_map
-from planner.cli.console import note, write_json
+from planner.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -46,9 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
             update = partial(update_isolated, semantic_map, explain=reasons.append)
         change = update(sparql, by=arguments.by, confirmed=arguments.yes)
         sequence = semantic_map.sequence
+    notes = notes_of(change, shown=not arguments.json)
     added, removed = (len(change.added), len(change.removed)) if change else (0, 0)
     if arguments.json:
-        write_json({"sequence": sequence, "added": added, "removed": removed})
+        write_json({"sequence": sequence, "added": added, "removed": removed, **notes})
     elif change is None:
         note(f"nothing changed{''.join(f': {reason}' for reason in reasons if reason)}")
     else:

@@ -57,10 +57,11 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.usage_error("give WHAT to explain, e.g. object/17, or --candidates")
     from kg.history.reports.prov_export import provenance
     from kg.serving.opening import open_map
+    from planner.search.goals.place_names import fact_named
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        what = semantic_map.resolve("iri", " ".join(arguments.what))
-        reasons = semantic_map.history.explain(what.removeprefix(semantic_map.base))
+        what = fact_named(semantic_map, " ".join(arguments.what))
+        reasons = semantic_map.history.explain(what)
         pictures = _pictures(semantic_map, reasons)
     if arguments.format == "ttl":
         write(provenance(*reasons))

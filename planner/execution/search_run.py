@@ -108,6 +108,8 @@ class SearchRun:
         )
 
     def _loop(self) -> tuple[SearchState, str]:
+        if line := self._adapter.off_floor(self._robot.pose):
+            self._reporter.note(line)
         while self._targets.wanted:
             self._check_budget()
             proposal = self._adapter.next(self._robot.pose)
@@ -272,7 +274,7 @@ class SearchRun:
             self._verifier.judge(target, detection)
             for detection in update.detections
             for target in self._targets.wanted
-            if detection.category in target.kinds
+            if target.accepts(detection.category, detection.iri)
         ]
         return sightings, update
 

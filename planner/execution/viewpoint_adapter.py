@@ -90,6 +90,10 @@ class ViewpointAdapter:
         """Probability to detect an object in view."""
         return self._sensor.recall
 
+    def off_floor(self, pose: RobotPose) -> str:
+        """A line about a pose off the floor, or ""; QueryParameterError for one far away."""
+        return self._state.space.off_floor((pose.x, pose.y), "pose of the robot")
+
     def next(self, pose: RobotPose) -> NextView | None:
         """The view to take next; None where no view gains enough."""
         state = self._state

@@ -45,5 +45,5 @@ class WantedTargets:
         """Count the targets as found that objects found by earlier runs are of."""
         for record in records:
             for target in self._targets:
-                if record.category in target.kinds:
+                if target.accepts(record.category, record.iri):
                     self._found.setdefault(target.text, record.p_map)

@@ -15,13 +15,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kg.maps.map_extent import MapExtent
 from kg.model.areas import Area
-from kg.model.errors import LayoutError
+from kg.model.errors import LayoutError, QueryParameterError
 from perception.binary_masks import connected_components
 
 CELL: Final = 0.2  # [m]
 MAX_SIDE: Final = 10_000  # cells along a side of a grid: 2 km in cells of 0.2 m
 NO_ROOM: Final = -1
+OFF_FLOOR: Final = 1.0  # [m] from the middle of a cell: walls and margins are narrower
 
 Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
 
@@ -82,6 +84,30 @@ class FreeSpace:
         cells = self.floor(room)
         offset = self.centres(cells) - np.asarray(p_map, np.float64)[:2]
         return int(cells[np.argmin((offset**2).sum(axis=1))])
+
+    def off_floor(self, p_map: ArrayLike, what: str = "start") -> str:
+        """A line about a position (2,) [m] that is off the floor, or "".
+
+        `what` names it. Raises QueryParameterError for one too far away to belong to the building.
+        """
+        p = np.asarray(p_map, np.float64)[:2]
+        floor = self.centres(self.floor())
+        nearest = floor[np.argmin(((floor - p) ** 2).sum(axis=1))]
+        off = float(np.linalg.norm(nearest - p))
+        low, high = floor.min(axis=0), floor.max(axis=0)
+        if off <= OFF_FLOOR:
+            return ""
+        x, y, *end = (float(c) for c in (*p, *nearest))
+        line = (
+            f"the {what} ({x:g}, {y:g}) is {off:,.1f} m off the floor, whose nearest point is "
+            f"({end[0]:.1f}, {end[1]:.1f})"
+        )
+        if off > MapExtent((*low, 0.0), (*high, 0.0)).limit:
+            raise QueryParameterError(
+                f"{line}: are these millimetres? the floor has x {low[0]:.1f} to {high[0]:.1f} and "
+                f"y {low[1]:.1f} to {high[1]:.1f} m; metres in the map frame would work"
+            )
+        return line
 
     def without(self, cells: ArrayLike) -> FreeSpace:
         """The same floor with `cells` blocked, by a closed door for example."""

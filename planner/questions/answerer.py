@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from typing import Final
 
-from kg.history.reports.comparison import PRESENT
+from kg.history.reports.comparison import PRESENT, ObjectChange
 from kg.history.timestamps import iso
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.counts import NAMED, counted, counted_kinds, counted_unnamed
@@ -85,7 +85,7 @@ class Answerer(Measures):
         rows = self._map.query("objects-in-place", place=place).records()
         title, unnamed = self._title(place), counted_unnamed(self._map, place)
         line = f"{counted(rows)} in {title}"
-        line += f": {counted_kinds(rows)}" if rows else " by name"
+        line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
         line += f", and {unnamed}" if unnamed else ""
         return self._listed("objects-in-place", [line], rows, place=title.partition(" (")[0])
 
@@ -103,8 +103,10 @@ class Answerer(Measures):
             and (one is None or change.iri == one.iri)
         ]
         lines = []
+        rows_now = self._map.query("objects", least=0.0).records()
+        titles = {str(row["object"]): str(row["label"] or "") for row in rows_now}
         for kind in ("appeared", "gone", "moved", "relabelled"):
-            some = [f"{c.category} {c.iri.rpartition('/')[2]}" for c in changes if c.kind == kind]
+            some = [titles.get(c.iri) or self._title_of(c) for c in changes if c.kind == kind]
             if some:
                 rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
                 lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
@@ -116,6 +118,12 @@ class Answerer(Measures):
         rows = tuple((c.kind, c.iri, c.category, *c.sides) for c in changes)
         columns = ("change", "thing", "category", "before", "after")
         return PlainAnswer("changed", "", {}, tuple(lines), columns, rows)
+
+    def _title_of(self, change: ObjectChange) -> str:
+        """Title of a thing that is no longer in the map: its category and its number."""
+        catalogue = self._map.catalogue
+        known = catalogue.get(change.category, "object")
+        return change.category if known is None else catalogue.title(known.iri, change.iri)
 
     def _status(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
@@ -145,7 +153,7 @@ class Answerer(Measures):
             elsewhere = self._sure(target) if place is not None and one is None else []
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
-        return self._made("status", lines, category=target.label)
+        return self._made("status", lines, category=target.kind)
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
         """Presence of something of several categories, or in a place, or on another thing."""
@@ -221,7 +229,7 @@ class Answerer(Measures):
         rows = [row for row in rows if one is None or row["object"] == one.iri]
         if not rows:
             never = f"{target.none} was ever seen for sure"
-            return self._made("last-seen", [never], category=target.label)
+            return self._made("last-seen", [never], category=target.kind)
         row = max(rows, key=lambda row: str(row["lastSeen"]))
         seen = row["lastSeen"]
         assert isinstance(seen, datetime)
@@ -229,7 +237,7 @@ class Answerer(Measures):
         place = f" in {self._titled(row['place'])}" if row["place"] else ""
         name, at = row["label"] or row["category"], iso(seen.timestamp())[:19]
         line = f"{ago} ago: {name}{place}, at {at}"
-        return self._listed("last-seen", [line], rows, category=target.label)
+        return self._listed("last-seen", [line], rows, category=target.kind)
 
     def _places(self) -> PlainAnswer:
         rows = self._map.query("places").records()
@@ -242,7 +250,8 @@ class Answerer(Measures):
         unnamed = counted_unnamed(self._map)
         more = f", and {unnamed}" if unnamed else ""
         count = f"The map has {counted(rows)}"
-        line = f"{count}: {counted_kinds(rows)}{more}" if rows else f"{count}{more}"
+        kinds = f": {counted_kinds(rows, self._map.catalogue)}" if rows else ""
+        line = f"{count}{kinds}{more}"
         return self._listed("objects", [line], rows)
 
     def _robot(self) -> PlainAnswer:

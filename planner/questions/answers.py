@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Final
 
 from kg.history.timestamps import iso
@@ -20,7 +21,6 @@ from planner.questions.patterns import Question, parsed
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.questions.wording import MAX_LENGTH
-from planner.search.goals.place_names import object_named
 from planner.search.plans.report import empty_answer, find_answer
 
 #: names of all that a map has, unless a place is called so
@@ -63,12 +63,18 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
-    catalogue = semantic_map.catalogue
-    question = parsed(text, lambda name: catalogue.get(name) is not None)
+    question = parsed(text, cache(partial(_is_name, semantic_map)))
     if question is not None and question.where in _WHOLE:
         labels = {place.label.casefold() for place in semantic_map.places()}
         return question if question.where in labels else replace(question, where="")
     return question
+
+
+def _is_name(semantic_map: SemanticMap, words: str) -> bool:
+    """Whether words are the name of a category, or of one thing."""
+    if semantic_map.catalogue.get(words) is not None:
+        return True
+    return bool(words) and bool(semantic_map.resolve("thing", words))
 
 
 def _not_understood(semantic_map: SemanticMap, text: str) -> str:
@@ -90,7 +96,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
-    if question.kind == "where" and alone and not object_named(semantic_map, question.what):
+    if question.kind == "where" and alone:
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
     answer = answer_question(semantic_map, wanted[0], now)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.search_goals import with_article
@@ -16,10 +17,12 @@ from planner.search.goals.search_goals import with_article
 NAMED: Final = 8  # kinds of things, things, or places, in a sentence
 
 
-def counted_kinds(rows: Iterable[Row]) -> str:
+def counted_kinds(rows: Iterable[Row], catalogue: Catalogue) -> str:
     """``a bed, 3 x book``: objects by category, the most frequent first."""
     counts = Counter(str(row["category"]) for row in rows).most_common()
-    named = [with_article(kind) if n == 1 else f"{n} x {kind}" for kind, n in counts[:NAMED]]
+    named = [
+        with_article(kind, catalogue) if n == 1 else f"{n} x {kind}" for kind, n in counts[:NAMED]
+    ]
     return _listed(named, sum(n for _, n in counts[NAMED:]))
 
 

@@ -10,8 +10,8 @@ from planner.freespace.planning_map import Row, number
 from planner.questions.patterns import Question
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import is_known_word
-from planner.search.goals.known_objects import KnownObject, known_object, known_objects
-from planner.search.goals.place_names import object_named, place_named, titled
+from planner.search.goals.known_objects import KnownObject, known_objects
+from planner.search.goals.place_names import place_named, titled
 from planner.search.goals.targets import Target, resolve
 
 ROBOT = "robot"  # in place of a thing, the last pose of the robot
@@ -27,14 +27,9 @@ class NamedThings:
 
     def _target(self, words: str) -> tuple[Target, KnownObject | None]:
         """The target that words name; and the object, if they are its label."""
-        iri = object_named(self._map, words)
-        for record in self._map.perceived.objects((iri,)) if iri else ():
-            label = self._map.catalogue.label(record.category)
-            target, one = known_object(self._map, iri, label)
-            if one is not None:
-                return target, one
         (target,) = resolve(self._map, (words,))
-        return target, None
+        known = known_objects(self._map, target) if target.thing else ()
+        return target, known[0] if known else None
 
     def _sure(self, target: Target) -> list[KnownObject]:
         return [one for one in known_objects(self._map, target) if one.sure]
@@ -94,8 +89,12 @@ class NamedThings:
             return "", lambda one: True
         carriers = self._carriers(carrier or where)
         held = {str(row["object"]) for one in carriers for row in self._held(one)}
-        name = carriers[0].label if len(carriers) == 1 else f"the {carrier or where}"
+        name = carriers[0].label if len(carriers) == 1 else self._all_of(carrier or where)
         return f" on {name}" if carrier else f" on or in {name}", lambda one: one.iri in held
+
+    def _all_of(self, words: str) -> str:
+        """Words for several things: ``the tables``; a name that a person gave as it is."""
+        return words if self._map.catalogue.is_given_name(words) else f"the {words}"
 
     def _title(self, iri: str) -> str:
         """``place 6 (kitchen)``."""
@@ -114,7 +113,7 @@ class NamedThings:
         """An answer about things of a target; no query has those of several categories."""
         if target.iri is None:
             return self._made("", lines)
-        return self._made("objects-by-category", lines, category=target.label)
+        return self._made("objects-by-category", lines, category=target.kind)
 
     def _made(self, query: str, lines: Sequence[str], **parameters: str) -> PlainAnswer:
         """An answer in sentences; `query` has their facts, "" if none has."""

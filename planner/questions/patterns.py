@@ -288,10 +288,10 @@ class Question:
 def parsed(text: str, known: Known = lambda name: False) -> Question | None:
     """The question in a text by the first pattern that matches; None if it is not understood.
 
-    `known` tells whether a category has that name; such names keep all their words.
+    `known` tells whether a category, or a thing, has that name; such names keep all their words.
     """
     words, at = in_present(normalised(in_english(text[: MAX_LENGTH + 1])))
-    if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,-]*", words) or not text.strip():
+    if len(text) > MAX_LENGTH or not re.fullmatch(r"[\w '#:.,/-]*", words) or not text.strip():
         return None
     found, read_as = _match(words), ""
     if found is None and (again := respelt(words)) != words:

@@ -40,6 +40,7 @@ class Category:
 
 
 #: what things are that nobody named; no list of categories has it
+_GIVEN: Final = f"{v.PROVISIONAL}name#"  # classes of the names that people give
 _UNNAMED: Final = Category(v.UNNAMED_THING, "unnamed thing", "unnamed thing")
 
 
@@ -158,6 +159,20 @@ class Catalogue:
         if (category := self._by_iri.get(iri)) is None:
             raise UnknownCategoryError(f"no category has the IRI {iri}")
         return category.label
+
+    def is_given_name(self, label: str) -> bool:
+        """Whether a label is the name that a person gave, which is no common noun."""
+        known = self.get(label, "object")
+        return known is not None and known.iri.startswith(_GIVEN)
+
+    def title(self, category: str, iri: str) -> str:
+        """Title of the object `iri` of a category (IRI): ``cup 17``; a person's name as it is."""
+        label = self.label(category)
+        return (
+            label
+            if category.startswith(_GIVEN)
+            else f"{label} {iri.rstrip('/').rpartition('/')[2]}"
+        )
 
     def _of(self, kind: str | None) -> list[Category]:
         return [c for c in self.categories if kind in (None, c.kind)]

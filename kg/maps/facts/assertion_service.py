@@ -3,29 +3,41 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 from pyoxigraph import NamedNode, Quad
 
+from kg.history.reports.events import HistoryEvent
 from kg.maps.facts.assertions import (
     NAME,
     PROPERTIES,
     Assertions,
     PropertyAssertions,
+    ago,
     area_text,
     believed_object,
+    noted,
     perceived_object,
     perceived_place,
+    point,
+    shown_value,
     value_of,
 )
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.thing_names import checked_line
+from kg.maps.map_extent import check_positions
+from kg.maps.stored_history import StoredHistory
+from kg.maps.thing_names import category_of_name, checked_line, checked_name
 from kg.model.areas import Area
-from kg.model.errors import InvalidFactError, did_you_mean
+from kg.model.errors import (
+    HereaboutsError,
+    InvalidFactError,
+    QueryParameterError,
+    did_you_mean,
+)
 from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.wkt import area_of_polygon
@@ -81,7 +93,10 @@ class AssertionService:
         writer: FrameWriter,
         guard: WriterLock,
         names: NamedCategories,
+        history: StoredHistory,
+        resolve: Callable[[str, str], str],
     ) -> None:
+        self._history, self._resolve = history, resolve
         self._store, self._facts, self._perceived = store, facts, perceived
         self._writer, self._guard, self._names = writer, guard, names
         self._assertions = Assertions(facts.base)
@@ -97,53 +112,66 @@ class AssertionService:
         return tuple(assertion for assertion in self.all() if assertion.since is not None)
 
     def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
-        """Assert `prop` of an object or place; it overrides the estimates of perception."""
+        """Assert `prop` of an object or place; it overrides the estimates of perception.
+
+        A name is the label as well, as it is given. The notes of the transaction tell of values of
+        other people that it replaces, and of a position that is odd. Raises InvalidFactError.
+        """
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
         by = checked_line(by, "an author", "ann")
         with self._guard:
             record = self._record(self.full(iri))
             kind = "object" if isinstance(record, ObjectRecord) else "place"
+            name = ""
             if kind == "object" and prop == NAME:
-                prop, value = "category", self._names.category_named(str(value), by.strip())
+                name = checked_name(str(value))
+                prop, value = "category", self._names.category_named(name, by.strip())
             if kind == "object" and prop in SINGLE:
                 text = self._related_object(record.iri, prop, value)
             else:
                 text = value_of(prop, value, self._facts.catalogue, kind)
+            odd = self._position_checked(record, prop, text)
             asserted = self._of(record.iri)
-            before = self._label(record, asserted) if prop == "label" else None
-            if isinstance(record, PlaceRecord) and prop == "area":
-                earlier = asserted.get("area")
-                before = earlier.perceived if earlier else area_text(record.area)
-            made = Assertion(record.iri, prop, text, by.strip(), time.time(), before)
-            if prop in asserted and asserted[prop].value == text:
-                made = replace(made, since=asserted[prop].since)
+            made = {prop: self._made(record, asserted, prop, text, by)}
+            if name and self._facts.catalogue.title(text, record.iri) != name:
+                made["label"] = self._made(record, asserted, "label", name, by)
+                made["label"] = replace(made["label"], stamp=made[prop].stamp)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")
-            change = self._restate(record, {**asserted, prop: made}, cause)
+            change = self._restate(record, {**asserted, **made}, cause)
             self._forget_name(asserted.get(prop), by)
-            return change
+            return noted(change, self._facts.base, odd)
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
-        """Retract the assertion of `prop`: the estimate of perception takes effect again."""
+        """Retract the assertion of `prop`: the estimate of perception takes effect again.
+
+        A name and its label go together. Raises InvalidFactError where nothing is asserted, and
+        where somebody else's assertion has replaced that of `by`.
+        """
         by = None if by is None else checked_line(by, "an author", "ann")
         with self._guard:
             record = self._record(self.full(iri))
             asserted = self._of(record.iri)
+            prop = "category" if prop == NAME else prop
             if prop not in asserted:
                 hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
                 raise InvalidFactError(
                     f"the {prop} of {iri} is not asserted; "
                     f"asserted of it: {', '.join(sorted(asserted)) or 'nothing'}{hint}"
                 )
+            if by is not None and asserted[prop].by != by:
+                self._check_not_replaced(asserted[prop], by)
             cause = Cause("retract", by, f"{record.iri} {prop}")
-            rest = {name: assertion for name, assertion in asserted.items() if name != prop}
+            gone = asserted[prop]
+            rest = {k: a for k, a in asserted.items() if k != prop and not self._is_pair(gone, a)}
             if isinstance(record, PlaceRecord) and prop == "area":
                 record = record.with_area(_area_before(record, asserted[prop]))
             if _exists_by_assertion_alone(record, asserted, rest):
                 return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
             change = self._restate(record, rest, cause)
-            self._forget_name(asserted[prop], by)
-            return change
+            for former in asserted.keys() - rest.keys():
+                self._forget_name(asserted[former], by)
+            return noted(change, self._facts.base)
 
     def with_assertions(
         self, target: Mapping[str, PropertyAssertions]
@@ -175,17 +203,86 @@ class AssertionService:
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
 
     def full(self, iri: str) -> str:
-        """Full IRI of a short form such as ``object/17``; a full IRI is returned unchanged.
+        """IRI of a thing by its id (object/17), IRI or label, as `SemanticMap.resolve` reads it.
 
-        Raises InvalidFactError for a text that is none.
+        Raises InvalidFactError for a text that names none.
         """
-        full = iri if ":" in iri else self._facts.base + iri
         try:
-            return NamedNode(full).value
-        except ValueError as error:
-            raise InvalidFactError(
-                f"no thing {iri[:200]!r}; give its IRI, or as in object/17, place/1"
-            ) from error
+            return NamedNode(self._resolve("iri", iri)).value
+        except (ValueError, QueryParameterError) as error:
+            why = (
+                f"{error}" if isinstance(error, QueryParameterError) else f"no thing {iri[:200]!r}"
+            )
+            raise InvalidFactError(f"{why}; its IRI, or as in object/17, place/1, works") from error
+
+    def place(self, name: str) -> str:
+        """IRI of a place by its id, label or number; "" for none."""
+        try:
+            return self._resolve("place", name)
+        except QueryParameterError:
+            return ""
+
+    def _made(
+        self,
+        record: ObjectRecord | PlaceRecord,
+        asserted: PropertyAssertions,
+        prop: str,
+        text: str,
+        by: str,
+    ) -> Assertion:
+        """The new assertion, with what perception believes where the writer does not know it."""
+        before = self._label(record, asserted) if prop == "label" else None
+        if isinstance(record, PlaceRecord) and prop == "area":
+            earlier = asserted.get("area")
+            before = earlier.perceived if earlier else area_text(record.area)
+        made = Assertion(record.iri, prop, text, by.strip(), time.time(), before)
+        if prop in asserted and asserted[prop].value == text:
+            made = replace(made, since=asserted[prop].since)
+        return made
+
+    def _is_pair(self, one: Assertion, other: Assertion) -> bool:
+        """Whether two assertions are the category and the label of one name."""
+        if (one.by, one.stamp) != (other.by, other.stamp):
+            return False
+        pair = {one.property: one.value, other.property: other.value}
+        if pair.keys() != {"category", "label"}:
+            return False
+        named = category_of_name(self._facts.catalogue, pair["label"])
+        return named is not None and named.iri == pair["category"]
+
+    def _position_checked(self, record: ObjectRecord | PlaceRecord, prop: str, text: str) -> str:
+        """A line about an odd position or area; raises InvalidFactError for an impossible one."""
+        points: list[Sequence[float]] = []
+        if prop == "position":
+            points = [point(text).tolist()]
+        elif prop == "area":
+            points = [corner for ring in area_of_polygon(text).rings for corner in ring]
+        what = f"{prop} of {record.iri.removeprefix(self._facts.base)}"
+        return check_positions(self._store.engine, points, what) if points else ""
+
+    def _check_not_replaced(self, present: Assertion, by: str) -> None:
+        """Raise InvalidFactError where `present` replaced an assertion that `by` made."""
+        for event in self._own_events(present, by):
+            if event.cause.kind == "assert":
+                base = self._facts.base
+                raise InvalidFactError(
+                    f"the {present.property} of {present.subject.removeprefix(base)} is by "
+                    f"{present.by} now ({shown_value(present, self._facts.catalogue)}), asserted "
+                    f"{ago(present.stamp)} ago, after that of {by}; it stays: an assertion of "
+                    "one's own would replace it"
+                )
+            return
+
+    def _own_events(self, present: Assertion, by: str) -> Iterator[HistoryEvent]:
+        """The assertions and retractions by `by` of a property of a thing, the latest first."""
+        about = f"{present.subject} {present.property}"
+        try:
+            events = [*self._history.events(present.subject)]
+        except HereaboutsError:  # a map without a history, or a thing older than it
+            return
+        for event in reversed(events):
+            if event.cause.by == by and f"{event.cause.note} ".startswith(f"{about} "):
+                yield event
 
     def _forget_name(self, former: Assertion | None, by: str | None) -> None:
         """Remove the category of an assertion that no longer holds, if a person's name made it."""

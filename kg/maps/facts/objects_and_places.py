@@ -253,9 +253,8 @@ class RecordCodec:
         return iri
 
     def object_label(self, record: ObjectRecord | DepartedRecord) -> str:
-        """Default label of an object: its category and its number."""
-        number = record.iri.rstrip("/").rpartition("/")[2]
-        return f"{self.catalogue.label(record.category)} {number}"
+        """Default label of an object: its category and its number; a person's name as it is."""
+        return self.catalogue.title(record.category, record.iri)
 
     def _stored_beliefs(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
         """Properties of a place's belief in each category."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import re
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,6 +23,21 @@ from kg.model.records import PlaceRecord
 from kg.rdf.quad_store import QuadStore
 
 _LISTED: Final = 8  # labels in a message
+_SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:\S*")
+_ID: Final = re.compile(
+    r"(?:object|place|door|observation|recording|search|agent|assertion|floor|area)/\S+"
+)
+_ARTICLE: Final = re.compile(r"(?:the|a|an) (?=.)")
+
+
+def plain_label(text: str) -> str:
+    """A label with single spaces and small letters, as labels are compared."""
+    return " ".join(text.split()).casefold()
+
+
+def without_article(text: str) -> str:
+    """The same without an article at its beginning."""
+    return _ARTICLE.sub("", plain_label(text), count=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,41 +48,114 @@ class ParameterResolver:
     base: str
     catalogue: Catalogue
     places: Callable[[], Iterable[PlaceRecord]]
+    objects_of: Callable[[str], Sequence[str]]  # IRIs of the believed objects of a category (IRI)
 
     def resolve(self, kind: str, text: str) -> str:
         """The IRI that `text` means as a parameter of type ``iri``, ``category`` or ``place``.
 
-        Raises UnknownCategoryError or QueryParameterError, which list the alternatives.
+        Of type ``thing`` only an id, an IRI or a label, without the other ways to name a thing;
+        "" for any other text. Raises UnknownCategoryError or QueryParameterError, which list the
+        alternatives.
         """
-        if kind == "iri":  # tables print the map's own things without its base: object/17
-            return text if ":" in text else self._thing(text)
-        return self._category(text) if kind == "category" else self._place(text)
+        if kind == "category":
+            return self._category(text)
+        if kind == "place":
+            return self._place(text)
+        found = self._identified(text) or self._labelled_thing(text)
+        if not found and "/" in text and len(text.split()) == 1:
+            found = self.base + text  # an id of another form than the map's own
+        return found if kind == "thing" else found or self._only_one(text)
 
-    def _thing(self, text: str) -> str:
-        """IRI of ``object/17``, or of the one thing with the label ``cup 17``."""
-        if "/" in text or not text.strip():
-            return self.base + text
-        for label in dict.fromkeys((text, text.strip(), text.strip().casefold())):
-            labelled = (None, NamedNode(v.RDFS_LABEL), Literal(label), v.MAP_GRAPH)
-            # no iterator in a variable: an error would carry it into other threads
-            found = sorted(
-                quad.subject.value
-                for quad in self.engine.quads_for_pattern(*labelled)
-                if isinstance(quad.subject, NamedNode)
-            )
-            if len(found) == 1:
-                return found[0]
+    def _identified(self, text: str) -> str:
+        """IRI of ``object/17``, as tables print the map's own things, and of an IRI; else ""."""
+        if _SCHEME.fullmatch(text):
+            return text
+        return self.base + text if _ID.fullmatch(text) or not text.strip() else ""
+
+    def _labelled_thing(self, text: str) -> str:
+        """IRI of the one thing with the label ``cup 17``; "" for none.
+
+        Letters may be large or small, and an article may precede the label. Raises
+        QueryParameterError for the label of several.
+        """
+        exact = (None, NamedNode(v.RDFS_LABEL), Literal(text), v.MAP_GRAPH)
+        # no iterator in a variable: an error would carry it into other threads
+        found = sorted(
+            quad.subject.value
+            for quad in self.engine.quads_for_pattern(*exact)
+            if isinstance(quad.subject, NamedNode) and self._is_thing(quad.subject.value)
+        )
+        for key in () if found else (plain_label, without_article):
+            found = self._labelled_by(key, key(text))
             if found:
-                raise QueryParameterError(
-                    f"{len(found)} things have the label {label!r}: {', '.join(found[:5])}"
-                )
-        if len(text.split()) > 1:
-            others = self._numbered(text) or (
-                "a thing must be an IRI such as object/1, or a label, which "
-                "`hereabouts ask MAP objects` lists"
-            )
+                break
+        if len(found) > 1:
+            shown = ", ".join(iri.removeprefix(self.base) for iri in found[:5])
+            raise QueryParameterError(f"{len(found)} things have the label {text[:60]!r}: {shown}")
+        return found[0] if found else ""
+
+    def _is_thing(self, iri: str) -> bool:
+        """Whether an IRI is that of an object, a place or a door, or of another map."""
+        kind = iri.removeprefix(self.base).partition("/")[0]
+        return kind not in ("search", "recording", "agent", "observation")
+
+    def _labelled_by(self, key: Callable[[str], str], wanted: str) -> list[str]:
+        named = self.engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
+        return sorted(
+            quad.subject.value
+            for quad in named
+            if isinstance(quad.subject, NamedNode)
+            and isinstance(quad.object, Literal)
+            and key(quad.object.value) == wanted
+            and self._is_thing(quad.subject.value)
+        )
+
+    def _only_one(self, text: str) -> str:
+        """IRI of the only thing, or place, of a kind: ``the teddy bear``, ``kitchen``.
+
+        Raises QueryParameterError where there are none or several.
+        """
+        if text.isascii() and text.isalpha() and self._exists(self.base + text):
+            return self.base + text  # the robot
+        words = without_article(text)
+        if others := self._numbered(words):
             raise QueryParameterError(f"nothing has the label {text[:60]!r}; {others}")
-        return self.base + text
+        category = self.catalogue.get(words)
+        if category is None:
+            with suppress(UnknownCategoryError):
+                meaning = understand(self.catalogue, words)
+                if len(meaning.categories) == 1 and meaning.how != "spelling":
+                    category = meaning.categories[0]
+        if category is None:
+            raise QueryParameterError(
+                f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
+                "label, which `hereabouts ask MAP objects` lists, or a category that it alone has"
+            )
+        if category.kind == "place":
+            return self._place(text)
+        found = self.objects_of(category.iri)
+        if len(found) == 1:
+            return found[0]
+        if not found:
+            raise QueryParameterError(
+                f"no {category.label} is in the map; give object/1 or a label"
+            )
+        labels = [self._label(iri) for iri in found[:_LISTED]]
+        rest = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+        raise QueryParameterError(
+            f"{len(found)} things are called {text[:60]!r}; give one of {', '.join(labels)}{rest}"
+        )
+
+    def _exists(self, iri: str) -> bool:
+        facts = self.engine.quads_for_pattern(NamedNode(iri), None, None, v.MAP_GRAPH)
+        return next(iter(facts), None) is not None
+
+    def _label(self, iri: str) -> str:
+        named = (NamedNode(iri), NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
+        labels = [
+            str(getattr(q.object, "value", "")) for q in self.engine.quads_for_pattern(*named)
+        ]
+        return min(labels, default=iri.removeprefix(self.base))
 
     def _numbered(self, text: str) -> str:
         """``there are: cup 9, cup 17`` for ``cup 99``; "" for a label of another form."""

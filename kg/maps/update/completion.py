@@ -190,7 +190,7 @@ def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
     for quad in pending.after(subject, v.RDF_TYPE, None, v.MAP_GRAPH):
         category = facts.catalogue.by_iri(getattr(quad.object, "value", ""))
         if category is not None:
-            return f"{category.label} {subject.value.rstrip('/').rpartition('/')[2]}"
+            return facts.catalogue.title(category.iri, subject.value)
     return subject.value
 
 

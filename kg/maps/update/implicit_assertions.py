@@ -124,14 +124,9 @@ def _relabel(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, old: str, new: str
 ) -> None:
     """Update a label that consists of the category and the number."""
-    number = subject.value.rstrip("/").rpartition("/")[2]
+    label = NamedNode(v.RDFS_LABEL)
     before, after = (
-        Quad(
-            subject,
-            NamedNode(v.RDFS_LABEL),
-            Literal(f"{facts.catalogue.label(category)} {number}"),
-            v.MAP_GRAPH,
-        )
+        Quad(subject, label, Literal(facts.catalogue.title(category, subject.value)), v.MAP_GRAPH)
         for category in (old, new)
     )
     if before in pending.facts(subject, v.RDFS_LABEL):

@@ -95,6 +95,7 @@ def change_to_json(change: ChangeSet) -> Json:
         "cause": cause_to_json(change.cause),
         "removed": lines(change.removed),
         "added": lines(change.added),
+        **({"notes": list(change.notes)} if change.notes else {}),
     }
 
 
@@ -102,7 +103,8 @@ def change_from_json(data: Mapping[str, Any]) -> ChangeSet:
     """The inverse of `change_to_json`."""
     cause, time = cause_from_json(data["cause"]), moment(data["time"])
     added, removed = quads_from_lines(data["added"]), quads_from_lines(data["removed"])
-    return ChangeSet(data["sequence"], time, cause, added, removed)
+    notes = tuple(map(str, data.get("notes", ())))
+    return ChangeSet(data["sequence"], time, cause, added, removed, notes)
 
 
 def restored_from_json(data: Mapping[str, Any]) -> Restored:

@@ -7,7 +7,7 @@ of facts.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
 
@@ -27,6 +27,7 @@ from planner.freespace.planning_map import (
     text_or_none,
     time_or_none,
 )
+from planner.search.goals.place_names import stated_categories
 from planner.search.goals.search_goals import (
     evidence,
     label_of,
@@ -106,10 +107,16 @@ class CandidateQueries:
     def things(self, index: int, target: Target) -> tuple[Candidate, ...]:
         """Candidates of target `index` at known objects: its instances, and objects it is near."""
         remembered = self._rows("goals-remembered", target)
+        stated = stated_categories(self._map)
+        detected = {iri: one.detected_as for iri, one in stated.items()}
+        remembered = [{**row, "detectedAs": detected.get(str(row["iri"]))} for row in remembered]
         half_lives = kinds_half_lives(target, remembered)
         once: dict[str, Row] = {}  # each object by its most probable reading
         for row in remembered:
             once.setdefault(str(row["iri"]), row)
+        if target.thing is not None:  # it was seen itself: what it is usually near adds nothing
+            once = {iri: row for iri, row in once.items() if iri == target.thing}
+            return tuple(self._known(index, row, half_lives) for row in once.values())
         return (
             *(self._known(index, row, half_lives) for row in once.values()),
             *self._nearby(index, target),
@@ -119,9 +126,28 @@ class CandidateQueries:
         """Candidates for target `index` in every place, and beyond the frontiers of the floor."""
         half_life = min(kinds_half_lives(target, self._rows("goals-remembered", target)).values())
         rooms = _Rooms(self._table, target, self._rows("goals-expected", target))
+        if target.thing is not None:
+            return self._moved_to(index, target, ground, half_life, rooms)
         return (
             *(self._place(index, place, rooms, half_life, ground) for place in self._places),
             *(self._beyond(index, target, area, rooms) for area in ground.unexplored),
+        )
+
+    def _moved_to(
+        self, index: int, target: Target, ground: PlanningMap, half_life: float, rooms: _Rooms
+    ) -> tuple[Candidate, ...]:
+        """Places that may have the one object of a target, if it is no longer where it was."""
+        here = sum(one.probability for one in self.things(index, target))
+        moved = f"{target.label} is no longer where it was with probability {1 - here:.2f}"
+        found = (self._place(index, place, rooms, half_life, ground) for place in self._places)
+        return tuple(
+            replace(
+                one,
+                probability=one.probability * (1 - here),
+                facts=(*one.facts, moved),
+                noticed=0.0,
+            )
+            for one in found
         )
 
     def _rows(self, query: str, target: Target) -> list[Row]:
@@ -135,7 +161,7 @@ class CandidateQueries:
         kept = holds(half_life, age)
         where, category = (
             whereabouts(self._map, str(row["iri"])),
-            with_article(str(row["category"])),
+            with_article(str(row["category"]), self._map.catalogue),
         )
         fact = f"{label} is in the map, {where} ({evidence(row, existence, 'placeLabel')})"
         if row["own"] is not None:

@@ -16,7 +16,7 @@ from kg.maps.semantic_map import SemanticMap
 from mapping.persistence import holds
 from planner.freespace.planning_map import number, text_or_none, time_or_none
 from planner.search.goals.candidate_queries import kinds_half_lives
-from planner.search.goals.place_names import in_brackets
+from planner.search.goals.place_names import StatedCategory, in_brackets, stated_categories
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target, resolve
 
@@ -43,6 +43,7 @@ class KnownObject:
     may_be: tuple[tuple[str, float], ...] = ()  # other categories, with their probabilities
     place: str | None = None  # IRI
     z: float | None = None  # [m]
+    stated: StatedCategory | None = None  # by a person
     half_life: float = math.inf  # [s] after which half of such objects were moved
 
     def kept(self, now: float) -> float:
@@ -79,12 +80,13 @@ def known_objects(
         alternative = str(row["other"]), number(row, "probability")
         others.setdefault(str(row["object"]), []).append(alternative)
     found: dict[str, KnownObject] = {}
+    stated = stated_categories(semantic_map)
     for category in target.queried:
         rows = semantic_map.query("goals-remembered", category=category).records()
         half_lives = kinds_half_lives(target, rows)
         for row in rows:
             iri, existence = str(row["iri"]), number(row, "existence")
-            if existence < _MIN_EXISTENCE or iri in found:
+            if existence < _MIN_EXISTENCE or iri in found or target.thing not in (None, iri):
                 continue
             found[iri] = KnownObject(
                 iri=iri,
@@ -102,6 +104,7 @@ def known_objects(
                 may_be=tuple(others.get(iri, ())),
                 z=None if row["z"] is None else number(row, "z"),
                 half_life=half_lives[str(row["kind"])],
+                stated=stated.get(iri),
             )
     titles = _other_maps(semantic_map)
     known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
@@ -161,6 +164,11 @@ def known_json(
             "observations": one.observations,
             "frame": one.frame,
             "found_by": one.found_by,
+            **(
+                {"named_by": one.stated.by, "detected_as": one.stated.detected_as or None}
+                if one.stated
+                else {}
+            ),
         }
         for target in targets
         for one in known_objects(semantic_map, target)

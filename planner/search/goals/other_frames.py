@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from kg.maps.facts.coordinate_frames import maps_in
 from kg.maps.frame_view import apart_from
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import QueryParameterError
 from planner.search.goals.known_objects import KnownObject, known_objects
-from planner.search.goals.targets import resolve
+from planner.search.goals.targets import Target, resolve
 
 
 def known_elsewhere(
@@ -25,10 +26,18 @@ def known_elsewhere(
         return
     for frame in apart_from(opened.engine, here.base):
         other = opened.in_one_frame(frame.map)
-        for target in resolve(other, targets):
+        for target in _resolved(other, targets):
             for known in known_objects(other, target):
                 if known.iri.startswith(frame.map):
                     yield frame.title, known
+
+
+def _resolved(other: SemanticMap, targets: Sequence[str]) -> tuple[Target, ...]:
+    """The targets in another map; those that are the label of one thing are of the first alone."""
+    try:
+        return resolve(other, targets)
+    except QueryParameterError:
+        return ()
 
 
 def elsewhere_lines(

@@ -1,17 +1,26 @@
-"""Names of places and objects of a map: labels, numbers, IRIs, categories of one place."""
+"""Names of places and objects of a map: what a text names, and how answers name things."""
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import dataclass
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import PlaceRecord
+from kg.model.vocabulary import UNNAMED_THING
 
 _SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
+_DETERMINERS = frozenset(
+    ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
+)
+_UNNAMED = (
+    *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
+    *("unnamed object", "unnamed objects"),
+)
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -36,13 +45,15 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:
-    """A place's label in a sentence: ``the guest room``; ``place 3``, ``redkitchen``, ``Ann's``.
+    """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
 
-    Labels take an article where their last word is a common noun.
+    Labels take an article where their last word is a common noun, and no other word is before it
+    that stands for one. Other names stay as people gave them.
     """
-    *_, last = label.split() or [""]
+    first, *_, last = label.split() * 2 or ["", ""]
     is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
-    return f"the {label}" if label.islower() and "'" not in label and is_noun else label
+    determined = first in _DETERMINERS or "'" in label
+    return f"the {label}" if label.islower() and is_noun and not determined else label
 
 
 def listed_places(semantic_map: SemanticMap) -> str:
@@ -85,18 +96,86 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
 
 
-def object_named(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of the object that a label (``cup 2``), ``object/2`` or an IRI names, else "".
+@dataclass(frozen=True, slots=True)
+class StatedCategory:
+    """A person's word on what an object is, and what detectors take it for."""
 
-    Raises QueryParameterError for a category with a number that no object has (``cup 99``); the
-    message lists those that there are.
+    by: str
+    category: str  # label
+    given: str  # the name as given; "" for a category that is no name
+    detected_as: str  # the detectors' own label; "" where they agree, or know none
+
+    def words(self, label: str) -> str:
+        """`` (so named by ann)``, or `` (called bowl by ann)`` of an object with another label."""
+        called = "so named" if label in (self.category, self.given) else f"called {self.category}"
+        return f" ({called} by {self.by})"
+
+
+def stated_categories(semantic_map: SemanticMap) -> dict[str, StatedCategory]:
+    """The objects whose category a person has asserted, by IRI."""
+    catalogue, asserted = semantic_map.catalogue, semantic_map.assertions.all()
+    given = {(a.subject, a.by, a.stamp): a.value for a in asserted if a.property == "label"}
+    return {
+        one.subject: StatedCategory(
+            one.by,
+            catalogue.label(one.value),
+            given.get((one.subject, one.by, one.stamp), ""),
+            catalogue.label(one.perceived)
+            if one.perceived not in (None, one.value, UNNAMED_THING)
+            else "",
+        )
+        for one in asserted
+        if one.property == "category"
+    }
+
+
+def is_unnamed(text: str) -> bool:
+    """Whether words mean the things that nobody named: ``unnamed things``."""
+    words = text.strip().casefold().removeprefix("the ")
+    return text == UNNAMED_THING or words in _UNNAMED
+
+
+def object_named(semantic_map: SemanticMap, text: str) -> str:
+    """IRI of the object that a label (``cup 2``, ``the red cup``), ``object/2`` or an IRI names.
+
+    "" for any other text, and for a category that several objects have as their label. Raises
+    QueryParameterError for another label of several objects, and for a category with a number that
+    no object has (``cup 99``); the message lists those that there are.
     """
+    catalogue = semantic_map.catalogue
     try:
-        iri = semantic_map.resolve("iri", text)
+        iri = semantic_map.resolve("thing", text)
     except QueryParameterError:
-        category, _, number = text.strip().rpartition(" ")
-        catalogue = semantic_map.catalogue
-        if number.isdigit() and catalogue.get(category, "object") and not catalogue.get(text):
+        if catalogue.get(text) is None:
             raise
         return ""
+    category, _, number = text.strip().rpartition(" ")
+    is_numbered = number.isdigit() and catalogue.get(category, "object")
+    if not iri and is_numbered and not catalogue.get(text):
+        return semantic_map.resolve("iri", text)
     return iri if iri.startswith(f"{semantic_map.base}object/") else ""
+
+
+def thing_named(semantic_map: SemanticMap, text: str) -> str:
+    """IRI of the one thing or place that a text names, in any form that a door takes.
+
+    An id, an IRI, a label; a place also by its number or by a category that it alone has, an object
+    by a category of which the map has one. Raises QueryParameterError or UnknownCategoryError.
+    """
+    if found := semantic_map.resolve("thing", text):
+        return found
+    try:
+        return place_named(semantic_map, text)
+    except QueryParameterError:
+        return semantic_map.resolve("iri", text)
+
+
+def fact_named(semantic_map: SemanticMap, text: str) -> str:
+    """A thing as in `thing_named`, or a fact of it: subject, predicate and perhaps an object.
+
+    The result is short (``object/17 here:inPlace place/1``). The predicate has a colon.
+    """
+    words = text.split()
+    at = next((n for n, word in enumerate(words) if n and ":" in word), len(words))
+    iri = thing_named(semantic_map, " ".join(words[:at]) if at < len(words) else text)
+    return " ".join([iri.removeprefix(semantic_map.base), *words[at:]])

@@ -144,8 +144,13 @@ def _why_place(row: Row) -> str:
     )
 
 
-def with_article(noun: str) -> str:
-    """A noun with its article: ``an apple``."""
+def with_article(noun: str, catalogue: Catalogue | None = None) -> str:
+    """A noun with its article: ``an apple``; a name that a person gave stays as it is.
+
+    Names are known to `catalogue`.
+    """
+    if catalogue is not None and catalogue.is_given_name(noun):
+        return noun
     return f"{'an' if noun[:1].lower() in 'aeiou' else 'a'} {noun}"
 
 
@@ -169,7 +174,8 @@ def observed(row: Row, place: str = "place") -> str:
     """Number, time, frame and place (column `place`) of the observations of a row's object."""
     reason = ""
     if row.get("observations") is not None:
-        reason = f", seen {times(number(row, 'observations'))}"
+        detected = f" as {row['detectedAs']}" if row.get("detectedAs") else ""
+        reason = f", seen {times(number(row, 'observations'))}{detected}"
     if (last := time_or_none(row, "lastSeen")) is not None:
         reason += f", last seen {last:%Y-%m-%d %H:%M:%S}"
     if row["frame"] is not None:

@@ -8,7 +8,7 @@ its greatest existence and its observations, can be gone.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Final, Literal, cast
@@ -19,7 +19,13 @@ from kg.model.errors import QueryParameterError, UndetectableError
 from kg.model.records import DepartedRecord
 from mapping.objects.existence import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
-from planner.search.goals.place_names import object_named, titled
+from planner.search.goals.place_names import (
+    StatedCategory,
+    object_named,
+    place_named,
+    stated_categories,
+    titled,
+)
 from planner.search.goals.search_goals import resolve_target
 from planner.search.goals.target_words import undetectable
 from planner.settings import BELIEF
@@ -49,6 +55,7 @@ class PlaceStatus:
     closely_viewed_share: float
     last_viewed: datetime | None  # of the place
     found_gone: datetime | None = None  # when its spot was first seen empty
+    said: str = ""  # in brackets, who gave the object its category, where a person did
     noticed: float = 0.0  # probability that one thing of the category would have been noticed
 
 
@@ -85,9 +92,10 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
             raise
         return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
     rows = semantic_map.query("status", category=category.iri).records()
-    found = tuple(_place(row, category.label) for row in rows)
+    stated = stated_categories(semantic_map)
+    found = tuple(_place(row, category.label, stated) for row in rows)
     if place is not None:
-        chosen = semantic_map.resolve("place", place)
+        chosen = place_named(semantic_map, place)
         found = tuple(one for one in found if one.place == chosen)
     places = {p.iri: titled(semantic_map.catalogue, p) for p in semantic_map.places()}
     named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
@@ -97,7 +105,8 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     return Status(category.label, value, proof, found)
 
 
-def _place(row: Row, category: str) -> PlaceStatus:
+def _place(row: Row, category: str, said: Mapping[str, StatedCategory]) -> PlaceStatus:
+    by = said.get(str(row["object"]))
     value, large = cast(Value, row["status"]), _size(category) >= _LARGE
     viewed = _share(row, "viewedShare" if large else "closelyViewedShare")
     return PlaceStatus(
@@ -112,6 +121,7 @@ def _place(row: Row, category: str) -> PlaceStatus:
         closely_viewed_share=_share(row, "closelyViewedShare"),
         last_viewed=time_or_none(row, "lastViewed"),
         found_gone=time_or_none(row, "foundGone"),
+        said=by.words(str(row["label"] or "")) if by else "",
         noticed=0.0 if value == "never looked" else BELIEF.noticed * viewed,
     )
 
@@ -162,9 +172,9 @@ def _known_proof(label: str, one: PlaceStatus) -> str:
     seen = f", last seen {stamp(one.last_seen)}" if one.last_seen else ""
     if one.value == "gone":
         empty = f", and its spot was seen empty at {stamp(one.found_gone)}"
-        return f"{one.label or label} was in {one.place_label}{seen}{empty}"
+        return f"{one.label or label}{one.said} was in {one.place_label}{seen}{empty}"
     sure = f"existence {one.existence:.2f}" if one.existence is not None else "asserted"
-    return f"{one.label or label} in {one.place_label}, {sure}{seen}"
+    return f"{one.label or label}{one.said} in {one.place_label}, {sure}{seen}"
 
 
 def stamp(time: datetime | None) -> str:
@@ -185,7 +195,9 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
         if record.existence >= PRESENT:
             value = "present"
         where = place.label if place else "no place"
-        proof = f"in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
+        stated = stated_categories(semantic_map).get(iri)
+        said = f"called {stated.category} by {stated.by}, " if stated else ""
+        proof = f"{said}in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
             proof += f"; {where} last viewed {stamp(viewed)}"

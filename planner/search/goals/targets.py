@@ -10,8 +10,13 @@ from typing import Final
 
 from kg.knowledge.words.meaning import understand
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import UndetectableError, UnknownCategoryError, did_you_mean
-from planner.search.goals.place_names import object_named
+from kg.model.errors import (
+    QueryParameterError,
+    UndetectableError,
+    UnknownCategoryError,
+    did_you_mean,
+)
+from planner.search.goals.place_names import is_unnamed, object_named
 from planner.search.goals.target_words import Undetectable, meaning_of, undetectable
 
 _NEED: Final = re.compile(
@@ -23,7 +28,7 @@ _LINKS: Final = {"from", "on", "with", "in", "at", "out", "of"}
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Search target; any object of one of its kinds will do."""
+    """Search target; any object of one of its kinds will do, or one `thing` alone."""
 
     text: str  # as given
     label: str  # in answers
@@ -31,12 +36,24 @@ class Target:
     kinds: dict[str, str]  # IRI -> label of every category that will do
     above: dict[str, frozenset[str]]  # IRI -> labels of all supercategories of each kind
     note: str = ""  # how the text was understood, where it is not a category's own name
+    thing: str | None = None  # IRI of the one object that is wanted; any of its kinds without
 
     @property
     def none(self) -> str:
         """``No cup``, or ``Nothing to sit on``: the beginning of a sentence."""
+        if self.thing:
+            return f"No {self.label}"
         use = "" if self.iri else self.label.partition(" to ")[2]
         return f"Nothing to {use}" if use else f"No {self.label}"
+
+    @property
+    def kind(self) -> str:
+        """Label of its category, also where one object is wanted; else its own."""
+        return self.kinds.get(self.iri or "", self.label) if self.thing else self.label
+
+    def accepts(self, category: str, iri: str | None) -> bool:
+        """Whether an object with that IRI, of that category, is what is wanted."""
+        return category in self.kinds if self.thing is None else iri == self.thing
 
     @property
     def queried(self) -> tuple[str, ...]:
@@ -47,13 +64,14 @@ class Target:
 def resolve(semantic_map: SemanticMap, texts: Sequence[str]) -> tuple[Target, ...]:
     """The targets that `texts` name, each once, in their order.
 
-    Raises UndetectableError for a thing that no category includes, with its usual places, and
-    UnknownCategoryError for a text that is neither a word nor a need.
+    A category's own name comes before a thing's label. Raises UndetectableError for a thing that no
+    category includes, with its usual places, UnknownCategoryError for a text that is neither a word
+    nor a need, and QueryParameterError for one thing that is not in the map.
     """
-    found: dict[tuple[str, ...], Target] = {}
+    found: dict[tuple[str | None, ...], Target] = {}
     for text in texts:
         target = _resolve(semantic_map, text)
-        found.setdefault(target.queried, target)
+        found.setdefault((target.thing, *target.queried), target)
     return tuple(found.values())
 
 
@@ -62,6 +80,8 @@ def as_one(semantic_map: SemanticMap, texts: Sequence[str]) -> list[str]:
     whole = " ".join(texts)
     if len(texts) < 2 or _need(semantic_map, whole):
         return [whole] if texts else []
+    if object_named(semantic_map, whole):
+        return [whole]
     try:
         is_name = understand(semantic_map.catalogue, whole).how in ("label", "word", "folded")
     except UnknownCategoryError:
@@ -71,7 +91,16 @@ def as_one(semantic_map: SemanticMap, texts: Sequence[str]) -> list[str]:
 
 def undetectable_target(semantic_map: SemanticMap, text: str) -> Undetectable | None:
     """The answer for a wanted thing that no category includes; None for any other text."""
-    return None if _need(semantic_map, text) else undetectable(semantic_map, text)
+    if _need(semantic_map, text) or _thing(semantic_map, text):
+        return None
+    return undetectable(semantic_map, text)
+
+
+def _thing(semantic_map: SemanticMap, text: str) -> str:
+    """IRI of the one object that a text names; "" for the names of kinds of things."""
+    if semantic_map.catalogue.get(text, "object") is not None:
+        return ""
+    return object_named(semantic_map, text)
 
 
 def _need(semantic_map: SemanticMap, text: str) -> str:
@@ -82,6 +111,12 @@ def _need(semantic_map: SemanticMap, text: str) -> str:
 
 def _resolve(semantic_map: SemanticMap, text: str) -> Target:
     need = _need(semantic_map, text)
+    if is_unnamed(text):
+        count = len(semantic_map.unnamed_things())
+        raise UnknownCategoryError(
+            f"{count} things of the map have no name, so any of them is no target; one by its id, "
+            "such as object/90, would work, and `hereabouts name MAP --review FILE.html` shows them"
+        )
     if not need:
         return _named(semantic_map, text)
     kinds = _used_for(semantic_map, need)
@@ -90,24 +125,37 @@ def _resolve(semantic_map: SemanticMap, text: str) -> Target:
 
 def _named(semantic_map: SemanticMap, text: str) -> Target:
     """The target of a word; of several categories where the word includes them."""
-    if text.strip()[-1:].isdigit():
-        object_named(semantic_map, text)  # refuses cup 99, which is no misspelt cup
+    if iri := _thing(semantic_map, text):  # refuses cup 99, which is no misspelt cup
+        return _one_thing(semantic_map, text, iri)
     try:
         meaning = meaning_of(semantic_map.catalogue, text)
     except UndetectableError as error:
         answer = undetectable(semantic_map, text)
         raise UndetectableError(answer.answer if answer else str(error)) from error
-    except UnknownCategoryError as error:
-        if object_named(semantic_map, text) in {one.iri for one in semantic_map.objects()}:
-            raise UnknownCategoryError(
-                f"{text[:60]!r} is one thing, not a kind of things; "
-                f"`hereabouts ask MAP whereabouts -p object='{text[:60]}'` tells where it is"
-            ) from error
-        raise
     single = meaning.categories[0] if len(meaning.categories) == 1 else None
     label = single.label if single else meaning.text
     target = _target(semantic_map, text, label, single.iri if single else None, meaning.iris)
     return replace(target, note=meaning.note)
+
+
+def _one_thing(semantic_map: SemanticMap, text: str, iri: str) -> Target:
+    """The target that is one object of the map; raises QueryParameterError where it has left."""
+    rows = semantic_map.query("whereabouts", object=iri).records()
+    records = semantic_map.perceived.objects((iri,))
+    if not rows or not records:
+        raise QueryParameterError(
+            f"{text[:60]!r} is not in the map now; `hereabouts status MAP '{text[:60]}'` tells its "
+            "fate"
+        )
+    label = str(rows[0]["label"] or iri.removeprefix(semantic_map.base))
+    category = _believed_category(semantic_map, iri)
+    return replace(_target(semantic_map, text, label, category, [category]), thing=iri)
+
+
+def _believed_category(semantic_map: SemanticMap, iri: str) -> str:
+    """IRI of the category of an object, as people and perception together have it."""
+    stated = [a.value for a in semantic_map.assertions.all(iri) if a.property == "category"]
+    return stated[0] if stated else semantic_map.perceived.objects((iri,))[0].category
 
 
 def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:

@@ -52,7 +52,7 @@ def find_sentences(
     guess = _guess(target, state)
     if target.iri is None:
         return [f"{target.none} is in the map{guess}"]
-    found = status(semantic_map, target.iri)
+    found = status(semantic_map, target.thing or target.iri)
     return [f"{target.none} is in the map{_NONE[found.value]}: {found.proof}{guess}"]
 
 
@@ -79,7 +79,7 @@ def answer_lines(
         less = "perhaps " if not ranked[len(listed)].sure else ""
         query = "objects"
         if target is not None and target.iri is not None:
-            query = f"objects-by-category -p category='{target.label}'"
+            query = f"objects-by-category -p category='{target.kind}'"
         every = " --all" if doubted else ""
         lines.append(f"and {less}{rest} more: `hereabouts ask MAP {query}{every}`")
     return lines
@@ -87,8 +87,9 @@ def answer_lines(
 
 def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     p, kept = one.still_there(now), one.kept(now)
+    title = one.label + (one.stated.words(one.label) if one.stated else "")
     is_no = "may be" if one.existence >= _PERHAPS else "is probably"
-    name = f"{one.label}, which {is_no} no {one.category}," if one.doubted else one.label
+    name = f"{title}, which {is_no} no {one.category}," if one.doubted else title
     if one.own is not None:
         name += f", which may be {with_article(one.category)},"
     seen = _sightings(one, now)
@@ -107,13 +108,16 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
 
 
 def _sightings(one: KnownObject, now: float) -> str:
+    seen = "was seen there"
+    if one.stated is not None and one.stated.detected_as:  # they are counts of the detectors' label
+        seen = f"was detected there as {one.stated.detected_as}"
     if one.last_seen is None:
-        return f"was seen there {times(one.observations)}" if one.observations else "is known"
+        return f"{seen} {times(one.observations)}" if one.observations else "is known"
     age = max(now - one.last_seen.timestamp(), 0.0)
     last = f"{span(age)} ago" if age >= 1 else "just now"
     if one.observations == 1:
-        return f"was seen there once, {last}"
-    return f"was seen there {times(one.observations)}, last {last}"
+        return f"{seen} once, {last}"
+    return f"{seen} {times(one.observations)}, last {last}"
 
 
 def _besides(one: KnownObject) -> str:

@@ -50,6 +50,7 @@ def plan_json(
         "target": ", ".join(plan.targets),
         "targets": list(plan.targets),
         "rule": "viewpoints",
+        **({"notes": [plan.note]} if plan.note else {}),
         "start": [round(float(value), 3) for value in plan.start],
         "goals": [_goal(goal) for goal in plan.goals],
         "expected_seconds": _rounded(plan.expected_seconds),

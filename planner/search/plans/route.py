@@ -38,6 +38,7 @@ class Route:
     metres: float  # infinite where no way is known
     end: NDArray[np.float64]  # (2,) [m] the floor nearest to the goal
     off: float  # [m] from there to the goal, and from the start to the floor
+    notes: tuple[str, ...]  # where an end is off the floor
     unseen: float  # [m] of the way over floor that no depth image showed
     crossings: tuple[Crossing, ...]  # in order
 
@@ -45,7 +46,8 @@ class Route:
 def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route | None:
     """The shortest way from `start` to `goal` (2,) [m]; None for a map without floor.
 
-    Floor that nobody saw counts as free where the map's places have it.
+    Floor that nobody saw counts as free where the map's places have it. Raises
+    QueryParameterError for an end that is too far from the floor to belong to the building.
     """
     ends = [np.asarray(p, np.float64)[:2] for p in (start, goal)]
     places = all_places(semantic_map)
@@ -53,6 +55,8 @@ def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route
     if known is None:
         return None
     space = known.space
+    found = (space.off_floor(p, what) for p, what in zip(ends, ("start", "goal"), strict=True))
+    notes = tuple(filter(None, found))
     first, last = (space.nearest(p) for p in ends)
     end = space.centres([last])[0]
     off = sum(
@@ -62,14 +66,14 @@ def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route
     field = distance_fields(space, [last])[0]
     metres = float(field.reshape(-1)[first])
     if not np.isfinite(metres):
-        return Route(metres, end, off, 0.0, ())
+        return Route(metres, end, off, notes, 0.0, ())
     cells = shortest_path(space, field, first)
     points = space.centres(cells)
     unseen = 0.0 if known.seen is None else 1.0 - float(known.seen.reshape(-1)[cells].mean())
     areas = [place for place in places if place.area > 0]
     inside = [next((p for p in areas if p.contains(x, y)), None) for x, y in points.tolist()]
     crossings = _crossings(semantic_map.doors(), points, inside)
-    return Route(metres, end, off, unseen * metres, crossings)
+    return Route(metres, end, off, notes, unseen * metres, crossings)
 
 
 def _crossings(

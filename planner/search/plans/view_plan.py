@@ -63,6 +63,7 @@ class ViewPlan:
     probability: float  # to find it along the plan; of several targets, expected finds
     present: float  # probability that any target is on this floor, before the first view
     baselines: tuple[Baseline, ...] = ()
+    note: str = ""  # where the start is off the floor
 
 
 def plan(
@@ -91,7 +92,10 @@ def plan(
             machine.
         trials: Number of trials.
         compare: Whether the plan has baselines.
+    Raises:
+        QueryParameterError: the position is too far from the floor to belong to the building.
     """
+    note = "" if isinstance(start, RobotState) else state.space.off_floor(start)
     begin, at, before = _begin(state, start, heading)
     evaluator = PlanEvaluator(state, at, before / state.views.motion.speed)
     limit = math.inf if budget is None else budget
@@ -109,6 +113,7 @@ def plan(
         probability=found,
         present=state.left,
         baselines=room_baselines(evaluator, rollout) if steps and compare else (),
+        note=note and f"{note}, from where the plan goes on",
     )
 
 

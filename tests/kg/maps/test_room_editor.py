@@ -63,13 +63,13 @@ def test_edits_are_undone_one_by_one(home):
     home.rooms.edit(split(), by="ann")
     home.rooms.edit(RoomEdit("merge", ("place/3", HALL)), by="ann")
     assert set(areas(home)) == {"kitchen", "pantry"}
-    home.rooms.edit(RoomEdit("undo"), by="ben")
+    home.rooms.edit(RoomEdit("undo"), by="ann")
     assert set(areas(home)) == {"kitchen", "pantry", "hall"}
-    home.rooms.edit(RoomEdit("undo"), by="ben")
+    home.rooms.edit(RoomEdit("undo"), by="ann")
     assert (home.places(), places_of_objects(home)) == before
     assert not home.assertions.all()
     with pytest.raises(InvalidFactError, match="no edit of rooms is left"):
-        home.rooms.edit(RoomEdit("undo"), by="ben")
+        home.rooms.edit(RoomEdit("undo"), by="ann")
 
 
 def test_merged_rooms_hold_the_wall_between_them_and_all_objects(home):

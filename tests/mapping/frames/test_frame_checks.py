@@ -244,3 +244,24 @@ def test_scene_scores_are_taken(semantic_map, make_frame, make_detections):
     mapper = Mapper(semantic_map)
     mapper.add(make_frame(2.0), make_detections(CUP), SceneScores({"kitchen": 0.9}))
     assert mapper.frames_applied == 1
+
+
+@pytest.mark.parametrize(
+    ("xyxy", "score", "message"),
+    [
+        ([[200, 150, 40, 30]], [0.9], "x, y, width, height"),
+        ([[10, 10, 60, 60], [200, 150, 240, 30]], [0.9, 0.8], "box 1"),
+        ([[0.1, 0.2, 0.4, 0.5]], [0.9], "must be in pixels"),
+        ([[10, 10, 60, 60]], [87.0], "score / 100 would work"),
+        ([[10, 10, 60, 60]], [-1.3], "logits"),
+    ],
+)
+def test_boxes_and_scores_of_another_form_are_refused_where_they_are_made(xyxy, score, message):
+    boxes, scores = np.array(xyxy, np.float32), np.array(score, np.float32)
+    with pytest.raises(FrameError, match=message):
+        Detections(boxes, scores, ("cup",) * len(boxes))
+
+
+def test_one_label_for_all_boxes_is_refused():
+    with pytest.raises(FrameError, match="texts, one a box"):
+        Detections(np.zeros((3, 4), np.float32), np.zeros(3, np.float32), "cup")  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ The author is the holder of the token.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -28,7 +29,7 @@ from kg.serving.client.record_codec import assertion_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
-from kg.serving.server.http.conditions import state_of
+from kg.serving.server.http.conditions import check_preconditions, state_of
 from kg.serving.server.http.media_types import document, negotiated
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.linked_data.resource_description import local_path
@@ -53,8 +54,9 @@ async def _list(serving: AppState, request: Request) -> Response:
     media_type = negotiated(request, given, (JSON, *GRAPH_TYPES))
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
-        iri = full_iri(serving.semantic_map.base, iri)
-    state = state_of(serving.semantic_map)
+        iri = full_iri(serving.semantic_map.base, serving.semantic_map.resolve("iri", iri))
+    # a strong tag, which the If-Match of an edit can name
+    state = replace(state_of(serving.semantic_map), form="json" if media_type == JSON else "")
     headers = {"Vary": "Accept", **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
@@ -90,12 +92,14 @@ def _facts(serving: AppState, found: Iterable[Assertion]) -> Iterable[Quad]:
 async def _assert(serving: AppState, request: Request, by: str) -> Response:
     content = await read_json(request, serving.settings.limits, ("thing", "property", "value"))
     base = serving.semantic_map.base
-    thing, prop = full_iri(base, _word(content, "thing")), _property(_word(content, "property"))
+    named, prop = _word(content, "thing"), _property(_word(content, "property"))
     value = _value(content["value"])
 
     def write() -> tuple[ChangeSet | None, Assertion]:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
+            check_preconditions(request, state_of(semantic_map), exists=True)
+            thing = full_iri(base, semantic_map.resolve("iri", named))
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions["category" if prop == NAME else prop]
@@ -117,12 +121,16 @@ async def _retract(serving: AppState, request: Request, by: str) -> Response:
     iri, prop = given.one("iri"), given.one("property")
     if not iri or not prop:
         raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
-    thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
-    change = await serving.write(
-        request, partial(serving.semantic_map.assertions.retract, thing, prop, by=by)
-    )
-    return written(serving, change, request)
+
+    def retract() -> ChangeSet | None:
+        semantic_map = serving.semantic_map
+        with semantic_map.hold():
+            check_preconditions(request, state_of(semantic_map), exists=True)
+            thing = full_iri(semantic_map.base, semantic_map.resolve("iri", iri))
+            return semantic_map.assertions.retract(thing, prop, by=by)
+
+    return written(serving, await serving.write(request, retract), request)
 
 
 def _word(content: Mapping[str, Any], name: str) -> str:

@@ -153,7 +153,7 @@ async def write(
 def written(
     serving: AppState, change: ChangeSet | None, request: Request, **more: object
 ) -> Response:
-    """Response to a request that wrote `change`: its number, counts and `more` members.
+    """Response to a request that wrote `change`: its number, counts, notes and `more` members.
 
     With the preference `return=representation` (RFC 7240) it has the change set as well.
     """
@@ -163,6 +163,8 @@ def written(
     if "return=representation" in request.headers.get("prefer", "").replace(" ", ""):
         more["change"] = change_to_json(change) if change else None
         headers["Preference-Applied"] = "return=representation"
+    if change is not None and change.notes:
+        more["notes"] = list(change.notes)
     done = {
         "sequence": sequence,
         "added": len(change.added) if change else 0,

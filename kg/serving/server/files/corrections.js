@@ -10,6 +10,7 @@ export class Corrections {
     this._done = done;
     this._rooms = new RoomEdits(data, (edit) =>
       this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`));
+    this._author = ""; // holder of the token
     this._moving = null; // IRI of the object that the next click on the map positions
     byId("corrector")?.addEventListener("submit", (event) => this._take(event));
   }
@@ -69,6 +70,7 @@ export class Corrections {
   async _isGood() {
     try {
       const { author } = await (await request("/health", { accept: "application/json" })).json();
+      this._author = author || "";
       return Boolean(author);
     } catch {
       return false; // a private map refuses a wrong token
@@ -80,13 +82,17 @@ export class Corrections {
     return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`);
   }
 
-  /** Retract the last assertion about a thing. */
+  /** Retract one's own last assertion about a thing; those of others stay. */
   async _retract(iri) {
     const address = `/assertions?iri=${encodeURIComponent(this._data.pathOf(iri))}`;
     try {
       const { assertions } = await (await request(address, { accept: "application/json" })).json();
-      const last = assertions.sort((a, b) => (a.time > b.time ? 1 : -1)).pop();
-      if (!last) return status("nothing was asserted about it");
+      const own = assertions.filter((one) => one.by === this._author);
+      const last = own.sort((a, b) => (a.time > b.time ? 1 : -1)).pop();
+      if (!last) {
+        const others = [...new Set(assertions.map((one) => one.by))].join(", ");
+        return status(others ? `nothing of yours is left to undo: what is asserted is by ${others}` : "nothing was asserted about it");
+      }
       return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
     } catch (error) {
       return status(error.message);
@@ -95,8 +101,9 @@ export class Corrections {
 
   async _send(address, options, done) {
     try {
-      await request(address, { ...options, accept: "application/json", type: "application/json" });
-      status(done);
+      const answer = await request(address, { ...options, accept: "application/json", type: "application/json" });
+      const { notes = [] } = await answer.json();
+      status([done, ...notes].join("; "));
       setTimeout(this._done, 700);
     } catch (error) {
       status(error.message);
