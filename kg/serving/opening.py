@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.recovery import attach, one_reader_at_a_time, open_history_read_only
+from kg.history.storage.recovery import FILE, attach, open_history_read_only
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.maps.frame_view import check_one_map
@@ -13,6 +15,9 @@ from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import MapNotFoundError
+from kg.model.sqlite_files import has_log
+from kg.store.disk_space import write_error
+from kg.store.folder import copy_files
 from kg.store.sparql_client import is_url
 from kg.store.transactional import TransactionalStore
 
@@ -41,7 +46,8 @@ def create_map(
 def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> SemanticMap:
     """Open the map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
 
-    After a crash, transactions that are missing in the store are first applied from the history.
+    After a crash, transactions that are missing in the store are first applied from the history;
+    with `read_only` to a private copy, since reading writes nothing into the folder.
     `power_safe` is as for `create_map`. A running `hereabouts serve` gives a
     `kg.serving.client.remote_map.RemoteMap`: past states can be queried, and all writes go through
     the server.
@@ -55,11 +61,7 @@ def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = Fa
     path = Path(path)
     if not read_only:
         return _with_history(TransactionalStore.open(path), path, power_safe)
-    with one_reader_at_a_time(path):
-        if (found := _up_to_date(path)) is not None:
-            return found
-        open_map(path).close()  # opening for writing applies the missing transactions
-        return _with_history(TransactionalStore.open(path, read_only=True), path, False)
+    return _for_reading(path)
 
 
 def open_or_create_map(
@@ -88,14 +90,35 @@ def in_memory_map(*, title: str = "map", base: str | None = None) -> StoredMap:
     return _with_history(store, None, False, ontology.catalogue)
 
 
-def _up_to_date(path: Path) -> StoredMap | None:
-    """The map for reading; None if its store lacks transactions of its history."""
+def _for_reading(path: Path) -> StoredMap:
     store = TransactionalStore.open(path, read_only=True)
-    log = _history(store, path, power_safe=False)
-    if log is None or log.last <= store.sequence:
-        return _closing_on_error(store, None, log)
-    store.close()
-    return None
+    if not has_log(path / FILE):
+        log = _history(store, path, power_safe=False)
+        if log is None or log.last <= store.sequence:
+            return _closing_on_error(store, None, log)
+        log.close()
+    copy = _recovered_copy(store, path)
+    store.read_copy(copy)
+    return _with_history(store, copy, False)
+
+
+def _recovered_copy(store: TransactionalStore, path: Path) -> Path:
+    """A private copy of a map whose writer was killed, with the transactions that the store lacks.
+
+    `store`, which holds the lock, is closed if there can be none.
+    """
+    copy = Path(tempfile.mkdtemp(prefix="hereabouts-"))
+    try:
+        copy_files(path, copy)
+        with TransactionalStore.open(copy) as copied:
+            attach(copied, copy, identity(copied), sets_aside=False)
+        return copy
+    except BaseException as error:
+        store.close()
+        shutil.rmtree(copy, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise write_error(error, copy, f"cannot copy the map at {path} to {copy}") from error
+        raise
 
 
 def _with_history(

@@ -2,6 +2,7 @@
 
 A map is a folder with Oxigraph's ``store/`` and a lock file ``lock``. A writer holds the lock
 exclusively; readers share it, since Oxigraph does not support reading beside a writing process.
+Readers write nothing into the folder.
 Deletions leave tombstones that slow every query until a flush, so a thread of the writer flushes
 every few seconds.
 """
@@ -62,6 +63,7 @@ class TransactionalStore:
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
+        self._copy: Path | None = None  # private folder with the files that are read instead
         self._flusher = Flusher(self) if lock is not None and not read_only else None
 
     @classmethod
@@ -162,6 +164,17 @@ class TransactionalStore:
     def path(self) -> Path | None:
         """The map's folder; None in memory and on a server."""
         return Path(self.where) if self._unlock is not None else None
+
+    @property
+    def files(self) -> Path | None:
+        """The folder whose store and history are read: the map's, or a private copy."""
+        return self._copy or self.path
+
+    def read_copy(self, copy: Path) -> None:
+        """Read the store in `copy` from now on, which is removed when nobody needs it any more."""
+        weakref.finalize(self, shutil.rmtree, copy, ignore_errors=True)
+        self._copy, self._sequence = copy, None
+        self._engine = Store.read_only(str(copy / "store"))
 
     @property
     def shared(self) -> bool:
@@ -375,6 +388,8 @@ class TransactionalStore:
             self._engine = None
             if self._unlock is not None:
                 self._unlock()
+            if self._copy is not None:
+                shutil.rmtree(self._copy, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
+from kg.model.sqlite_files import open_sqlite, remove_sqlite, unreadable
 from perception.camera.poses import Pose, checked_pose
 from perception.odometry.recognition import KeyView
 from perception.odometry.view_encoding import decoded, encoded
@@ -66,7 +66,7 @@ class ViewStore:
         self._path = folder / FILE
         self._file: sqlite3.Connection | None = None
         try:
-            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+            self._file = open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
             with self._file as file:
                 file.execute("DELETE FROM views WHERE mark > ?", (sequence,))
         except _ERRORS as error:
@@ -124,7 +124,7 @@ class ViewStore:
         self.close()
         with suppress(*_ERRORS):
             remove_sqlite(self._path)
-            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+            self._file = open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
 
 
 def stored_views(folder: Path | None, sequence: int) -> list[StoredView]:
@@ -151,7 +151,7 @@ def _views(folder: Path | None, sequence: int) -> list[StoredView]:
         "SELECT recording, frame, pose, data FROM views WHERE mark <= ?"
         " ORDER BY mark, recording, frame LIMIT ?"
     )
-    with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
+    with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, read_only=True)) as file:
         return [
             StoredView(str(recording), str(frame), decoded(data, _pose(pose)))
             for recording, frame, pose, data in file.execute(rows, (sequence, MAX_VIEWS))

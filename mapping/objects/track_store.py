@@ -23,7 +23,7 @@ import numpy as np
 
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import Evidence
-from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
+from kg.model.sqlite_files import open_sqlite, remove_sqlite, unreadable
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence
 from mapping.objects.extents.box_views import MAX_VIEWS, NUMBERS, pose_of
@@ -118,7 +118,7 @@ class TrackStore:
         self._stored = set(present)
 
     def _opened(self) -> sqlite3.Connection:
-        return open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+        return open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
 
     def _discard(self) -> None:
         """Start anew; where that fails, nothing is kept."""
@@ -144,7 +144,7 @@ def tracks_damage(folder: Path) -> str:
     if not (path.exists() or path.is_symlink()):
         return ""
     try:
-        with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
+        with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, read_only=True)) as file:
             for number, state in file.execute("SELECT number, state FROM tracks"):
                 if number == _RUN:
                     RunState(**json.loads(state))
