@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import glob
 import os
 import shutil
 from pathlib import Path
+from typing import Final
 
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
-from kg.model.regular_files import copy_regular
+from kg.model.regular_files import copy_regular, read_text
 from kg.model.sqlite_files import JOURNAL, LOG
+
+_MAX_NAME: Final = 200  # bytes of the name under which a writer serves
 
 
 def locked(file: Path, path: Path, *, shared: bool) -> int:
@@ -32,12 +36,33 @@ def locked(file: Path, path: Path, *, shared: bool) -> int:
     except BlockingIOError as error:
         what = "is being written" if shared else "is already open"
         raise MapBusyError(
-            f"the map at {path} {what}, here or in another process; close it there first, "
-            "work on a copy of the folder, or give the address of its `hereabouts serve`"
+            f"the map at {path} {what}, here or in another process; end that first, or give the "
+            "address of its `hereabouts serve`"
         ) from error
     except OSError as error:
         raise GraphError(f"cannot lock the map at {path}: {reason_of(error)}") from error
     return descriptor
+
+
+def announce(path: Path, name: str) -> None:
+    """Write into the lock file of a map where its writer serves; raises OSError."""
+    how = os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    with os.fdopen(os.open(path / "lock", how), "wb") as file:
+        if os.fstat(file.fileno()).st_nlink > 1:
+            raise OSError(errno.EMLINK, "the lock file has a second name")
+        file.truncate()
+        file.write(name.encode())
+
+
+def announced(path: Path) -> str | None:
+    """What the writer of a map has announced; None in a folder of another user."""
+    file = path / "lock"
+    try:
+        if {path.stat().st_uid, file.lstat().st_uid} != {os.geteuid()}:
+            return None
+        return read_text(file, max_bytes=_MAX_NAME) or None
+    except (OSError, UnicodeDecodeError):
+        return None
 
 
 def _open_lock(file: Path, shared: bool) -> int:

@@ -170,6 +170,16 @@ class TransactionalStore:
         """The folder whose store and history are read: the map's, or a private copy."""
         return self._copy or self.path
 
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders that readers of the store and of the history open."""
+        return tuple(folder for folder in (self.path, self._copy) if folder is not None)
+
+    @property
+    def live(self) -> bool:
+        """Whether the files beside the store are written meanwhile."""
+        return not self.read_only
+
     def read_copy(self, copy: Path) -> None:
         """Read the store in `copy` from now on, which is removed when nobody needs it any more."""
         weakref.finalize(self, shutil.rmtree, copy, ignore_errors=True)

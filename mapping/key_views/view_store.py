@@ -127,31 +127,35 @@ class ViewStore:
             self._file = open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
 
 
-def stored_views(folder: Path | None, sequence: int) -> list[StoredView]:
-    """The views in the folder of a map, up to a transaction; none where they are unreadable."""
+def stored_views(folder: Path | None, sequence: int, *, live: bool = False) -> list[StoredView]:
+    """The views in the folder of a map, up to a transaction; none where they are unreadable.
+
+    `live` says that the map is written meanwhile.
+    """
     try:
-        return _views(folder, sequence)
+        return _views(folder, sequence, live)
     except _ERRORS:
         return []
 
 
-def views_damage(folder: Path | None) -> str:
+def views_damage(folder: Path | None, *, live: bool = False) -> str:
     """A line about views that cannot be read in the folder of a map; "" for good ones or none."""
     try:
-        _views(folder, _LATEST)
+        _views(folder, _LATEST, live)
     except _ERRORS as error:
         return unreadable((folder or Path()) / FILE, error, _WITHOUT)
     return ""
 
 
-def _views(folder: Path | None, sequence: int) -> list[StoredView]:
+def _views(folder: Path | None, sequence: int, live: bool) -> list[StoredView]:
     if folder is None or not ((path := folder / FILE).exists() or path.is_symlink()):
         return []
     rows = (
         "SELECT recording, frame, pose, data FROM views WHERE mark <= ?"
         " ORDER BY mark, recording, frame LIMIT ?"
     )
-    with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, read_only=True)) as file:
+    how = {"read_only": True, "live": live}
+    with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
         return [
             StoredView(str(recording), str(frame), decoded(data, _pose(pose)))
             for recording, frame, pose, data in file.execute(rows, (sequence, MAX_VIEWS))

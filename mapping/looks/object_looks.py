@@ -134,7 +134,7 @@ class ObjectLooks:
             write_arrays(self._kept, arrays)
 
 
-def looks_damage(folder: Path) -> str:
+def looks_damage(folder: Path, *, live: bool = False) -> str:
     """A line about looks that cannot be read in the folder of a map; "" for good ones or none."""
     try:
         _read(folder / FILE)

@@ -138,13 +138,14 @@ class TrackStore:
             self._file = None
 
 
-def tracks_damage(folder: Path) -> str:
+def tracks_damage(folder: Path, *, live: bool = False) -> str:
     """A line about tracks that cannot be read in the folder of a map; "" for good ones or none."""
     path = folder / FILE
     if not (path.exists() or path.is_symlink()):
         return ""
     try:
-        with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, read_only=True)) as file:
+        how = {"read_only": True, "live": live}
+        with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
             for number, state in file.execute("SELECT number, state FROM tracks"):
                 if number == _RUN:
                     RunState(**json.loads(state))

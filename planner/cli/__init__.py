@@ -19,7 +19,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from kg.model.errors import ExtensionError, GraphError, HereaboutsError, MapNotFoundError
+from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 

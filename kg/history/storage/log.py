@@ -174,6 +174,18 @@ class HistoryLog(LogReader):
                 self.set_floor(commit.sequence, commit.time)
             self.refresh()
 
+    def move_to(self, file: Path) -> None:
+        """Read the same history in another file, which is written meanwhile."""
+        with self.lock:
+            if file != self.file:
+                former, self.db = (
+                    self.db,
+                    connect(file, read_only=True, live=True, power_safe=False),
+                )
+                self.db.set_progress_handler(None, 0)
+                self.file = file
+                former.close()
+
     def close(self) -> None:
         """Close the file; idempotent."""
         with self.lock:

@@ -63,7 +63,7 @@ def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -
     file = folder / FILE
     if not file.is_file():
         return None
-    log = HistoryLog.open(file, base, read_only=True)
+    log = HistoryLog.open(file, base, read_only=True, live=store.live)
     if not log.begun:
         log.close()
         return None

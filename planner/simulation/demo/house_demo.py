@@ -49,8 +49,10 @@ SEARCH_TIME: Final = 120.0  # [s] from the end of the drive to now, for the sear
 #: Kinds and authors of the transactions of a demo, and the files of its map.
 _OWN_CAUSES: Final = (("frame", None), ("search", "search/1"))
 _OWN_FILES: Final = frozenset(
-    ("store", "lock", "pictures", "detections.json")
-    + ("history.sqlite", "surface.sqlite", "tracks.sqlite", "views.sqlite")
+    (
+        *("store", "lock", "pictures", "detections.json"),
+        *("history.sqlite", "surface.sqlite", "tracks.sqlite", "views.sqlite"),
+    )
 )
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
@@ -141,10 +143,11 @@ def run_demo(
 ) -> DemoReport:
     """Map the house into `folder`/demo.map, query the map, search the house, and write the results.
 
-    The results are map.ttl and map.png. Files of an earlier demo are replaced, but what was added to
-    them is only when told to `replace`, and other files never (`make_room`). `seed` is that of the errors of the senses. The drive ends some minutes before
-    now, so that answers about the map are those of a robot at work. Raises GraphError or
-    PictureError where `folder` cannot be written.
+    The results are map.ttl and map.png. Files of an earlier demo are replaced, those that something
+    was added to only when told to `replace`, and other files never (`make_room`). `seed` is that of
+    the errors of the senses. The drive ends some minutes before now, so that answers about the map
+    are those of a robot at work. Raises GraphError or PictureError where `folder` cannot be
+    written.
     """
     began = time.perf_counter()
     report = on_progress or (lambda progress: None)
@@ -232,7 +235,7 @@ def _added_to_demo(map_path: Path) -> str | None:
     if map_path.is_symlink():
         return None
     try:
-        with open_map(map_path) as old:
+        with open_map(map_path, exclusive=True) as old:
             if old.description.title != TITLE:
                 return None
             log = old.history.log

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.figure import Figure
+from pyoxigraph import NamedNode, Quad
 
 from kg.history.storage.log import HistoryLog
 from kg.maps.surface.surface_store import SurfaceStore
@@ -80,10 +81,16 @@ def state(request: pytest.FixtureRequest, path: Path, tmp_path: Path) -> Path:
         if request.param == "behind":
             store = semantic_map.store
             assert store.journal is not None
-            change = next(semantic_map.history.changes(store.sequence - 1))
-            store.journal.append(
-                ChangeSet(store.sequence + 1, change.time, Cause("update"), (), change.added)
+            last = next(semantic_map.history.changes(store.sequence - 1))
+            (old,) = last.added
+            new = Quad(
+                old.subject,
+                old.predicate,
+                NamedNode(f"{old.object.value}-of-the-log"),
+                old.graph_name,
             )
+            change = ChangeSet(store.sequence + 1, last.time, Cause("update"), (new,), (old,))
+            store.journal.append(change)
         if request.param not in ("closed", "without a lock"):
             copied(path, copy)
             assert (copy / "history.sqlite-wal").stat().st_size
@@ -194,7 +201,14 @@ def test_reading_writes_nothing_and_has_the_last_transaction(state: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "words", ["ask MAP objects", "status MAP cup", "export MAP -o OUT.ttl", "check MAP", "floor MAP -o OUT.yaml"]
+    "words",
+    [
+        "ask MAP objects",
+        "status MAP cup",
+        "export MAP -o OUT.ttl",
+        "check MAP",
+        "floor MAP -o OUT.yaml",
+    ],
 )
 def test_commands_that_read_write_nothing(state: Path, tmp_path: Path, words: str) -> None:
     before = files(state)
@@ -226,7 +240,7 @@ def test_a_reader_without_a_lock_file_keeps_writers_out(path: Path) -> None:
 def test_a_new_database_never_has_a_journal(tmp_path: Path) -> None:
     seen = set[str]()
     with closing(connect(tmp_path / "new.sqlite")) as file:
-        file.set_trace_callback(lambda _: seen.update(os.listdir(tmp_path)))
+        file.set_trace_callback(lambda _: seen.update(path.name for path in tmp_path.iterdir()))
         file.execute("CREATE TABLE one (a)")
         file.commit()
     assert seen and not any(name.endswith("-journal") for name in seen)

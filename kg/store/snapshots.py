@@ -66,7 +66,7 @@ class Snapshots:
     @property
     def readable(self) -> list[Path]:
         """Folders that the readers of snapshots and of the history open."""
-        folders = (self.home, self._store.files)
+        folders = (*self._store.folders, self.home)
         return [folder.resolve() for folder in folders if folder is not None]
 
     @property
@@ -179,7 +179,7 @@ class Snapshots:
         # read before the backup, so that the snapshot holds at least this transaction
         sequence, made = self._store.sequence, time.monotonic()
         if self.home is None and self._store.files is not None:
-            # workers have another working directory
+            # readers have another working directory
             return Snapshot(self._store.files.resolve() / "store", sequence, made, False)
         assert self.home is not None
         folder = self.home / str(uuid.uuid4())
