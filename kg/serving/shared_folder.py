@@ -31,6 +31,7 @@ from pyoxigraph import Store
 
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import FILE, attach
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.map_metadata import identity
 from kg.maps.stored_map import StoredMap
 from kg.maps.surface.surface_store import SurfaceStore
@@ -367,6 +368,12 @@ class SharedMap(StoredMap):
             return
         for name in ("assertions", "rooms", "ontology", "history"):
             setattr(self, name, _Part(name, getattr(self, name), self._edit))
+
+    @property
+    def catalogue(self) -> Catalogue:
+        """The categories of the present state's ontology."""
+        self.store.renew()
+        return super().catalogue
 
     def update(self, sparql: str, **keywords: Any) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update as one transaction of the writer."""
