@@ -78,7 +78,8 @@ def test_another_process_reads_and_edits_the_map_that_is_written(writer: Semanti
         *("status MAP chair", "find MAP chair", "log MAP object/1", "why MAP object/1"),
         *("plot MAP -o OUT.png", "export MAP -o OUT.ttl", "places MAP", "check MAP", "diff MAP"),
         *("describe MAP --title mine", "assert MAP object/1 label mine --by ann", "compact MAP"),
-        "update MAP --by ann -e DELETE{?o~here:x~?x}INSERT{?o~here:x~9.5}WHERE{?o~a~here:Chair;here:x~?x}",
+        "update MAP --by ann -e DELETE{?o~here:x~?x}INSERT{?o~here:x~9.5}"
+        "WHERE{?o~a~here:Chair;here:x~?x}",
     ],
 )
 def test_commands_beside_a_writer(writer: SemanticMap, tmp_path: Path, words: str) -> None:
