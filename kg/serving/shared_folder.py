@@ -377,19 +377,23 @@ class SharedMap(StoredMap):
 
     def update(self, sparql: str, **keywords: Any) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update as one transaction of the writer."""
-        return self._edit("update", sparql, **keywords)
+        change: ChangeSet | None = self._edit("update", sparql, **keywords)
+        return change
 
     def apply_ground(self, update: Any, note: str, **keywords: Any) -> ChangeSet | None:
         """Apply an evaluated update as one transaction of the writer."""
-        return self._edit("apply_ground", update, note, **keywords)
+        change: ChangeSet | None = self._edit("apply_ground", update, note, **keywords)
+        return change
 
     def describe(self, **keywords: Any) -> ChangeSet | None:
         """Set title or licence as one transaction of the writer."""
-        return self._edit("describe", **keywords)
+        change: ChangeSet | None = self._edit("describe", **keywords)
+        return change
 
     def place_frame(self, relative_to: str, T: Any, **keywords: Any) -> ChangeSet | None:
         """State the transform to another frame as one transaction of the writer."""
-        return self._edit("place_frame", relative_to, T, **keywords)
+        change: ChangeSet | None = self._edit("place_frame", relative_to, T, **keywords)
+        return change
 
     def restore(self, when: Any, **keywords: Any) -> Any:
         """Write a past state back as one transaction of the writer."""

@@ -170,6 +170,7 @@ def run_demo(
         report(DemoProgress("export", 0, 1))
         triples = export_map(semantic_map, folder / "map.ttl")
         report(DemoProgress("picture", 0, 1))
+        ended = _ended(semantic_map)
         picture = plot_search(
             semantic_map,
             run.outcome.search,
@@ -178,7 +179,8 @@ def run_demo(
             title=f"Demo house: the search for an {TARGET}",
             truth=ground_truth(house),
         )
-    os.utime(map_path)  # later than the files beside it, unless these are changed
+    for path in (folder / "map.ttl", picture):
+        os.utime(path, ns=(ended, ended))  # so that later changes of them are seen
     report(DemoProgress("picture", 1, 1, str(picture)))
     room, p_found = house.room_at(HIDDEN.x, HIDDEN.y), run.p_found
     error = None if p_found is None else float(np.linalg.norm(p_found - HIDDEN.centre()))
@@ -212,11 +214,11 @@ def make_room(folder: Path, *, replace: bool = False) -> None:
     map_path, remedy = folder / "demo.map", "another folder (--folder) would work"
     outputs = [path for path in (folder / "map.ttl", folder / "map.png") if os.path.lexists(path)]
     if os.path.lexists(map_path):
-        added = _added_to_demo(map_path)
-        if added is None:
+        found = _added_to_demo(map_path)
+        if found is None:
             raise GraphError(f"{map_path} was not made by the demo, so it stays; {remedy}")
-        made = map_path.stat().st_mtime_ns
-        changed = [str(path) for path in outputs if path.lstat().st_mtime_ns > made]
+        added, ended = found
+        changed = [str(path) for path in outputs if path.lstat().st_mtime_ns != ended]
         if (added or changed) and not replace:
             kept = f"{map_path} holds {added}" if added else f"{changed[0]} was changed"
             raise GraphError(
@@ -230,8 +232,16 @@ def make_room(folder: Path, *, replace: bool = False) -> None:
         )
 
 
-def _added_to_demo(map_path: Path) -> str | None:
-    """What a map holds that the demo did not put there, or ""; None where it is no demo's map."""
+def _ended(semantic_map: SemanticMap) -> int:
+    """[ns] The time of the last transaction, to the millisecond."""
+    return round(semantic_map.history.log.last_time * 1000) * 1_000_000
+
+
+def _added_to_demo(map_path: Path) -> tuple[str, int] | None:
+    """What a map holds that the demo did not put there, or "", and when the demo ended [ns].
+
+    None where it is no demo's map.
+    """
     if map_path.is_symlink():
         return None
     try:
@@ -241,17 +251,18 @@ def _added_to_demo(map_path: Path) -> str | None:
             log = old.history.log
             causes = (commit.cause for commit in log.commits(0, log.last))
             others = [c for c in causes if (c.kind, c.by) not in _OWN_CAUSES]
+            ended = _ended(old)
             recordings = {r.name for r in old.recordings()} - {DEMO_RECORDING}
     except MapBusyError:
         raise
     except GraphError:
         return None
     if others:
-        return f"changes by {others[0].by or 'others'} ({others[0].kind})"
+        return f"changes by {others[0].by or 'others'} ({others[0].kind})", ended
     if log.floor:
-        return "a compacted history"
+        return "a compacted history", ended
     foreign = {path.name for path in map_path.iterdir()} - _OWN_FILES
-    return ", ".join(sorted(recordings | foreign))
+    return ", ".join(sorted(recordings | foreign)), ended
 
 
 def layout_of(house: House) -> Layout:
