@@ -43,7 +43,10 @@ from kg.store.snapshots import Snapshots, make_home, remove_home
 from kg.store.transaction_quads import stored_sequence
 from kg.store.transactional import TransactionalStore
 
-FRESH: Final = 1.0  # [s] greatest age of the state that a reader gets
+FRESH: Final = 1.0  # [s] greatest age of the state that a reader gets, of these parts:
+_OLDEST: Final = 0.8  # [s] of a snapshot that a reader gets
+_RENEWED: Final = 0.5  # [s] of a snapshot, when the next one is made while readers use it
+_CHECKED: Final = 0.2  # [s] between two questions of a reader whether there is a newer one
 HELD: Final = 2.0  # [s] that another process may keep the writer from writing
 PATIENCE: Final = 60.0  # [s] for an answer of the writer
 _GREETING: Final = "hereabouts folder 1"
@@ -68,6 +71,7 @@ class FolderServer:
         self._map = weakref.ref(semantic_map)  # an open map that nobody holds is freed
         self._snapshots: Snapshots | None = None
         self._making = threading.Lock()
+        self._idle = threading.Lock()  # held while the next snapshot is made
         self._ended = False
         self._listener: socket.socket | None = None
         if not hasattr(socket, "SO_PEERCRED"):
@@ -137,20 +141,32 @@ class FolderServer:
         except HereaboutsError as error:
             return False, error
 
-    def _snapshot(self, folder: str, at_least: int) -> int:
-        """Put the store's files into the new folder of a reader; returns the last transaction."""
+    def _snapshot(self, folder: str, at_least: int, known: int) -> bool:
+        """Put the store's files into the new folder of a reader, if they have more than `known`."""
         store = self._opened().store
         with self._making:
             if self._snapshots is None:
-                self._snapshots = Snapshots(store, refresh=FRESH / 2)
+                self._snapshots = Snapshots(store, refresh=_OLDEST)
         snapshot = self._snapshots.lease(at_least)
         try:
+            if snapshot.sequence <= known:
+                return False
             shutil.copytree(snapshot.folder, folder, copy_function=_linked)
         except OSError as error:
             raise GraphError(f"cannot make a snapshot at {folder}: {error.strerror}") from error
         finally:
             self._snapshots.release(snapshot)
-        return snapshot.sequence
+            if time.monotonic() - snapshot.made > _RENEWED and self._idle.acquire(blocking=False):
+                threading.Thread(target=self._renew, args=[self._snapshots], daemon=True).start()
+        return True
+
+    def _renew(self, snapshots: Snapshots) -> None:
+        """Make the next snapshot, so that the next reader need not wait for it."""
+        try:
+            with contextlib.suppress(GraphError):  # the reader that waits for one gets the error
+                snapshots.refresh()
+        finally:
+            self._idle.release()
 
     def _opened(self) -> StoredMap:
         semantic_map = self._map()
@@ -275,7 +291,7 @@ class SharedStore(TransactionalStore):
     def renew(self, at_least: int | None = None) -> None:
         """Read a new state if the present one is too old, or lacks transaction `at_least`."""
         with self._renewing:
-            old = time.monotonic() - self._checked >= FRESH / 2
+            old = time.monotonic() - self._checked >= _CHECKED
             if self._engine is None or not (old if at_least is None else at_least > self._number):
                 return
             before, generation = self._number, self._generation
@@ -293,16 +309,15 @@ class SharedStore(TransactionalStore):
             return self._without_writer()
 
     def _from_writer(self, at_least: int) -> Store:
-        present = self._generation > 0 and self._client is not None
+        known = self._number if self._generation and self._client is not None else -1
         if self._client is None:
             self._client = FolderClient(Path(self.where))
-        if present and self._client.call("sequence") == self._number:
-            assert isinstance(self._engine, Store)
-            return self._engine
         folder = self._home / str(self._generation + 1) / "store"
         folder.parent.mkdir(exist_ok=True)
-        self._client.call("snapshot", str(folder), at_least)
-        return self._read(folder)
+        if self._client.call("snapshot", str(folder), at_least, known):
+            return self._read(folder)
+        assert isinstance(self._engine, Store)
+        return self._engine
 
     def _without_writer(self) -> Store:
         """The state that the last writer left."""
@@ -333,7 +348,7 @@ class SharedStore(TransactionalStore):
 
     def backup(self, folder: Path) -> None:
         """Copy the writer's present state to a new folder."""
-        self.client.call("snapshot", str(folder), 0)
+        self.client.call("snapshot", str(folder), 0, -1)
 
     def commit(self, *_: object, **__: object) -> ChangeSet | None:
         """Refused: the process that has the map writes it."""
