@@ -30,9 +30,9 @@ if TYPE_CHECKING:
         watch_map,
     )
     from kg.serving.publishing.merging import merged
+    from kg.serving.server.app import MapServer
     from kg.serving.server.http.bearer_tokens import BearerTokens
     from kg.serving.server.http.settings import Settings as ServerSettings
-    from kg.serving.server.map_server import MapServer
     from mapping.frames.sighting import Sighting
     from mapping.mapper import Mapper
     from mapping.mapping_options import MappingOptions
@@ -95,7 +95,7 @@ _SOURCES = {
     "kg.maps.query.evaluation": "Table",
     "kg.model.records": "MapUpdate ObjectRecord PlaceRecord",
     "kg.model.room_edit": "RoomEdit",
-    "kg.serving.server.map_server": "MapServer",
+    "kg.serving.server.app": "MapServer",
     "kg.serving.server.http.settings": "Settings:ServerSettings",
     "kg.serving.server.http.bearer_tokens": "BearerTokens",
     "perception.frames": "Frame Detections",

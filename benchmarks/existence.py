@@ -35,10 +35,9 @@ from kg.serving.opening import in_memory_map
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from lab.networks.calibration import reliability
 from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, logit
+from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, logit, size_log_likelihood
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
-from mapping.objects.usual_sizes import size_log_likelihood
 from perception.frames import Frame
 from perception.inference.recorded_detections import RecordedDetector
 from planner.cli.arguments import count, whole

@@ -30,7 +30,7 @@ from perception.inference.scene_classifier import load_scene_classifier
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 
@@ -108,7 +108,7 @@ def row(recording: Timed, detector: Detector, scene: SceneClassifier) -> str:
 
 def transform(path: str, sequence: str) -> NDArray[np.float64] | None:
     """Where a recording lies, if there is a file that says it."""
-    from mapping.alignment.transform_file import load_transform
+    from mapping.alignment.recording_fit import load_transform
 
     return load_transform(Path(path), sequence) if path else None
 

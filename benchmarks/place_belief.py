@@ -30,7 +30,7 @@ from benchmarks.search.homes import Home, read_homes
 from kg.knowledge.placement.rooms import room_types
 from kg.knowledge.placement.table import table_of
 from kg.serving.opening import in_memory_map
-from mapping.places.evidence_from_objects import ObjectEvidence
+from mapping.places.place_mapper import ObjectEvidence
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.belief_filters import bayes_update, mean_update
 from mapping.reference.settings import ReferenceSettings

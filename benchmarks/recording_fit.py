@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import in_memory_map
-from mapping.alignment.floor_match import floor_field, floor_of_frames
-from mapping.alignment.object_match import about_z
 from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
+from mapping.alignment.search import about_z, floor_field, floor_of_frames
 from mapping.frames.pose_monitor import PoseMonitor
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings

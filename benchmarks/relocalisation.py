@@ -20,10 +20,9 @@ from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, motion
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
-from perception.odometry.recognition import Doubt, KeyView, Recogniser, view_of
+from perception.odometry.recognition import Doubt, KeyView, Recogniser, decoded, encoded, view_of
 from perception.odometry.spread_poses import is_new
 from perception.odometry.tracking import tracked
-from perception.odometry.view_encoding import decoded, encoded
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 

@@ -36,8 +36,7 @@ from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.room_segmentation import segmented
 from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import NO_ROOM
-from planner.simulation.houses.furniture import Solid
-from planner.simulation.houses.house import House
+from planner.simulation.houses.house import House, Solid
 
 HEADER: Final = (
     "| floors | true rooms | found | recall | precision | found right | ms a floor |\n"

@@ -29,7 +29,7 @@ from kg.serving.server import Limits, MapServer, Settings
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 LOOKUP = "SELECT ?p ?o {<urn:object:7> ?p ?o}"
 CUPS = "SELECT ?o ?x {?o a here:Cup ; here:x ?x} ORDER BY ?x LIMIT 20"
-LIMITS = Limits(rate=1e6, burst=10**6, query_seconds=8.0)
+LIMITS = Limits(query_seconds=8.0)
 REPEATS = 300
 SECONDS = 10.0  # or so long
 

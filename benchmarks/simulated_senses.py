@@ -20,7 +20,7 @@ from lab.houses.random_house import random_house
 from lab.recordings.object_truth import VisibilityRecord
 from perception.frames import Detections
 from planner.simulation.houses.house import House
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 

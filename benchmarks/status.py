@@ -44,9 +44,8 @@ from perception.frames import Frame
 from planner.cli.console import print_table
 from planner.search.goals.status import NONE_SEEN, Value, status
 from planner.simulation.demo.house_demo import layout_of
-from planner.simulation.houses.furniture import OBJECTS
-from planner.simulation.houses.house import House, HouseRoom
-from planner.simulation.robot.mapping_tour import START, SimulatedTour
+from planner.simulation.houses.house import OBJECTS, House, HouseRoom
+from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 

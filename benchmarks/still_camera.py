@@ -21,7 +21,7 @@ from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from planner.simulation.houses.house import House
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 

@@ -37,12 +37,11 @@ from lab.houses.random_house import random_house
 from lab.maps.complete_truth import load_complete_truth
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from mapping.surface.surface_mapper import SurfaceMapper
-from mapping.things.recent_views import RecentViews
-from mapping.things.thing_finder import MIN_LENGTH, FoundThing, ThingFinder, is_covered
+from mapping.things.thing_mapper import MIN_LENGTH, FoundThing, RecentViews, ThingFinder, is_covered
 from mapping.things.view_parts import MAX_LENGTH
 from perception.frames import Frame
 from perception.sources.recording import open_recording
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 
 VOXEL: Final = 0.025  # [m]

@@ -86,7 +86,6 @@ WALKS: Final = {
         "planner.freespace.planning_map",
         "planner.freespace.floor_plan",
         "planner.search.belief",
-        "planner.search.viewpoints.coverage",
         "planner.search.viewpoints.candidate_views",
         "planner.search.goals.known_objects",
         "planner.search.plans.view_plan",

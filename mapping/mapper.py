@@ -34,11 +34,9 @@ from mapping.objects.detections.detection_report import DetectionReport
 from mapping.objects.detections.detection_reporter import DetectionReporter
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
-from mapping.places.evidence_from_objects import ObjectEvidence
 from mapping.places.found_places import FoundChanges, FoundPlaces, objects_elsewhere
-from mapping.places.place_mapper import PlaceMapper
+from mapping.places.place_mapper import ObjectEvidence, PlaceMapper, update_place_views
 from mapping.places.place_registry import PlaceRegistry
-from mapping.places.viewed_floor import update_place_views
 from mapping.relations.relation_mapper import RelationMapper
 from mapping.runs.mapper_lease import MapperLease
 from mapping.runs.progress_report import StageTimer

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelTable
 from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout
 from mapping.reference.settings import ReferenceSettings

@@ -26,6 +26,7 @@ from benchmarks.attack import (
     ontologies,
     sandbox,
     strangers,
+    writers,
 )
 from benchmarks.attack.outcome import HEAD, Outcome
 from benchmarks.attack.target import Target
@@ -40,6 +41,7 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "connections": connections.attack,
     "sandbox": sandbox.attack,
     "frames": frames.attack,
+    "writers": writers.attack,
 }
 
 

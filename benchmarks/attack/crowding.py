@@ -141,8 +141,31 @@ async def huge_heads(reader: Reader, writer: Writer) -> None:
 
 async def long_heads(reader: Reader, writer: Writer) -> None:
     """Heads of the permitted length and number of lines."""
-    line = b"a: " + b"b" * 300 + b"\r\n"
-    writer.write((b"GET /health HTTP/1.1\r\n" + _HOST + line * 190 + b"\r\n") * 4)
+    line = b"a: " + b"b" * 150 + b"\r\n"
+    writer.write((b"GET /health HTTP/1.1\r\n" + _HOST + line * 98 + b"\r\n") * 4)
+    await reader.read()
+
+
+async def many_types(reader: Reader, writer: Writer) -> None:
+    """Heads with as many media types and tags as fit, for a document."""
+    types = b",".join(b"a/b%d;q=0.%d" % (n, n % 9) for n in range(290))
+    tags = b",".join(b'"%d"' % n for n in range(600))
+    head = b"Accept: " + types + b"\r\nIf-None-Match: " + tags + b"\r\n\r\n"
+    writer.write((b"GET /object/1 HTTP/1.1\r\n" + _HOST + head) * 20)
+    await reader.read()
+
+
+async def endless_heads(reader: Reader, writer: Writer) -> None:
+    """Heads of 62 kB."""
+    types = b",".join(b"a/b%d;q=0.%d" % (n, n % 9) for n in range(4500))
+    writer.write(b"GET /object/1 HTTP/1.1\r\n" + _HOST + b"Accept: " + types + b"\r\n\r\n")
+    await reader.read()
+
+
+async def plans(reader: Reader, writer: Writer) -> None:
+    """Requests for search plans, each of another one."""
+    words = b"&".join(b"object=cup%d" % (ord(os.urandom(1)) % 200) for _ in range(5))
+    writer.write(b"GET /find?" + words + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
     await reader.read()
 
 
@@ -208,6 +231,9 @@ KINDS: Final[dict[Kind, int]] = {
     not_http: CONNECTIONS,
     huge_heads: FEWER,
     long_heads: FEWER,
+    many_types: FEWER,
+    endless_heads: CONNECTIONS,
+    plans: FEWER,
     tiny_chunks: FEWER,
     bombs: FEWER,
     both_lengths: CONNECTIONS,

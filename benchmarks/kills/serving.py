@@ -142,7 +142,7 @@ class _House:
 
 
 def _serve(path: Path, frame: int | None, told: Told) -> None:
-    limits = Limits(rate=1e6, burst=1_000_000)
+    limits = Limits()
     settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)), limits=limits)
     with open_map(path, power_safe=True) as semantic_map:
         server = MapServer(semantic_map, settings)

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from lab.houses.random_house import random_house
 from lab.recordings.depth_sensor import KINECT
 from perception.frames import Frame
-from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.houses.house import House
+from planner.simulation.houses.house import FloorGrid, House
 from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 

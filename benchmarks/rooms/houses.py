@@ -17,7 +17,7 @@ from lab.maps.truth_matching import TruthMatcher
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import RecordedDetector
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 

@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _settings(arguments: argparse.Namespace) -> TrialSettings:
     from benchmarks.search.trial import TrialSettings
-    from planner.search.viewpoints.sensor import Motion, Sensor
+    from planner.search.viewpoints.candidate_views import Motion, Sensor
 
     near = Sensor().near
     if not near < arguments.far <= _FURTHEST:

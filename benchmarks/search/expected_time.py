@@ -34,8 +34,7 @@ from benchmarks.search.view_policy import Ablation, ViewPolicy, initial_state
 from planner.cli.arguments import count
 from planner.cli.console import heading, print_table
 from planner.freespace.grid import visible_cells
-from planner.search.viewpoints.candidate_views import square
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.search.viewpoints.candidate_views import Motion, Sensor, angle_between, square
 
 _ENOUGH: Final = 0.004  # chance that nothing was found, at which a search is left
 _GIVE_UP_AT: Final = 0.0005

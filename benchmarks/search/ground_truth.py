@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.freespace.grid import FreeSpace, visible_cells
+from planner.search.viewpoints.candidate_views import Sensor, angle_between
 from planner.search.viewpoints.candidate_views import square as square_of
-from planner.search.viewpoints.sensor import Sensor, angle_between
 
 
 class HiddenObject:

@@ -15,9 +15,13 @@ from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
 from planner.search.plans.search_state import with_fresh_viewpoints
-from planner.search.viewpoints.candidate_views import CandidateViews, candidate_views
-from planner.search.viewpoints.coverage import room_viewpoints
-from planner.search.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.candidate_views import (
+    CandidateViews,
+    Motion,
+    Sensor,
+    candidate_views,
+    room_viewpoints,
+)
 
 
 class HomeSpace:

@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from benchmarks.search.ground_truth import HiddenObject
 from planner.freespace.geodesic import shortest_path
 from planner.freespace.grid import FreeSpace
-from planner.search.viewpoints.sensor import Motion, Sensor, Sweep, angle_between, sweep_over
+from planner.search.viewpoints.candidate_views import (
+    Motion,
+    Sensor,
+    Sweep,
+    angle_between,
+    sweep_over,
+)
 
 _AHEAD: Final = 3  # cells: the camera points where the robot will be then
 

@@ -23,7 +23,7 @@ from benchmarks.ordering.solver import solve
 from kg.model.records import PlaceRecord
 from planner.search.goals.search_goals import Goal
 from planner.search.plans.thesis_rules import Travel, distances
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.search.viewpoints.candidate_views import Motion, Sensor, angle_between
 
 Point = NDArray[np.float64]
 

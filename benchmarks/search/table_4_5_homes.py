@@ -41,7 +41,7 @@ from kg.model.records import PlaceRecord
 from planner.freespace.grid import Room
 from planner.search.goals.search_goals import Goal, derive_goals
 from planner.search.plans.thesis_rules import Travel, distances, nearest_first
-from planner.search.viewpoints.sensor import Motion
+from planner.search.viewpoints.candidate_views import Motion
 
 
 @dataclass(frozen=True, slots=True)

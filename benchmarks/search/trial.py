@@ -24,7 +24,7 @@ from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
 from benchmarks.search.view_policy import Ablation, ours
 from kg.model.errors import InvalidFactError
-from planner.search.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.candidate_views import Motion, Sensor
 from planner.settings import BELIEF
 
 METHODS: Final = ("ours", "thesis", "brute_force", "clairvoyant")

@@ -12,9 +12,8 @@ from benchmarks.search.room_beliefs import RoomChances, room_belief
 from planner.freespace.planning_map import PlanningMap
 from planner.search.goals.targets import Target
 from planner.search.plans.search_state import PlanningState
-from planner.search.viewpoints.candidate_views import CandidateViews
+from planner.search.viewpoints.candidate_views import CandidateViews, sweep_over
 from planner.search.viewpoints.next_best_view import RobotState
-from planner.search.viewpoints.sensor import sweep_over
 from planner.settings import BELIEF
 
 _MAX_VIEWS: Final = 5000  # views and pictures

@@ -24,8 +24,7 @@ from benchmarks.thesis.table_4_5 import reference_world
 from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import FreeSpace, Room, visible_cells
-from planner.search.viewpoints.coverage import room_viewpoints
-from planner.search.viewpoints.sensor import Sensor
+from planner.search.viewpoints.candidate_views import Sensor, room_viewpoints
 
 _Pairs = tuple[tuple[int, int], ...]
 SENSOR = Sensor()

@@ -23,8 +23,7 @@ from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings
 from perception.frames import Frame
-from planner.simulation.houses.furniture import Solid, SolidPart
-from planner.simulation.houses.house import Item
+from planner.simulation.houses.house import Item, Solid, SolidPart
 from planner.simulation.sensing.camera import CameraModel
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Ring
+from kg.model.iris import whole_number
 from kg.model.records import DepartedRecord, ObjectRecord, PlaceRecord
 from kg.rdf.standard_terms import CRS
 
@@ -98,8 +99,7 @@ class _Names:
 
     def number(self, iri: str) -> int | None:
         """The number of place/7; None for places with other IRIs."""
-        last = self.short(iri).removeprefix("place/")
-        return int(last) if last.isascii() and last.isdigit() else None
+        return whole_number(self.short(iri).removeprefix("place/"))
 
     def place(self, place: PlaceRecord) -> dict[str, Any]:
         beliefs = {

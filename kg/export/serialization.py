@@ -293,7 +293,9 @@ def export_ontology(semantic_map: SemanticMap, path: Path) -> int:
         f"ontology of {semantic_map.description.title}",
     )
     triples = sorted(set(merged), key=_ontology_order)
-    write_atomically(path, serialised(triples, form, v.PREFIXES))
+    # without a prefix for new terms, the OWLAPI saves them in Turtle under a namespace of its own
+    own = {"": f"{semantic_map.base}ontology#"} if form == RdfFormat.TURTLE else {}
+    write_atomically(path, serialised(triples, form, v.PREFIXES | own))
     return len(triples)
 
 

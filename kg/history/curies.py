@@ -60,7 +60,7 @@ def statement(text: str, base: str) -> tuple[NamedNode, NamedNode | None, Term |
 
 def _value(text: str, base: str) -> Term:
     if re.fullmatch(r"[-+]?\d+", text):
-        return Literal(int(text))
+        return Literal(text, datatype=NamedNode(v.XSD + "integer"))
     if re.fullmatch(r"[-+]?\d*\.\d+([eE][-+]?\d+)?", text):
         return Literal(float(text))
     if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":

@@ -9,6 +9,7 @@ from typing import Final
 
 from kg.history.storage.log import HistoryLog
 from kg.model.errors import HistoryError
+from kg.model.iris import whole_number
 
 #: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC by default), or a datetime
 Instant = int | str | datetime
@@ -22,8 +23,9 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
     Raises:
         HistoryError: `when` is no moment, precedes the log, or is the number of no transaction.
     """
-    if isinstance(when, str) and re.fullmatch(r"#\d+", when):
-        when = int(when[1:])
+    if isinstance(when, str) and when.startswith("#"):
+        number = whole_number(when[1:])
+        when = when if number is None else number
     if isinstance(when, int):
         if not log.floor <= when <= log.last:
             raise HistoryError(

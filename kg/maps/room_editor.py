@@ -6,7 +6,6 @@ that perception finds in the floor.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,11 +22,12 @@ from kg.maps.facts.room_edits import EditedAreas
 from kg.maps.stored_history import StoredHistory
 from kg.model.areas import Area
 from kg.model.errors import InvalidFactError
-from kg.model.iris import agent_iri
+from kg.model.iris import agent_iri, whole_number
 from kg.model.records import Assertion, DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.room_edit import Point, RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock
 
 _DOOR_WIDTH: Final = 0.8  # [m]
 _OVERLAP: Final = 0.01  # [m^2] from which two places overlap
@@ -53,7 +53,7 @@ class RoomEditor:
         writer: FrameWriter,
         assertions: AssertionService,
         history: StoredHistory,
-        guard: threading.RLock,
+        guard: WriterLock,
     ) -> None:
         self._store, self._facts, self._perceived = store, facts, perceived
         self._writer, self._asserted, self._history = writer, assertions, history
@@ -136,7 +136,7 @@ class RoomEditor:
     def _new_place(self, known: Iterable[str], name: str) -> PlaceRecord:
         prefix = f"{self._facts.base}place/"
         numbers = (iri.removeprefix(prefix) for iri in known)
-        number = 1 + max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        number = 1 + max((whole_number(n) or 0 for n in numbers), default=0)
         label = name.strip() or f"room {number}"
         return PlaceRecord(f"{prefix}{number}", label, 0.0, 0.0, 0.0, 0.0, from_floor=True)
 

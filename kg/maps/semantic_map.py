@@ -5,11 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from kg.history.timestamps import Instant
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.maps.facts.assertion_service import PerceivedRecords
 from kg.maps.facts.departed_objects import departed_in
 from kg.maps.facts.doors import doors_in
@@ -241,7 +243,8 @@ class SemanticMap(ABC):
         named graphs, and CONSTRUCT and DESCRIBE give a TripleTable. A `category` parameter takes a
         label ("banana") or an IRI, a `place` parameter a label, a number or an IRI.
         Raises UnknownQueryError, QueryParameterError, UnknownCategoryError, and QueryError for a
-        query that does not parse, would write, or has SERVICE.
+        query that does not parse, would write, or has SERVICE. An empty Table has `notes` on terms
+        that the map lacks.
         """
         query = resolve_query(question, parameters)
         if query.measures and (view := self.in_one_frame()) is not self:
@@ -257,6 +260,8 @@ class SemanticMap(ABC):
             total_order=foreign,
             subclasses=foreign,
         )
+        if foreign and not table.rows:
+            table = replace(table, notes=absent_terms(sparql, self.engine))
         return query.check(table)
 
     def resolve(self, kind: str, text: str) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from numpy.typing import ArrayLike
+from pyoxigraph import NamedNode
 
 from kg.history.replay.past_state import background_changes
 from kg.history.storage.log import HistoryLog
@@ -39,9 +39,15 @@ from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock, check_facts
 
 if TYPE_CHECKING:
-    from kg.maps.update.restoration import Restored
+    from kg.maps.update.restoration import Restoration, Restored
+
+Prepared = TypeVar("Prepared")
+Result = TypeVar("Result")
+
+ATTEMPTS: Final = 3  # to write what was prepared while others wrote
 
 MAX_NOTE: Final = 500  # characters of an update kept with its transaction
 
@@ -68,7 +74,7 @@ class StoredMap(SemanticMap):
         categories = StoredCatalogue(lambda: store.engine, catalogue)
         super().__init__(store, identity(store) if base is None else base, categories)
         self.deletion_limit = DeletionLimit()
-        self._guard = threading.RLock()  # held from reading to writing
+        self._guard = WriterLock()  # held from reading to writing
         self._writer = FrameWriter(store, self._facts)
         self.history = StoredHistory(store, self.base, history)
         self.ontology = StoredOntology(store, categories, self._guard)
@@ -138,29 +144,75 @@ class StoredMap(SemanticMap):
         by: str | None = None,
         allow: Collection[str] = (),
         confirmed: bool = False,
+        replaced: NamedNode | None = None,
+        check: Callable[[], None] | None = None,
     ) -> ChangeSet | None:
         """Validate and apply an evaluated update as one transaction; otherwise as `update`.
 
-        `note` is stored with the transaction. The caller must ensure, within `hold`, that the
-        update fits the state of the map.
+        Others write while it is validated. `replaced` is a graph whose facts are deleted first.
+        `check` raises an error if the update does not fit the state of the map; it is called while
+        nobody writes. `note` is stored with the transaction. Raises ConflictError if others change
+        again and again what the validation reads.
         """
-        with self._guard:
-            self.store.check_writable()
-            validator = self.ontology.validator()
+        self.store.check_writable()
+        if check is not None:
+            check()  # before the work, too
+
+        def drafted() -> ChangeDraft:
             draft = ChangeDraft(self.store)
+            if replaced is not None:
+                draft.change(draft.before(None, None, None, replaced), ())
             draft.apply(update)
-            draft.skolemise()
-            validator.check_permissions(draft, allow)
-            complete_change(draft, self._facts, by)
-            if not confirmed:
-                check_confirmed(draft, self._facts, self.deletion_limit)
-            validator.check_shapes(draft)
-            recompile_commonsense(draft)
+            check_facts(len(draft.added) + len(draft.removed))
+            self._complete(draft, by, allow, confirmed)
+            return draft
+
+        def write(draft: ChangeDraft) -> ChangeSet | None:
+            if check is not None:
+                check()
             cause = Cause("update", by, " ".join(note.split())[:MAX_NOTE])
-            change = self.store.commit(draft.removed, draft.added, cause)
+            exact = None if self.store.shared else self.store.sequence
+            change = self.store.commit(draft.removed, draft.added, cause, exact_at=exact)
             if allow and change is not None:
                 self.ontology.reread()
             return change
+
+        return self._written(drafted, lambda draft, new: draft.state.is_changed_by(new), write)
+
+    def _complete(
+        self, draft: ChangeDraft, by: str | None, allow: Collection[str], confirmed: bool
+    ) -> None:
+        """Add what follows from a person's change; raises an error if it is not allowed."""
+        validator = self.ontology.validator()
+        draft.skolemise()
+        validator.check_permissions(draft, allow)
+        complete_change(draft, self._facts, by)
+        check_facts(len(draft.added) + len(draft.removed))
+        if not confirmed:
+            check_confirmed(draft, self._facts, self.deletion_limit)
+        validator.check_shapes(draft)
+        recompile_commonsense(draft)
+
+    def _written(
+        self,
+        prepare: Callable[[], Prepared],
+        is_stale: Callable[[Prepared, ChangeSet], bool],
+        write: Callable[[Prepared], Result],
+    ) -> Result:
+        """Write what `prepare` computes while others write (optimistic concurrency control).
+
+        It is computed again if a transaction meanwhile makes it stale, the last time while the
+        others wait.
+        """
+        for attempt in range(ATTEMPTS + 1):
+            with self.store.watched() as changes, ExitStack() as held:
+                if attempt == ATTEMPTS:
+                    held.enter_context(self._guard)
+                prepared = prepare()
+                with self._guard:
+                    if not any(is_stale(prepared, change) for change in changes):
+                        return write(prepared)
+        raise AssertionError("nobody writes while the lock is held")
 
     def restore(
         self,
@@ -174,27 +226,34 @@ class StoredMap(SemanticMap):
         """Write a past state back as one new transaction."""
         from kg.maps.update.restoration import Restoration
 
-        with self._guard:
-            self.store.check_writable()
-            sequence = sequence_of(self.history.log, when)
+        self.store.check_writable()
+        sequence = sequence_of(self.history.log, when)
+
+        def prepared() -> tuple[Restoration, Restored]:
             work = Restoration(
                 *(self.store, self.history.log, self._facts, self.assertions),
                 sequence=sequence,
                 only=only,
             )
-            changes_ontology, outcome = work.changes_ontology, work.outcome()
-            if only and not changes_ontology:
+            outcome = work.outcome()
+            if only and not work.changes_ontology:
                 self.ontology.validator().check_shapes(work.pending)
+            if not (confirmed or dry_run):
+                check_confirmed(work.pending, self._facts, self.deletion_limit)
+            return work, outcome
+
+        def write(made: tuple[Restoration, Restored]) -> Restored:
+            work, outcome = made
             if dry_run:
                 return outcome
-            if not confirmed:
-                check_confirmed(work.pending, self._facts, self.deletion_limit)
             note = " ".join((f"the state of #{sequence}", *only))[:MAX_NOTE]
             cause = Cause("restore", by, note)
             change = self.store.commit(work.pending.removed, work.pending.added, cause)
-            if changes_ontology:
+            if work.changes_ontology:
                 self.ontology.reread()
             return replace(outcome, sequence=change.sequence if change else None)
+
+        return self._written(prepared, lambda made, new: True, write)
 
     def describe(
         self, *, title: str | None = None, licence: str | None = None, by: str | None = None

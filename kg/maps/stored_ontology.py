@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
 from kg.knowledge.ontology.catalogue import StoredCatalogue
-from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.loading import ontology_of
 from kg.knowledge.ontology.provisional_classes import (
     add_provisional_classes,
     clean,
@@ -27,6 +27,7 @@ from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import anonymous
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
@@ -39,7 +40,7 @@ class StoredOntology:
     """
 
     def __init__(
-        self, store: TransactionalStore, categories: StoredCatalogue, guard: threading.RLock
+        self, store: TransactionalStore, categories: StoredCatalogue, guard: WriterLock
     ) -> None:
         self._store, self._categories, self._guard = store, categories, guard
         self._validator: UpdateValidator | None = None
@@ -55,11 +56,11 @@ class StoredOntology:
         from kg.knowledge.ontology.diagnostics import check_valid
         from kg.knowledge.ontology.replacement import plan_replacement
 
-        ontology = Ontology(tuple(anonymous(quads)), ())
-        check_valid(ontology)
+        ontology = ontology_of(anonymous(quads))
+        warnings = check_valid(ontology)
         with self._guard:
             plan = plan_replacement(self._store.engine, ontology.quads, whole=whole)
-            return self.write(plan, by)
+            return self.write(replace(plan, warnings=tuple(warnings)), by)
 
     def write(self, plan: ReplacementPlan, by: str | None) -> Replacement:
         """Write a planned replacement that fits the map; the caller holds the map."""

@@ -45,7 +45,7 @@ traceback.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 
 class HereaboutsError(Exception):
@@ -199,11 +199,15 @@ class PictureError(HereaboutsError):
     """A picture or a viewer's file cannot be written: unknown format, or no such folder."""
 
 
-def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """A clause that names up to three close spellings, or an empty string.
+def did_you_mean(given: str, known: Iterable[str] | Mapping[str, str]) -> str:
+    """A clause that names the known name of the closest spelling, or an empty string.
+
+    Case does not matter. A mapping has the text to show for each name.
 
     >>> did_you_mean("bananna", ["banana", "apple"])
     '; did you mean banana?'
     """
-    close = difflib.get_close_matches(given.lower(), list(known), n=3, cutoff=0.6)
-    return f"; did you mean {' or '.join(close)}?" if close else ""
+    texts = known if isinstance(known, Mapping) else {name: name for name in known}
+    names = {name.lower(): text for name, text in reversed(list(texts.items()))}
+    close = difflib.get_close_matches(given.lower(), names, n=1, cutoff=0.6)
+    return f"; did you mean {names[close[0]]}?" if close else ""

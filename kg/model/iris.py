@@ -1,10 +1,11 @@
-"""IRIs of agents and observations of a map, from its base IRI `base`."""
+"""IRIs of agents and observations of a map, from its base IRI `base`, and numbers in IRIs."""
 
 from __future__ import annotations
 
 from typing import Final
 from urllib.parse import quote, unquote
 
+MAX_DIGITS: Final = 18  # of a number in a text from outside: it fits 64 bits
 AGENT: Final = "agent/"  # followed by the percent-encoded name
 
 
@@ -22,3 +23,13 @@ def observation_iri(base: str, thing: str) -> str:
     """IRI of the best observation (sosa:Observation) of the object `thing`."""
     local = thing.removeprefix(base + "object/")
     return thing + "/observation" if local == thing else f"{base}observation/{local}"
+
+
+def whole_number(text: str) -> int | None:
+    """The number that the decimal digits of `text` write, as in object/17.
+
+    None for another text, and for more than `MAX_DIGITS` digits.
+    """
+    if not text.isascii() or not text.isdigit() or len(text) > MAX_DIGITS:
+        return None
+    return int(text)

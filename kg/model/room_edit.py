@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from kg.model.areas import MAX_CORNERS
 from kg.model.errors import InvalidFactError
 
 Point = tuple[float, float]  # (x, y) [m] of the map
@@ -52,5 +53,7 @@ class RoomEdit:
             raise InvalidFactError(f"{self.kind} needs {places} different places")
         if len(self.points) < points:
             raise InvalidFactError(f"{self.kind} needs {points} points or more, got {self.points}")
+        if len(self.points) > MAX_CORNERS:
+            raise InvalidFactError(f"an edit has at most {MAX_CORNERS} points")
         if self.kind == "here" and not self.name.strip():
             raise InvalidFactError("here needs the name of the room, as in 'room 315'")

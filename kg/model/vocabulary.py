@@ -7,6 +7,7 @@ place categories are data (`ontologies/`), not constants.
 
 from __future__ import annotations
 
+import re
 from typing import Final
 
 from pyoxigraph import NamedNode
@@ -115,6 +116,10 @@ BESIDE: Final = HERE + "beside"
 HAS_RELATION: Final = HERE + "hasRelation"
 OF_RELATION: Final = HERE + "ofRelation"  # here:on, here:inside or here:beside
 RELATED_TO: Final = HERE + "relatedTo"
+#: inverses of here:on, here:inside and here:inPlace, for reasoners; no map states them
+SUPPORTS: Final = HERE + "supports"
+HOLDS: Final = HERE + "holds"
+HAS_OBJECT: Final = HERE + "hasObject"
 
 # individuals: confidence, counts and times
 CONFIDENCE: Final = HERE + "confidence"  # the thesis' C, between 0 and nu
@@ -233,6 +238,8 @@ OWL_VERSION_INFO: Final = "http://www.w3.org/2002/07/owl#versionInfo"
 OWL_NAMED_INDIVIDUAL: Final = "http://www.w3.org/2002/07/owl#NamedIndividual"
 RDFS_SEE_ALSO: Final = "http://www.w3.org/2000/01/rdf-schema#seeAlso"
 OWL_ONTOLOGY: Final = "http://www.w3.org/2002/07/owl#Ontology"
+OWL_MEMBERS: Final = "http://www.w3.org/2002/07/owl#members"
+OWL_ON_PROPERTY: Final = "http://www.w3.org/2002/07/owl#onProperty"
 OWL_IMPORTS: Final = "http://www.w3.org/2002/07/owl#imports"
 OWL_OBJECT_PROPERTY: Final = "http://www.w3.org/2002/07/owl#ObjectProperty"
 OWL_DATATYPE_PROPERTY: Final = "http://www.w3.org/2002/07/owl#DatatypeProperty"
@@ -244,10 +251,15 @@ OWL_DISJOINT_WITH: Final = "http://www.w3.org/2002/07/owl#disjointWith"
 RDFS_DATATYPE: Final = "http://www.w3.org/2000/01/rdf-schema#Datatype"
 RDFS_DOMAIN: Final = "http://www.w3.org/2000/01/rdf-schema#domain"
 RDFS_RANGE: Final = "http://www.w3.org/2000/01/rdf-schema#range"
+SCHEMA_DOMAIN_INCLUDES: Final = "https://schema.org/domainIncludes"  # nothing follows from it
+SCHEMA_RANGE_INCLUDES: Final = "https://schema.org/rangeIncludes"
 OWL_ANNOTATED_SOURCE: Final = "http://www.w3.org/2002/07/owl#annotatedSource"
 OWL_ANNOTATED_PROPERTY: Final = "http://www.w3.org/2002/07/owl#annotatedProperty"
 OWL_ANNOTATED_TARGET: Final = "http://www.w3.org/2002/07/owl#annotatedTarget"
+SH_TARGET_SUBJECTS_OF: Final = "http://www.w3.org/ns/shacl#targetSubjectsOf"
+SH_TARGET_OBJECTS_OF: Final = "http://www.w3.org/ns/shacl#targetObjectsOf"
 SH_RESULT: Final = "http://www.w3.org/ns/shacl#ValidationResult"
+SH_DETAIL: Final = "http://www.w3.org/ns/shacl#detail"
 SH_FOCUS_NODE: Final = "http://www.w3.org/ns/shacl#focusNode"
 SH_RESULT_PATH: Final = "http://www.w3.org/ns/shacl#resultPath"
 SH_RESULT_MESSAGE: Final = "http://www.w3.org/ns/shacl#resultMessage"
@@ -314,3 +326,24 @@ PREFIXES: Final[dict[str, str]] = {
     "geof": "http://www.opengis.net/def/function/geosparql/",
     "bot": "https://w3id.org/bot#",
 }
+
+#: Every term of this module, by IRI.
+TERMS: Final = frozenset(
+    str(getattr(value, "value", value))
+    for name, value in tuple(globals().items())
+    if name.isupper() and isinstance(value, str | NamedNode)
+)
+
+
+def curie(iri: str) -> str:
+    """The IRI with one of the prefixes (``here:Cup``), or in angle brackets."""
+    for prefix, namespace in PREFIXES.items():
+        local = iri.removeprefix(namespace)
+        if local != iri and "/" not in local and "#" not in local:
+            return f"{prefix}:{local}"
+    return f"<{iri}>"
+
+
+def local_name(iri: str) -> str:
+    """What follows the last ``#``, ``/`` or ``:`` of an IRI."""
+    return re.split("[#/:]", iri)[-1]

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from kg.model import vocabulary as v
+from kg.model.iris import whole_number
 
 
 def to_jsonld(triples: Iterable[Triple], prefixes: Mapping[str, str]) -> str:
@@ -39,8 +40,9 @@ def _value(term: object, prefixes: Mapping[str, str]) -> object:
     datatype = term.datatype.value
     if datatype == v.XSD + "string":
         return term.value
-    if datatype == v.XSD + "integer" and term.value == str(int(term.value)):
-        return int(term.value)
+    number = whole_number(term.value) if datatype == v.XSD + "integer" else None
+    if number is not None and term.value == str(number):
+        return number
     return {"@value": term.value, "@type": _compact(datatype, prefixes)}
 
 

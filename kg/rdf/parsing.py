@@ -23,7 +23,7 @@ DOCUMENT_TYPE: Final = (
 )
 _DOCTYPE: Final = re.compile(rb"<!\s*(?:DOCTYPE|ENTITY)", re.IGNORECASE)
 #: Endings of files that hold ontologies.
-ENDINGS: Final = (".ttl", ".owl", ".rdf", ".nt")
+ENDINGS: Final = (".ttl", ".owl", ".rdf", ".nt", ".jsonld")
 #: beginnings of documents in unsupported syntaxes
 _FOREIGN: Final = {
     b"Prefix(": "OWL functional syntax",
@@ -32,6 +32,7 @@ _FOREIGN: Final = {
     b"Ontology:": "Manchester syntax",
     b"format-version:": "OBO",
 }
+_JSON: Final = re.compile(rb"\{|\[\s*[{\"]")  # no Turtle begins so
 _BEFORE_ROOT: Final = re.compile(
     rb"\s+ | <\?.*?\?> | <!--.*?--> | <!DOCTYPE[^\[>]*(?:\[.*?\]\s*)?>", re.DOTALL | re.VERBOSE
 )
@@ -47,7 +48,7 @@ def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
 
 
 def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
-    """The triples of an ontology file in Turtle, RDF/XML or N-Triples, as quads without a graph.
+    """The triples of an ontology file (Turtle, RDF/XML, N-Triples, JSON-LD), as quads.
 
     `parse` may run in another process (`kg.serving.workers.document_parsing`).
 
@@ -68,6 +69,8 @@ def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
         reason = re.sub(r"^Parser error[^:]*: ", "", error.msg or "it does not parse")
         number = error.lineno or _line(data, reason)
         line = f", line {number}" if number else ""
+        if "LoadDocumentCallback" in reason:
+            reason = "a remote @context is not fetched; write the context into the file"
         raise OntologyError(f"{path}{line}: {reason}") from None
 
 
@@ -85,6 +88,8 @@ def _syntax(path: Path, data: bytes) -> RdfFormat:
         if _root(head) == b"Ontology":
             raise _foreign(path, "OWL/XML")
         return RdfFormat.RDF_XML
+    if _JSON.match(head):
+        return RdfFormat.JSON_LD
     return RdfFormat.N_TRIPLES if path.suffix == ".nt" else RdfFormat.TURTLE
 
 

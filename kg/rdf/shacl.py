@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 
 import pyoxigraph
@@ -40,6 +41,20 @@ class Shapes:
             self._graph = rdflib.Graph().parse(file, format="turtle")
         except (SyntaxError, OSError) as error:
             raise OntologyError(f"{file}: {str(error).splitlines()[0]}") from None
+        self._predicates = {
+            str(predicate)
+            for kind in (v.SH_TARGET_SUBJECTS_OF, v.SH_TARGET_OBJECTS_OF)
+            for predicate in self._graph.objects(None, rdflib.URIRef(kind))
+        }
+
+    def may_target(self, facts: Iterable[pyoxigraph.Quad]) -> bool:
+        """Whether a shape may target the subject of `facts`: by its class or a property.
+
+        Most subjects that a document adds beside the map's own things are of no shape.
+        """
+        return any(
+            q.predicate == v.RDF_TYPE or q.predicate.value in self._predicates for q in facts
+        )
 
     def validate(
         self, quads: Iterable[pyoxigraph.Quad], focus: Iterable[str] | None = None
@@ -66,12 +81,19 @@ class Shapes:
         if not isinstance(results, rdflib.Graph):
             raise OntologyError(f"{self._file}: {text}")
         is_result = (rdflib.RDF.type, rdflib.URIRef(v.SH_RESULT))
-        return sorted({_finding(results, result) for result in results.subjects(*is_result)})
+        parts = set(results.objects(None, rdflib.URIRef(v.SH_DETAIL)))  # of other results
+        found = set(results.subjects(*is_result)) - parts
+        return sorted({_finding(results, result) for result in found})
 
 
 def validate(quads: Iterable[pyoxigraph.Quad], shapes: Path) -> list[Finding]:
     """Validate quads against the shapes in a file, as `Shapes.validate`."""
-    return Shapes(shapes).validate(quads)
+    return _shapes(shapes, shapes.stat().st_mtime_ns).validate(quads)
+
+
+@lru_cache(maxsize=1)
+def _shapes(file: Path, _modified: int) -> Shapes:
+    return Shapes(file)
 
 
 def _finding(results: rdflib.Graph, result: Node) -> Finding:

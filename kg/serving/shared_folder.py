@@ -395,10 +395,15 @@ class SharedMap(StoredMap):
         change: ChangeSet | None = self._edit("update", sparql, **keywords)
         return change
 
-    def apply_ground(self, update: Any, note: str, **keywords: Any) -> ChangeSet | None:
+    def apply_ground(
+        self, update: Any, note: str, *, check: Callable[[], None] | None = None, **keywords: Any
+    ) -> ChangeSet | None:
         """Apply an evaluated update as one transaction of the writer."""
-        change: ChangeSet | None = self._edit("apply_ground", update, note, **keywords)
-        return change
+        with self.hold() if check else contextlib.nullcontext():
+            if check is not None:
+                check()
+            change: ChangeSet | None = self._edit("apply_ground", update, note, **keywords)
+            return change
 
     def describe(self, **keywords: Any) -> ChangeSet | None:
         """Set title or licence as one transaction of the writer."""

@@ -7,12 +7,17 @@ or redirects. ``HEREABOUTS_TOKEN`` belongs to the server in ``HEREABOUTS_SERVER`
 
 from __future__ import annotations
 
+import logging
 import os
+import stat
+from functools import cache
 from pathlib import Path
 from typing import Final
 from urllib.parse import urlsplit
 
-from kg.model.errors import RemoteError
+from kg.model.errors import RemoteError, ServerError
+
+_log = logging.getLogger("hereabouts.tokens")
 
 TOKEN_VARIABLE: Final = "HEREABOUTS_TOKEN"
 SERVER_VARIABLE: Final = "HEREABOUTS_SERVER"
@@ -46,6 +51,29 @@ def token_for(url: str) -> str | None:
     return None
 
 
+def read_token_file(path: Path | str) -> str:
+    """The text of a file of tokens, of a server or of a client.
+
+    Logs a warning if others than its owner can read the file. Raises ServerError where it cannot be
+    read.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        mode = Path(path).stat().st_mode
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+        raise ServerError(f"cannot read the token file {path}: {reason}") from error
+    if stat.S_ISREG(mode) and mode & (stat.S_IRGRP | stat.S_IROTH):
+        _warn_of(str(path))
+    return text
+
+
+@cache
+def _warn_of(path: str) -> None:
+    """Warn once of a token file that others can read."""
+    _log.warning("other users of this machine can read the token file %s: chmod 600 it", path)
+
+
 def _tokens() -> list[tuple[str, str]]:
     server, token = os.environ.get(SERVER_VARIABLE), os.environ.get(TOKEN_VARIABLE)
     own = [(server, token)] if server and token else []
@@ -55,12 +83,11 @@ def _tokens() -> list[tuple[str, str]]:
 
 def _of_file(path: str) -> list[tuple[str, str]]:
     try:
-        lines = Path(path).read_text("utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-        raise RemoteError(f"cannot read the tokens in {path}: {reason}") from error
+        text = read_token_file(path)
+    except ServerError as error:
+        raise RemoteError(str(error)) from error
     entries = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(text.splitlines(), start=1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue

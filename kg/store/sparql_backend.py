@@ -250,7 +250,10 @@ def _quads(answer: Answer, where: str) -> list[Quad]:
 def _moved(message: str, columns: int) -> str:
     """The error message with its column of line 1 reduced by the length of the prologue."""
     return re.sub(
-        r"error at 1:(\d+)", lambda match: f"error at 1:{int(match[1]) - columns}", message, count=1
+        r"(error at 1:|at line 1, column )(\d+)",
+        lambda match: f"{match[1]}{int(match[2]) - columns}",
+        message,
+        count=1,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
@@ -10,6 +11,12 @@ from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.xml_characters import unwritable
+
+MAX_TEXT: Final = 100_000  # characters of one text, but for the cells of the floor
+MAX_NAME: Final = 500  # characters of a label or title
+MAX_IRI: Final = 8_000  # characters
+_BINARY: Final = v.XSD + "base64Binary"
+_NAMES: Final = {v.RDFS_LABEL, v.DCT_TITLE}
 
 
 def check_blank_nodes(quads: Iterable[Quad]) -> None:
@@ -22,15 +29,39 @@ def check_blank_nodes(quads: Iterable[Quad]) -> None:
             raise InvalidFactError(f"a blank node cannot be written: {quad.triple}; give it an IRI")
 
 
-def check_characters(quads: Iterable[Quad]) -> None:
-    """Raise InvalidFactError for a text that XML cannot represent."""
+def check_texts(quads: Iterable[Quad]) -> None:
+    """Raise InvalidFactError for a text or IRI that is too long, or that XML cannot represent.
+
+    The limits of an ontology's texts are the same, so that what was written can be written again.
+    """
     for quad in quads:
-        text = quad.object.value if isinstance(quad.object, Literal) else ""
-        if (character := unwritable(text)) is not None:
-            raise InvalidFactError(
-                f"a text with {character} cannot be written, since XML cannot represent it: "
-                f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
-            )
+        if len(quad.subject.value) > MAX_IRI or len(quad.predicate.value) > MAX_IRI:  # type: ignore[union-attr]
+            raise _too_long("an IRI", quad.subject.value, MAX_IRI)  # type: ignore[union-attr]
+        value = quad.object
+        if isinstance(value, NamedNode) and len(value.value) > MAX_IRI:
+            raise _too_long("an IRI", value.value, MAX_IRI)
+        if isinstance(value, Literal):
+            _check_literal(quad, value)
+
+
+def _check_literal(quad: Quad, value: Literal) -> None:
+    text = value.value
+    if len(text) > MAX_NAME and value.datatype.value != _BINARY:
+        is_name = quad.predicate.value in _NAMES and quad.graph_name != v.ONTOLOGY_GRAPH
+        limit = MAX_NAME if is_name else MAX_TEXT
+        if len(text) > limit:
+            raise _too_long(f"{quad.predicate} of {quad.subject}", text, limit)
+    if (character := unwritable(text)) is not None:
+        raise InvalidFactError(
+            f"a text with {character} cannot be written, since XML cannot represent it: "
+            f"{text[:60]!r}, {quad.predicate} of {quad.subject}; leave that character out"
+        )
+
+
+def _too_long(what: str, text: str, limit: int) -> InvalidFactError:
+    return InvalidFactError(
+        f"{what[:200]} has {len(text):,} characters: {text[:60]!r}...; at most {limit:,} would work"
+    )
 
 
 def sequence_quad(number: int) -> Quad:

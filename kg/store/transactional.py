@@ -17,7 +17,7 @@ import uuid
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
 
 from pyoxigraph import NamedNode, Quad, Store
 
@@ -40,10 +40,13 @@ from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
 from kg.store.transaction_quads import (
     check_blank_nodes,
-    check_characters,
+    check_texts,
     sequence_quad,
     stored_sequence,
 )
+from kg.store.write_limit import check_facts
+
+LOADED: Final = 5000  # facts from which on they are loaded before the rest of a transaction
 
 
 class TransactionalStore:
@@ -60,6 +63,7 @@ class TransactionalStore:
         self.journal: Journal | None = None
         self._sequence: int | None = None
         self._failed = False  # whether a write failed: the engine then refuses all further ones
+        self._loaded: ChangeSet | None = None  # whose facts were loaded, while it is not complete
         self._listeners: list[Listener] = []
         self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
@@ -235,8 +239,9 @@ class TransactionalStore:
                 removed = tuple(q for q in delete if q not in insert and q in self.engine)
             if not added and not removed:
                 return None
+            check_facts(len(added) + len(removed))
             check_blank_nodes((*added, *removed))
-            check_characters(added)
+            check_texts(added)
             change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
@@ -294,12 +299,24 @@ class TransactionalStore:
                 self._engine, error = reopened(path / "store")
                 if error is not None:
                     raise self._unwritable(error) from error
+                self._unload()
                 self._failed = False
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` after each commit; returns a function that removes it."""
-        self._listeners.append(listener)
+        with self._committing:  # a commit that has begun is not one of those after
+            self._listeners.append(listener)
         return lambda: self._listeners.remove(listener)
+
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[list[ChangeSet]]:
+        """A list that gets each transaction that is committed within the block."""
+        changes: list[ChangeSet] = []
+        stop = self.listen(changes.append)
+        try:
+            yield changes
+        finally:
+            stop()
 
     def notify(self, change: ChangeSet) -> None:
         """Call the listeners with a stored transaction."""
@@ -344,13 +361,19 @@ class TransactionalStore:
         try:
             self._write(change)
         except GraphError:
+            if self._loaded is not None:
+                raise  # it stays in the journal until `recover` has removed what was loaded
             # on a full disk this may fail too; the next `append` then withdraws the transaction
             with contextlib.suppress(GraphError):
                 self.journal.withdraw(change.sequence)
             raise
 
     def _write(self, change: ChangeSet) -> None:
-        removed, added = [*change.removed], [*change.added, sequence_quad(change.sequence)]
+        removed, added = [*change.removed], [sequence_quad(change.sequence)]
+        if len(change.added) > LOADED and self._unlock is not None:
+            self._load(change)
+        else:
+            added += change.added
         if self.sequence:
             removed.append(sequence_quad(self.sequence))
         text = ";\n".join(
@@ -359,6 +382,27 @@ class TransactionalStore:
             if quads
         )
         self._update(text)
+        self._loaded = None
+
+    def _load(self, change: ChangeSet) -> None:
+        """Add many facts at once, in a third of the time of an update, before the rest of `change`.
+
+        A process that ends before the rest is written finds `change` in the journal and completes
+        it. Readers see the facts a few milliseconds before the rest.
+        """
+        try:
+            self.native.bulk_extend(change.added)
+        except (OSError, RuntimeError) as error:
+            raise self._unwritable(error) from error
+        self._loaded = change
+
+    def _unload(self) -> None:
+        """Remove the facts of a transaction that was not completed."""
+        if self._loaded is not None:
+            self._update(f"DELETE DATA {{\n{graph_blocks(self._loaded.added)}}}")
+            if self.journal is not None:
+                self.journal.withdraw(self._loaded.sequence)
+            self._loaded = None
 
     def check_writable(self) -> None:
         """Raises GraphError if the store is read-only."""

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Final, TypeVar
 
+from kg.store.write_limit import check_time
+
 Item = TypeVar("Item")
 
 MAX_WAIT: Final = 0.05  # [s] of one call, in case the writer waits for a lock of the reader
@@ -49,5 +51,6 @@ def in_pieces(items: Iterable[Item], size: int) -> Iterator[Item]:
     """The items; yields to the writer before each piece of `size` items."""
     for number, item in enumerate(items):
         if not number % size:
+            check_time()
             yield_to_writer()
         yield item

@@ -11,8 +11,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from planner.simulation.houses.furniture import FACINGS, QUARTER_TURNS, Facing, turned
-from planner.simulation.houses.house import Item
+from planner.simulation.houses.house import FACINGS, QUARTER_TURNS, Facing, Item, turned
 
 
 @dataclass(frozen=True, slots=True)

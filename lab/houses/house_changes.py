@@ -20,8 +20,7 @@ from lab.houses.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
-from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.houses.house import House, Item
+from planner.simulation.houses.house import FloorGrid, House, Item
 from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import CameraModel, Carry
 

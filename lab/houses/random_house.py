@@ -20,9 +20,19 @@ from lab.houses.small_things import (
     SurfaceSampler,
 )
 from planner.search.plans.orders import nearest_neighbour
-from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.houses.furniture import OBJECTS, RGB
-from planner.simulation.houses.house import CHALK, OAK, SLATE, WALNUT, House, HouseRoom, Item, Wall
+from planner.simulation.houses.house import (
+    CHALK,
+    OAK,
+    OBJECTS,
+    RGB,
+    SLATE,
+    WALNUT,
+    FloorGrid,
+    House,
+    HouseRoom,
+    Item,
+    Wall,
+)
 
 PAIR: Final = 0.15  # probability that a thing of IN_PAIRS has a second one beside it
 FULLNESS: Final = 1.3  # of a house, as a factor on MEAN_COUNT

@@ -9,9 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.houses.furniture_groups import Group, GroupChoice, Where
-from planner.simulation.houses.floor_grid import CELL, ROBOT_HEIGHT, FloorGrid
-from planner.simulation.houses.furniture import FACINGS, OBJECTS, Facing
-from planner.simulation.houses.house import WALL_THICKNESS, House, HouseRoom, Item, Wall
+from planner.simulation.houses.house import (
+    CELL,
+    FACINGS,
+    OBJECTS,
+    ROBOT_HEIGHT,
+    WALL_THICKNESS,
+    Facing,
+    FloorGrid,
+    House,
+    HouseRoom,
+    Item,
+    Wall,
+)
 
 TRIES: Final = 24  # random spots tried before a group stays out
 DOOR_ZONE: Final = 0.75  # [m] floor kept free before a doorway

@@ -18,8 +18,7 @@ from kg.model.records import ObjectRecord, Relation, RelationKind
 from lab.maps.complete_truth import TrueObject
 from lab.maps.truth_matching import TruthMatcher
 from lab.networks.calibration import reliability
-from mapping.relations.boxes import Box, Boxes
-from mapping.relations.probabilities import RelationSettings, truly_beside
+from mapping.relations.probabilities import Box, Boxes, RelationSettings, truly_beside
 
 SCORED: Final[tuple[RelationKind, ...]] = ("on", "beside")  # inside: no truth says it
 STATED: Final = 0.5  # probability from which on a relation is stated

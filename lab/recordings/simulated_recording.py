@@ -22,7 +22,7 @@ from perception.inference.model_zoo import NETWORKS
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, pose_line, write_text
 from planner.simulation.houses.house import House, HouseRoom
-from planner.simulation.robot.mapping_tour import START, SimulatedTour
+from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, DetectorFaults, SimulatedDetector
 

@@ -28,10 +28,9 @@ from perception.sources.bag_writer import (
 from perception.sources.bags.bag_file import RawMessage, decoded, message_types
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.ros1_publisher import Ros1Publisher
-from perception.sources.ros.headers import NANOSECONDS, frame_name
+from perception.sources.ros.image_messages import NANOSECONDS, frame_name
 from perception.sources.ros.message_maker import MessageMaker
-from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.houses.house import House
+from planner.simulation.houses.house import FloorGrid, House
 from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, turn
 from planner.simulation.sensing.camera import SimulatedCamera
 

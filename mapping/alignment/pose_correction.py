@@ -1,4 +1,4 @@
-"""Pose correction: moves everything mapped from a recording by its corrected poses.
+"""Pose correction: moves everything mapped by corrected poses, of a recording or a live camera.
 
 The recording is mapped into a temporary map by the corrected poses. One transaction then replaces
 its part of the map. Objects keep their identity where their evidence, moved with its frame, shows
@@ -8,6 +8,7 @@ people and facts from other recordings stay.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
@@ -17,8 +18,8 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import UNKNOWN, FloorTile, MapUpdate, ObjectRecord, RecordingRecord
-from mapping.alignment.floor_match import floor_tiles
-from mapping.alignment.temporary_map import temporary_map
+from mapping.alignment.recording_fit import temporary_map
+from mapping.alignment.search import floor_tiles
 from mapping.key_views.view_store import ViewStore
 from mapping.mapper import Mapper
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
@@ -30,6 +31,8 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.runs.mapper_lease import MapperLease
 from mapping.runs.progress_report import MappingReport
 from mapping.runs.resumption import resumed
+from perception.frames import Frame, Recording
+from perception.sources.live.live_recording import KeptFrames, LiveRecording
 from perception.sources.recording import FolderRecording
 
 Floats = NDArray[np.float64]
@@ -308,3 +311,78 @@ def _replaced(held: States | None, new: States, was: States | None) -> States:
     if was is not None and was.shape == held.shape:
         ours |= held == was
     return np.where(ours, new, held)
+
+
+MOVED: Final = 0.03  # [m] by which loops move the camera before what was mapped follows
+REST: Final = 10.0  # times as long as the last correction took, until the next one begins
+
+
+MapInto = Callable[[Recording, SemanticMap, MappingOptions], MappingReport]
+
+
+@dataclass(slots=True)
+class LiveCorrection:
+    """Corrections of what one live recording mapped, while it goes on and at its end."""
+
+    recording: LiveRecording
+    kept: KeptFrames
+    corrections: int = 0  # so far
+    _next: float = 0.0  # [s] when the next one may begin
+
+    def keep(self, frame: Frame) -> None:
+        """Keep a frame that was mapped just now."""
+        if self.recording.tracker is not None:
+            self.kept.add(frame)
+
+    def run(
+        self,
+        semantic_map: SemanticMap,
+        map_into: MapInto,
+        options: MappingOptions,
+        tell: Callable[[str], None],
+    ) -> MappingReport:
+        """Map the live recording until its end; the map follows the loops, with a line each time.
+
+        `map_into` maps a recording, the live one or its kept frames, into a map. Raises what
+        `map_into` and `correct_poses` do.
+        """
+        self.recording.pauses = self._is_due
+        report = None
+        while True:
+            part = map_into(self.recording, semantic_map, options)
+            report = part if report is None else report.followed_by(part)
+            if self._is_needed():
+                tell(f"loops moved the camera by up to {self._moved():.2f} m; the map follows")
+                tell(self._correct(semantic_map, map_into, options).summary())
+            if not self.recording.paused:
+                return report
+
+    def _moved(self) -> float:
+        tracker = self.recording.tracker
+        return 0.0 if tracker is None else tracker.moved
+
+    def _is_needed(self) -> bool:
+        """Whether loops moved what was mapped, and all of its frames are kept."""
+        return self.kept.whole and len(self.kept) > 0 and self._moved() > MOVED
+
+    def _is_due(self) -> bool:
+        return self._is_needed() and time.monotonic() >= self._next
+
+    def _correct(
+        self, semantic_map: SemanticMap, map_into: MapInto, options: MappingOptions
+    ) -> CorrectionReport:
+        before, live = time.monotonic(), self.recording
+        T, poses = live.T_map_world, live.corrected_poses()
+        without_rooms = replace(options, find_places=False)
+        report = correct_poses(
+            self.kept.recording(live.name, T, poses),
+            self.kept.recording(live.name, T),
+            semantic_map,
+            lambda frames, apart: map_into(frames, apart, without_rooms),
+            options,
+        )
+        self.kept.moved(poses)
+        self.corrections += 1
+        now = time.monotonic()
+        self._next = now + REST * (now - before)
+        return report

@@ -7,28 +7,53 @@ the map's floor.
 
 from __future__ import annotations
 
+import json
 import logging
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import LayoutError
-from mapping.alignment.floor_match import FloorMatch, floor_field, floor_of_frames, floor_of_map
-from mapping.alignment.object_match import landmarks
+from kg.model.errors import LayoutError, OntologyError, RecordingError, did_you_mean
+from kg.model.regular_files import read_text
+from kg.serving.opening import in_memory_map
 from mapping.alignment.relocalisation import placed_by_views
-from mapping.alignment.search import Alignment, AlignmentSearch
-from mapping.alignment.temporary_map import temporary_map
-from mapping.labels.label_table import LabelTable
+from mapping.alignment.search import (
+    Alignment,
+    AlignmentSearch,
+    FloorMatch,
+    floor_field,
+    floor_of_frames,
+    floor_of_map,
+    landmarks,
+)
+from mapping.labels.label_resolver import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_settings import OccupancySettings
+from perception.camera.poses import checked_pose
 from perception.frames import Detector, Frame, Recording
 from perception.sources.recording import FolderRecording
+
+
+@contextmanager
+def temporary_map(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
+    """Empty map in memory with the ontology of `semantic_map`.
+
+    It has the shipped ontology if an older map lacks terms of the present vocabulary.
+    """
+    with in_memory_map() as temporary:
+        ontology = semantic_map.ontology.quads()
+        if set(ontology) != set(temporary.ontology.quads()):
+            with suppress(OntologyError):
+                temporary.ontology.replace(ontology, whole=True)
+        yield temporary
+
 
 FITS: Final = 0.9  # minimum `FloorMatch.quality` of a floor in poses that were not aligned
 ALIGNED: Final = 0.6  # minimum `FloorMatch.quality` of a floor after alignment
@@ -218,3 +243,31 @@ def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray
         )
     check_certain(title, found, _OTHERWISE)
     return found.T, summary_of(title, found)
+
+
+def load_transform(path: Path, sequence: str) -> NDArray[np.float64]:
+    """T_map_world (4, 4) of `sequence` from a JSON file {"sequences": {NAME: {"T_map_world": ..}}}.
+
+    Raises LayoutError where there is no such file or sequence, or the matrix is not rigid.
+    """
+    try:
+        data: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise LayoutError(f"cannot read transforms from {path}: {error}") from error
+    sequences = data.get("sequences") if isinstance(data, dict) else None
+    if not isinstance(sequences, dict):
+        raise LayoutError(f'{path} has no "sequences"; {{"sequences": {{NAME: ...}}}} would work')
+    entry = sequences.get(sequence)
+    if entry is None:
+        raise LayoutError(
+            f"no sequence {sequence!r} in {path}; there are: {', '.join(sorted(sequences))}"
+            + did_you_mean(sequence, sequences)
+        )
+    matrix = entry.get("T_map_world") if isinstance(entry, dict) else None
+    where = f"T_map_world of {sequence!r} in {path}"
+    try:
+        return checked_pose(np.asarray(matrix, dtype=np.float64), where)
+    except RecordingError as error:
+        raise LayoutError(str(error)) from None
+    except (TypeError, ValueError):
+        raise LayoutError(f"{where} is not a matrix of numbers; 4 rows of 4 would work") from None

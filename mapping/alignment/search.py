@@ -7,15 +7,253 @@ floor and objects together.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.alignment.floor_match import FloorField, FloorMatch, FloorPoints, floor_field
-from mapping.alignment.object_match import Landmarks, ObjectMatcher, about_z
+from kg.model.records import FREE, LOW, TALL, FloorTile, ObjectRecord
+from mapping.occupancy.depth_projection import floor_evidence, frame_points
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.tiles import Key, OccupancyTile, States, tile_evidence
+from perception.binary_masks import with_neighbours
+from perception.frames import Frame
+
+_NEAR: Final = (1.0, 0.8, 0.3)  # worth of an obstacle that lies 0, 1 or 2 cells from an obstacle
+_THROUGH: Final = -1.0  # of one that lies on free floor
+_AGREED: Final = 0.15  # of free floor on free floor
+_BLOCKED: Final = -0.5  # of free floor on an obstacle
+_MIN_OBSTACLES: Final = 150  # judged obstacles, and ...
+_SHARE: Final = 0.3  # ... of all obstacles, to conclude anything
+_MARGIN: Final = 4  # cells around the map's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorPoints:
+    """Centres (n, 2) [m] of the cells of a floor, free ones and obstacles."""
+
+    free: Floats
+    obstacles: Floats
+
+    def moved(self, T: Floats) -> FloorPoints:
+        """The same by a transform (4, 4) about z."""
+        R, t = T[:2, :2].T, T[:2, 3]
+        return FloorPoints(self.free @ R + t, self.obstacles @ R + t)
+
+
+@dataclass(frozen=True, slots=True)
+class FloorMatch:
+    """Match of one floor laid on another."""
+
+    score: float  # sum of the worth of all cells
+    known: float  # sum of the worth of those where the map knows the floor
+    near: int  # cells with an obstacle that lie on an obstacle of the map, or free floor beside it
+    through: int  # cells with an obstacle that lie on other free floor
+    cells: int  # with an obstacle, all
+
+    @property
+    def judged(self) -> int:
+        """Cells with an obstacle that the map knows something of."""
+        return self.near + self.through
+
+    @property
+    def share(self) -> float:
+        """Share of judged obstacles that lie near an obstacle of the map; 0 without any."""
+        return self.near / self.judged if self.judged else 0.0
+
+    @property
+    def quality(self) -> float:
+        """Worth of a judged obstacle, with the free floor's: above 0.9 where floors are one."""
+        return self.known / self.judged if self.judged else 0.0
+
+    def enough(self) -> bool:
+        """Whether enough is judged to conclude anything."""
+        return self.judged >= _MIN_OBSTACLES and self.judged >= _SHARE * self.cells
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorField:
+    """Score that each cell of a map's floor gives to an obstacle, and to free floor, laid on it."""
+
+    origin: Floats  # (2,) [m] corner of cell (0, 0)
+    cell: float  # [m]
+    obstacle: Floats  # (nx, ny)
+    free: Floats  # (nx, ny)
+    known: NDArray[np.bool_]  # (nx, ny) cells that are not unknown
+
+    def match(self, points: FloorPoints) -> FloorMatch:
+        """Match of `points` laid on this floor."""
+        worth = self._at(self.obstacle, points.obstacles)
+        known = self._at(self.known, points.obstacles) > 0
+        near, through = int((known & (worth > 0)).sum()), int((worth < 0).sum())
+        free = float(self._at(self.free, points.free).sum())
+        sums = float(worth.sum()) + free, float(worth[known].sum()) + free
+        return FloorMatch(*sums, near, through, len(points.obstacles))
+
+    def _at(self, field: Floats | NDArray[np.bool_], xy: Floats) -> Floats:
+        cells = np.floor((xy - self.origin) / self.cell).astype(np.intp)
+        inside = ((cells >= 0) & (cells < field.shape)).all(axis=1)
+        found = np.zeros(len(xy))
+        found[inside] = field[cells[inside, 0], cells[inside, 1]]
+        return found
+
+
+def floor_tiles(frames: Iterable[Frame]) -> dict[Key, States]:
+    """Tiles of the floor at height 0 that `frames` show."""
+    s = OccupancySettings()
+    tiles = dict[Key, OccupancyTile]()
+    for frame in frames:
+        points = frame_points(frame.depth, frame.K, frame.T_map_cam, s)
+        observed = floor_evidence(points, frame.T_map_cam[:3, 3], 0.0, s)
+        for key, evidence in tile_evidence(observed, s):
+            tiles.setdefault(key, OccupancyTile(s)).add(evidence, frame.stamp, s)
+    return {key: tile.states(s) for key, tile in tiles.items()}
+
+
+def floor_of_frames(frames: Iterable[Frame]) -> FloorPoints:
+    """Floor at height 0 that `frames` show."""
+    return _points(floor_tiles(frames), OccupancySettings().cell)
+
+
+def floor_of_map(tiles: Iterable[FloorTile]) -> FloorPoints:
+    """Floor of storey 0 of a map."""
+    held = [tile for tile in tiles if tile.storey == 0]
+    if not held:
+        return _points({}, 1.0)
+    return _points({(t.column, t.row): t.cells for t in held}, held[0].resolution)
+
+
+def floor_field(points: FloorPoints, cell: float) -> FloorField | None:
+    """Field of a map's floor with cells of `cell` [m]; None of an empty floor."""
+    both = np.concatenate([points.free, points.obstacles])
+    if not len(both):
+        return None
+    origin = (np.floor(both.min(axis=0) / cell) - _MARGIN) * cell
+    size = np.ceil((both.max(axis=0) - origin) / cell).astype(int) + _MARGIN
+    free, solid = np.zeros(size, bool), np.zeros(size, bool)
+    for mask, xy in ((free, points.free), (solid, points.obstacles)):
+        at = np.floor((xy - origin) / cell).astype(int)
+        mask[at[:, 0], at[:, 1]] = True
+    known = free | solid
+    free &= ~solid
+    obstacle = np.where(free, _THROUGH, 0.0)
+    reached = solid
+    for worth in _NEAR:
+        obstacle[reached & (obstacle <= 0)] = worth
+        reached = with_neighbours(reached)
+    of_free = np.where(free, _AGREED, np.where(solid, _BLOCKED, 0.0))
+    return FloorField(origin, cell, obstacle, of_free, known)
+
+
+def _points(tiles: Mapping[Key, States], cell: float) -> FloorPoints:
+    found: dict[bool, list[Floats]] = {True: [np.zeros((0, 2))], False: [np.zeros((0, 2))]}
+    for (column, row), states in tiles.items():
+        corner = np.array([column, row]) * len(states) * cell
+        for free, wanted in ((True, (FREE,)), (False, (LOW, TALL))):
+            at = np.argwhere(np.isin(states, wanted))
+            found[free].append(corner + (at + 0.5) * cell)
+    return FloorPoints(np.concatenate(found[True]), np.concatenate(found[False]))
+
+
+_SPREAD: Final = 0.2  # [m] standard deviation between two mappings of one object
+_MIN_EXISTENCE: Final = 0.3  # existence
+_PAIR: Final = 0.6  # [m] between two objects that give a heading
+_PAIRS: Final = 3000  # of two objects here and two there, that are tried
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Landmarks:
+    """Objects as landmarks: parallel arrays of length n."""
+
+    category: tuple[str, ...]  # IRIs
+    p_map: Floats  # (n, 3) [m]
+    existence: Floats  # (n,)
+
+    def __len__(self) -> int:
+        return len(self.category)
+
+
+def landmarks(objects: Sequence[ObjectRecord]) -> Landmarks:
+    """Landmarks of the objects that probably exist."""
+    kept = [o for o in objects if o.existence >= _MIN_EXISTENCE]
+    return Landmarks(
+        tuple(o.category for o in kept),
+        np.array([o.p_map for o in kept]).reshape(-1, 3),
+        np.array([o.existence for o in kept]),
+    )
+
+
+class ObjectMatcher:
+    """Compares landmarks `source` with landmarks `target`."""
+
+    def __init__(self, source: Landmarks, target: Landmarks) -> None:
+        self._source, self._target = source, target
+        same = np.array([[a == b for b in target.category] for a in source.category], bool)
+        self._same = same.reshape(len(source), len(target))
+        # an object of a frequent category is weak evidence
+        self._weight = (
+            self._same * np.sqrt(source.existence[:, None] * target.existence[None, :])
+        ) / np.sqrt(np.maximum(self._same.sum(axis=1, keepdims=True), 1))
+
+    def score(self, T: Floats) -> float:
+        """Matches by the transform (4, 4), each up to 1, summed."""
+        if not self._same.any():
+            return 0.0
+        return float((self._weight * self._closeness(T)).max(axis=1).sum())
+
+    def pairs(self, T: Floats) -> tuple[Floats, Floats]:
+        """Positions (n, 3) [m] of matched objects: of the source, moved by `T`, and of the map."""
+        if not self._same.any():
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        near = self._weight * self._closeness(T)
+        rows, columns = np.arange(len(near)), near.argmax(axis=1)
+        # one to one: the best source of each map object
+        best = near.argmax(axis=0)
+        kept = (near[rows, columns] > 0.05) & (best[columns] == rows)
+        moved = self._source.p_map @ T[:3, :3].T + T[:3, 3]
+        return moved[kept], self._target.p_map[columns[kept]]
+
+    def candidates(self) -> Iterator[Floats]:
+        """Transforms (4, 4) about z that lay two objects on two of their categories."""
+        a, b = self._source.p_map, self._target.p_map
+        rows, columns = np.nonzero(self._same)
+        if len(rows) < 2:
+            return
+        first, second = np.triu_indices(len(rows), 1)
+        if len(first) > 40 * _PAIRS:
+            chosen = np.random.default_rng(0).choice(len(first), 40 * _PAIRS, replace=False)
+            first, second = first[chosen], second[chosen]
+        here = a[rows[second]] - a[rows[first]]
+        there = b[columns[second]] - b[columns[first]]
+        level_here = np.hypot(here[:, 0], here[:, 1])
+        level_there = np.hypot(there[:, 0], there[:, 1])
+        fits = (
+            (level_here > _PAIR)
+            & (np.abs(level_here - level_there) < _SPREAD)
+            & (np.abs(here[:, 2] - there[:, 2]) < _SPREAD)
+        )
+        for k in np.flatnonzero(fits)[:_PAIRS]:
+            yaw = np.arctan2(there[k, 1], there[k, 0]) - np.arctan2(here[k, 1], here[k, 0])
+            T = about_z(float(yaw))
+            ends = [first[k], second[k]]
+            T[:3, 3] = (b[columns[ends]] - a[rows[ends]] @ T[:3, :3].T).mean(axis=0)
+            yield T
+
+    def _closeness(self, T: Floats) -> Floats:
+        moved = self._source.p_map @ T[:3, :3].T + T[:3, 3]
+        apart = np.linalg.norm(moved[:, None] - self._target.p_map[None], axis=2)
+        return np.asarray(np.exp(-0.5 * (apart / _SPREAD) ** 2))
+
+
+def about_z(yaw: float, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Floats:
+    """Transform (4, 4): a turn by `yaw` [rad] about z, then a shift [m]."""
+    T = np.eye(4)
+    T[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    T[:3, 3] = x, y, z
+    return T
+
 
 Floats = NDArray[np.float64]
 

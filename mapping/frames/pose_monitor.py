@@ -14,8 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
-from perception.camera.icp import register
+from perception.camera.depth_agreement import (
+    Agreement,
+    DepthSamples,
+    agreement,
+    depth_samples,
+    register,
+)
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
 

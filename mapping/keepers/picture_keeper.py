@@ -13,8 +13,7 @@ from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, ModelError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
-from mapping.looks.known_things import NamedObject, recognise, remember_named
-from mapping.looks.moved_looks import MovedLooks
+from mapping.looks.known_things import MovedLooks, NamedObject, recognise, remember_named
 from perception.frames import Detections, Frame
 from perception.object_picture import object_picture
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from mapping.keepers.picture_keeper import PictureKeeper, people_in
-from mapping.key_views.view_keeper import ViewKeeper
+from mapping.key_views.view_store import ViewKeeper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges

@@ -1,4 +1,4 @@
-"""Things that people named or taught, known again in later recordings by their looks or a mark.
+"""Things known by their looks: named ones, moved ones, and those that look like a word.
 
 A map's folder keeps them in `known_things.npz`, so that they outlive the objects they were learned
 from. A believed object without an asserted category gets the name of the known thing that it is
@@ -8,10 +8,12 @@ One object has a name, as long as it is believed.
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -19,13 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.knowledge.ontology.provisional_classes import NAMED
-from kg.maps.object_pictures import ObjectPictures
+from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.thing_names import marked_categories
-from kg.model.errors import HereaboutsError, ModelError
-from kg.model.records import ObjectRecord
-from mapping.looks.likeness import feature_statistics, likeness, most_alike
-from mapping.looks.object_looks import Looks, ObjectLooks, network
+from kg.model.errors import HereaboutsError, ModelError, RecordingError
+from kg.model.records import Evidence, ObjectRecord
+from kg.model.regular_files import read_bytes
+from mapping.looks.object_looks import (
+    Looks,
+    ObjectLooks,
+    feature_statistics,
+    likeness,
+    most_alike,
+    network,
+)
+from mapping.objects.tracks import Track
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 
 FILE: Final = "known_things.npz"  # in the folder of a map
@@ -269,3 +279,132 @@ def taught(name: str, pictures: Iterable[bytes], marker: str = "") -> KnownThing
     if not data:
         return _without_looks(name, marker)
     return KnownThing(name, Looks.of_pictures(data).features, marker=marker)
+
+
+#: log-likelihood ratio of one thing against two of a category, by how much more alike they look
+#: than the new thing and the most similar other one: its value at 0, and its slope. Fitted to the
+#: lounge and judged on the kitchen (docs/reference/benchmarks.md).
+EVEN: Final = 0.5
+SLOPE: Final = 6.9
+_MAX_LOG_RATIO: Final = 3.0  # of the log-likelihood ratio, either way
+_KEPT: Final = 1000  # things in memory
+
+
+class MovedLooks:
+    """Compares tracks by their pictures: those in the folder of a map, or of recent frames."""
+
+    def __init__(self, folder: Path, recent: Callable[[Evidence], bytes | None]) -> None:
+        self._pictures, self._recent = ObjectPictures(folder), recent
+        self._known = dict[tuple[str | int, str], Floats | None]()  # by thing and best frame
+
+    def ratio(self, old: Track, new: Track, others: Sequence[Track]) -> float:
+        """Likelihood ratio of `new` being `old` and being another thing, by their looks.
+
+        `others` are further things of the category that were known before `new`. 1 where any has
+        no picture: without others, nothing tells how alike things of the category are here.
+        """
+        a, b = self._features(old), self._features(new)
+        if a is None or b is None:
+            return 1.0
+        known = (self._features(other) for other in others)
+        rival = most_alike(b, (one for one in known if one is not None))
+        if rival is None:
+            return 1.0
+        log_ratio = EVEN + SLOPE * (likeness(a, b) - rival)
+        return math.exp(min(max(log_ratio, -_MAX_LOG_RATIO), _MAX_LOG_RATIO))
+
+    def _features(self, track: Track) -> Floats | None:
+        """(n, F) features of a track's views; None without any."""
+        # another best observation of it brings another picture
+        key = track.iri or track.number, "" if track.best is None else track.best.frame
+        if key not in self._known:
+            found = [_described(data) for data in self._views(track)]
+            shown = [features for features in found if features is not None]
+            self._known[key] = np.stack(shown) if shown else None
+            if len(self._known) > _KEPT:
+                del self._known[next(iter(self._known))]
+        return self._known[key]
+
+    def _views(self, track: Track) -> Iterator[bytes]:
+        paths = self._pictures.views_of(track.iri) if track.iri is not None else []
+        for path in paths:
+            with suppress(OSError):  # removed meanwhile
+                yield read_bytes(path, MAX_BYTES)
+        if not paths and track.best is not None:
+            data = self._recent(track.best)
+            if data is not None:
+                yield data
+
+
+def _described(picture: bytes) -> Floats | None:
+    """(F,) features of a picture; None for one that shows nothing."""
+    try:
+        return network().describe(picture)[0]
+    except (RecordingError, ModelError):
+        return None
+
+
+#: likelihood ratio from which a thing is said to look like a word: in a room of 25 things one word
+#: in ten, of those that name none of them, then has a thing like it (docs/reference/benchmarks.md)
+MIN_RATIO: Final = 10.0
+_RARE: Final = 0.001  # added to the background, so that no class is too rare to be a mistake
+_FOLDER: Final = Path(__file__).parent
+
+
+@dataclass(frozen=True, slots=True)
+class Resemblance:
+    """How much a thing looks like what a word means."""
+
+    iri: str
+    ratio: float  # how many times more than things in general
+
+
+@cache
+def imagenet_classes() -> dict[str, tuple[int, ...]]:
+    """Numbers of ImageNet's classes that show a synset of WordNet 3.0, as in wallet.n.01."""
+    return {
+        row["synset"]: tuple(map(int, row["classes"].split()))
+        for row in _rows("imagenet_words.csv")
+    }
+
+
+def things_that_look_like(semantic_map: SemanticMap, synset: str) -> tuple[Resemblance, ...] | None:
+    """Things of a map that look like `synset`, most first; empty where nothing does.
+
+    Believed objects are compared, and things without a name. None where it cannot be known: for a
+    synset without classes of ImageNet, and a map without pictures here.
+    """
+    folder = semantic_map.store.path
+    classes = imagenet_classes().get(synset)
+    if folder is None or classes is None:
+        return None
+    records = (*semantic_map.objects(min_existence=0.5), *semantic_map.unnamed_things())
+    looks = ObjectLooks(folder, read_only=semantic_map.store.read_only)
+    seen = looks.of([record.iri for record in records])
+    if not seen:
+        return None
+    found = (Resemblance(iri, ratio(look, classes)) for iri, look in seen.items())
+    likely = [one for one in found if one.ratio >= MIN_RATIO]
+    return tuple(sorted(likely, key=lambda one: (-one.ratio, one.iri)))
+
+
+def ratio(looks: Looks, classes: Sequence[int]) -> float:
+    """Probability that a thing shows one of ImageNet's `classes`, over that of things in general.
+
+    The probability is the mean over the thing's views.
+    """
+    shown = np.exp(looks.log_p[:, classes]).sum(axis=1).mean()
+    usual = sum(_background().get(number, 0.0) for number in classes)
+    return float(shown / (usual + _RARE))
+
+
+@cache
+def _background() -> dict[int, float]:
+    """Mean probability of each class over boxes of many things in photographs; others have 0."""
+    rows = _rows("imagenet_background.csv")
+    return {int(row["class"]): float(row["probability"]) for row in rows}
+
+
+def _rows(name: str) -> Iterator[dict[str, str]]:
+    with (_FOLDER / name).open(encoding="utf-8", newline="") as file:
+        yield from csv.DictReader(file)

@@ -1,4 +1,4 @@
-"""Looks of a map's objects, computed from their pictures when they are first asked for.
+"""Looks of a map's objects, computed from their pictures, and how alike two things look.
 
 The map's folder keeps them in `looks.npz`, by the checksum of each picture, so that they stay with
 the pictures whatever becomes of the objects. Without the file they are computed again; a file that
@@ -7,6 +7,7 @@ cannot be read is told in a warning.
 
 from __future__ import annotations
 
+import csv
 import logging
 import zlib
 from collections.abc import Iterable
@@ -28,6 +29,7 @@ from perception.inference.model_zoo import cache_folder
 
 if TYPE_CHECKING:
     from perception.inference.look_network import LookNetwork
+
 
 FILE: Final = "looks.npz"  # in the folder of a map
 MAX_NEW: Final = 200  # pictures that one call describes; the next call continues
@@ -162,3 +164,35 @@ def _described(picture: bytes) -> Row:
         features, classes = network().sizes
         nothing = np.float32(np.nan)
         return np.full(features, nothing), np.full(classes, nothing)
+
+
+def likeness(a: Floats, b: Floats) -> float:
+    """How alike two things are, -1..1, from features (n, F) and (m, F) of their views.
+
+    Features are in deviations from the mean of things in general. Each view counts by the cosine
+    to the other thing's most similar view.
+    """
+    cosines = _directions(a) @ _directions(b).T
+    return float(cosines.max(axis=0).mean() + cosines.max(axis=1).mean()) / 2
+
+
+def most_alike(thing: Floats, others: Iterable[Floats]) -> float | None:
+    """Likeness of a thing, features (n, F), to the most similar of `others`; None without any."""
+    return max((likeness(other, thing) for other in others), default=None)
+
+
+@cache
+def feature_statistics() -> tuple[Floats, Floats]:
+    """(F,) mean and deviation of each feature over boxes of many things in photographs."""
+    with Path(__file__).with_name("look_statistics.csv").open(encoding="utf-8") as file:
+        rows = [(float(row["mean"]), float(row["deviation"])) for row in csv.DictReader(file)]
+    mean, deviation = np.array(rows, np.float32).T
+    return mean, deviation
+
+
+def _directions(features: Floats) -> Floats:
+    """Features (n, F) as unit vectors, from the mean of things in general."""
+    mean, deviation = feature_statistics()
+    scaled: Floats = (features - mean) / deviation
+    found: Floats = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-9)
+    return found

@@ -3,7 +3,7 @@
 The prior is that of its class for the time since (`mapping.persistence`). Each later view that
 should show the thing and does not is a miss. It counts by the thing's own rate of detection, a
 Beta-binomial with the detector's recall as its mean, so that a run of misses saturates. Rays
-through the thing's volume (`mapping.objects.volume_view`) count too.
+through the thing's volume (`mapping.objects.existence`) count too.
 """
 
 from __future__ import annotations

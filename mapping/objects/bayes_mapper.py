@@ -16,24 +16,22 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord
 from mapping.frames.sighting import Sighting, ThingSighting
-from mapping.labels.label_resolver import LabelResolver
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelResolver, LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
 from mapping.objects.detections.detection_fates import DetectionFates
 from mapping.objects.detections.detection_report import Fate
+from mapping.objects.existence import in_front
 from mapping.objects.extents.extent_grower import ExtentGrower
 from mapping.objects.extents.surface_growth import Voxels
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper
-from mapping.objects.reidentification.identity import IdentityResolver
-from mapping.objects.reidentification.merging import duplicates
+from mapping.objects.reidentification.identity import IdentityResolver, duplicates
 from mapping.objects.reidentification.moves import LookRatio
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor
+from mapping.objects.track_store import TrackedThings
 from mapping.objects.track_updater import TrackUpdater
-from mapping.objects.tracked_things import TrackedThings
 from mapping.objects.tracks import CELL, Track, Viewpoint, count_together, viewpoint
-from mapping.objects.volume_view import in_front
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import UnknownLabels
 from perception.frames import Detections, Frame

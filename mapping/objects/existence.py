@@ -14,10 +14,23 @@ The logarithm lets evidence saturate, since detectors repeat their mistakes. One
 
 from __future__ import annotations
 
+import csv
+import functools
 import math
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from statistics import median
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.frames.projection import to_camera
+from mapping.objects.settings import ObjectSettings
+from perception.frames import Frame
 
 SEEN: Final = 2.25
 MISSED: Final = 1.5
@@ -77,3 +90,127 @@ def logit(probability: float) -> float:
     """Log-odds of a probability, which is kept within 0.005..0.995."""
     kept = min(max(probability, 0.005), 0.995)
     return math.log(kept / (1 - kept))
+
+
+_FILE: Final = Path(__file__).with_name("usual_sizes.csv")
+SPREAD: Final = 0.5  # standard deviation of log size within a category
+OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things look smaller
+WORST: Final = -4.0  # an outlier by size costs no more than this
+
+MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
+LARGE: Final = 1.6  # factor from which sizes are unusual ...
+SMALL: Final = 0.35  # ... and below which: things are often seen in part
+ALIKE: Final = 0.75  # share of the categories that must agree
+
+
+@dataclass(frozen=True, slots=True)
+class UsualSize:
+    """Usual dimensions of a category's things [m]."""
+
+    longest: float
+    width: float  # the shorter horizontal one: the centres of two of them are no nearer
+
+
+#: of things without a usual size
+UNUSUAL: Final = UsualSize(longest=0.3, width=0.1)
+
+
+@functools.cache
+def usual_sizes() -> Mapping[str, UsualSize]:
+    """Usual sizes by label."""
+    with _FILE.open(newline="", encoding="utf-8") as file:
+        rows = csv.DictReader(file)
+        return {row["label"]: UsualSize(float(row["size"]), float(row["width"])) for row in rows}
+
+
+def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
+    """Log-likelihood of a longest dimension `size` [m], log-normal about `usual`; 0 at its mode.
+
+    Deviations below the usual size count less, since often only a part of a thing is visible.
+    """
+    if usual is None or size <= 0:
+        return 0.0
+    deviation = math.log(size / usual.longest) / SPREAD
+    if deviation < 0:
+        deviation *= OCCLUDED
+    return max(-0.5 * deviation * deviation, WORST)
+
+
+#: usual size of a category by IRI, None where it has none
+SizeOf = Callable[[str], UsualSize | None]
+
+
+def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
+    """Factor by which things are larger than usual, by (label, longest dimension [m]) of each.
+
+    A wrong unit of depth makes a room that is consistent, and larger or smaller by one factor.
+    None where they are about as large as usual, or too few of their usual sizes are known.
+    """
+    usual, found = usual_sizes(), defaultdict[str, list[float]](list)
+    for label, size in sizes:
+        if label in usual and size > 0:
+            found[label].append(math.log(size / usual[label].longest))
+    if len(found) < MIN_CATEGORIES:
+        return None
+    by_category = [median(ratios) for ratios in found.values()]
+    factor = math.exp(median(by_category))
+    for limit, sign in ((LARGE, 1), (SMALL, -1)):
+        beyond = sum(sign * (ratio - math.log(limit)) > 0 for ratio in by_category)
+        if beyond >= ALIKE * len(by_category):
+            return factor
+    return None
+
+
+Floats = NDArray[np.float64]
+
+
+class VolumeView(Enum):
+    """View of a volume in a frame."""
+
+    NOTHING = "not in view, hidden, or cut by the border"
+    SURFACE = "rays end inside it"
+    EMPTY = "rays go through it"
+
+
+def in_front(frame: Frame, positions: Floats, settings: ObjectSettings) -> NDArray[np.intp]:
+    """Indices of the positions (n, 3) [m] that project into the image, within range."""
+    if not len(positions):
+        return np.zeros(0, dtype=np.intp)
+    p_cam = to_camera(frame.T_map_cam, positions)
+    depth = p_cam[:, 2]
+    near, far = settings.nearest_sight, settings.farthest_sight
+    height, width = frame.depth.shape
+    with np.errstate(divide="ignore", invalid="ignore"):
+        columns = frame.K[0, 0] * p_cam[:, 0] / depth + frame.K[0, 2]
+        rows = frame.K[1, 1] * p_cam[:, 1] / depth + frame.K[1, 2]
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    return np.nonzero((depth > near) & (depth < far) & inside)[0]
+
+
+def ray_test(frame: Frame, p_map: Floats, size: float, settings: ObjectSettings) -> VolumeView:
+    """View in `frame` of a volume of side `size` [m] around `p_map` (3,) [m]."""
+    s = settings
+    x, y, depth = to_camera(frame.T_map_cam, p_map)
+    half = size / 2 * frame.K[0, 0] / depth
+    column = frame.K[0, 0] * x / depth + frame.K[0, 2]
+    row = frame.K[1, 1] * y / depth + frame.K[1, 2]
+    height, width = frame.depth.shape
+    margin = half + s.sight_margin
+    if not (margin <= column <= width - margin and margin <= row <= height - margin):
+        return VolumeView.NOTHING
+    reach, step = max(0.6 * half, 3.0), max(1, int(half / 10))
+    top, left = int(row - reach), int(column - reach)
+    depths = frame.depth[
+        max(top, 0) : int(row + reach) + 1 : step, max(left, 0) : int(column + reach) + 1 : step
+    ]
+    depths = depths[depths > 0]
+    if len(depths) < 4:
+        return VolumeView.NOTHING
+    tolerance = 0.5 * size + s.ray_tolerance + s.ray_noise * depth**2
+    before = float((depths < depth - tolerance).mean())
+    beyond = float((depths > depth + tolerance).mean())
+    if before > s.occluded:
+        return VolumeView.NOTHING
+    if beyond > s.empty:
+        return VolumeView.EMPTY
+    return VolumeView.SURFACE if 1 - before - beyond > 0.4 else VolumeView.NOTHING

@@ -13,17 +13,23 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.frames.projection import to_map
 from mapping.frames.sighting import Sighting
-from mapping.labels.label_resolver import LabelResolver
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelResolver, LabelTable
 from mapping.objects.detections.detection_fates import DetectionFates
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.tracks import Track
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.depth_histogram import localise
-from mapping.reference.nearest_association import Association, associate, most_confident
-from mapping.reference.object_update import decayed, existence, new_object, updated_object
+from mapping.reference.object_update import (
+    Association,
+    associate,
+    decayed,
+    existence,
+    missed,
+    most_confident,
+    new_object,
+    updated_object,
+)
 from mapping.reference.settings import ReferenceSettings
-from mapping.reference.visibility import missed
 from perception.frames import Detections, Frame
 
 

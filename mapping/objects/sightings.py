@@ -13,8 +13,8 @@ from mapping.frames.sighting import Box, Floats, Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.detections.detection_fates import DetectionFates
 from mapping.objects.detections.detection_report import Fate
+from mapping.objects.existence import UNUSUAL, SizeOf
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.usual_sizes import UNUSUAL, SizeOf
 from mapping.reference.depth_histogram import box_depth
 from perception.frames import Detections, Frame
 

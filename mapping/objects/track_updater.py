@@ -10,12 +10,17 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
-from mapping.objects.existence import visibility
-from mapping.objects.extents.box_views import view_row
+from mapping.objects.existence import (
+    UsualSize,
+    VolumeView,
+    ray_test,
+    size_log_likelihood,
+    usual_sizes,
+    visibility,
+)
+from mapping.objects.extents.box_fit import view_row
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, Viewpoint
-from mapping.objects.usual_sizes import UsualSize, size_log_likelihood, usual_sizes
-from mapping.objects.volume_view import VolumeView, ray_test
 from mapping.persistence import departed, listed_half_life
 from perception.frames import Frame
 

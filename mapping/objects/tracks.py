@@ -16,10 +16,16 @@ from kg.model.oriented_boxes import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
-from mapping.objects.existence import CategoryEvidence, category_probabilities, strength
-from mapping.objects.extents.box_views import MAX_VIEWS, Row, pose_of
+from mapping.objects.existence import (
+    UNUSUAL,
+    CategoryEvidence,
+    SizeOf,
+    category_probabilities,
+    size_log_likelihood,
+    strength,
+)
+from mapping.objects.extents.box_fit import MAX_VIEWS, Row, pose_of
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.usual_sizes import UNUSUAL, SizeOf, size_log_likelihood
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track

@@ -1,4 +1,4 @@
-"""Occupancy map of the floor: log-odds in memory, classified tiles in the graph.
+"""Occupancy map: log-odds of the floor in memory, by storey, and classified tiles in the graph.
 
 The graph can rebuild this cache without its log-odds, since a written tile holds only the class of
 each cell.
@@ -6,7 +6,10 @@ each cell.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from itertools import product
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +19,8 @@ from kg.maps.facts.occupancy import tile_iri, tile_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.records import UNKNOWN, FloorTile, PlaceViews
-from mapping.occupancy.depth_projection import Floats, floor_evidence, frame_points
+from mapping.occupancy.depth_projection import Floats, FramePoints, floor_evidence, frame_points
 from mapping.occupancy.occupancy_settings import OccupancySettings
-from mapping.occupancy.storeys import Storeys
 from mapping.occupancy.tiles import (
     Key,
     OccupancyTile,
@@ -30,8 +32,138 @@ from mapping.occupancy.tiles import (
     view_evidence,
     views_of_known,
 )
-from mapping.occupancy.view_coverage import on_tile, view_coverage
 from perception.frames import Frame
+
+_BIN: Final = 0.1  # [m]
+
+
+class Storeys:
+    """Storeys observed so far, by number; the first one is the map's own, at height 0.
+
+    The height of each is that of its first estimate: a map's floor does not drift.
+    """
+
+    def __init__(self, heights: Mapping[int, float], settings: OccupancySettings) -> None:
+        self.heights = dict(heights) or {0: 0.0}  # storey -> [m] in the map frame
+        self._settings = settings
+
+    def below(self, camera: Floats, points: FramePoints) -> int | None:
+        """Storey that `camera` (3,) [m] is above; a new one where `points` show its floor.
+
+        None where neither is the case: on stairs, say.
+        """
+        s, z = self._settings, float(camera[2])
+        known = self.under(z, s.lowest_camera)
+        if known is not None:
+            return known
+        height = self._level_below(z, points)
+        if height is None or any(abs(height - h) < s.storey for h in self.heights.values()):
+            return None
+        number = max(self.heights) + 1
+        self.heights[number] = round(height, 2)
+        return number
+
+    def under(self, z: float, lowest: float) -> int | None:
+        """Storey, of those known, that `z` [m] lies at least `lowest` [m] above; None for none."""
+        highest = self._settings.highest_camera
+        near = {n: z - h for n, h in self.heights.items() if lowest <= z - h <= highest}
+        return min(near, key=lambda n: (near[n], n)) if near else None
+
+    def _level_below(self, z: float, points: FramePoints) -> float | None:
+        """Height [m] of the largest level among the points below the camera; None without one."""
+        s = self._settings
+        heights = points.xyz[2][np.isfinite(points.depth)]
+        below = heights[(heights < z - s.lowest_camera) & (heights > z - s.highest_camera)]
+        if not len(below):
+            return None
+        edges = np.arange(below.min(), below.max() + 2 * _BIN, _BIN)
+        counts, _ = np.histogram(below, edges)
+        at = int(np.argmax(counts))
+        if counts[at] < s.level_share * len(heights):
+            return None
+        return float(np.median(below[(below >= edges[at]) & (below <= edges[at + 1])]))
+
+
+_HALF: Final = 0.499  # of a cell: sides of areas may lie on those of cells
+_MAX_CELLS: Final = 4_000_000  # of an area: 160,000 m2; larger ones are skipped ...
+_MAX_CORNER: Final = 10**9  # ... nor those with a corner this many cells from the origin
+
+
+def on_tile(area: Area, tile: FloorTile, span: float) -> bool:
+    """Whether an area's bounding rectangle has ground in common with a tile of side `span` [m]."""
+    x, y = tile.column * span, tile.row * span
+    return x < area.xmax and x + span > area.xmin and y < area.ymax and y + span > area.ymin
+
+
+def view_coverage(
+    area: Area,
+    views: Callable[[Key], ViewTimes | None],
+    settings: OccupancySettings,
+    margin: float = 0.0,
+) -> PlaceViews | None:
+    """Views of an area by those of its tiles; None where nothing of it was viewed.
+
+    Shares are of the cells that lie inside completely, `margin` [m] from the border, since cells
+    nearer to it are wall, or floor beyond the wall.
+    """
+    cell, larger = settings.cell * settings.view, settings.side // settings.view
+    corners = _corners(area, cell)
+    width, depth = (corners[1] - corners[0]).tolist()
+    if width * depth > _MAX_CELLS or float(np.abs(corners).max()) > _MAX_CORNER:
+        return None
+    low, shape = _grid(corners)
+    times = np.zeros((2, *shape), np.uint32)
+    columns, rows = (
+        range(int(np.floor(start / larger)), int(np.ceil((start + count) / larger)))
+        for start, count in zip(low, shape, strict=True)
+    )
+    for key in product(columns, rows):
+        viewed = views(key)
+        if viewed is None:
+            continue
+        offset = np.array(key) * larger - low  # of the tile on the area's grid
+        first, last = np.maximum(offset, 0), np.minimum(offset + larger, shape)
+        part = [slice(a, b) for a, b in zip(first, last, strict=True)]
+        own = [slice(a, b) for a, b in zip(first - offset, last - offset, strict=True)]
+        times[:, part[0], part[1]] = viewed[:, own[0], own[1]]
+    inside = times[:, _cells_within(area, cell, margin)]
+    if not inside.any():
+        return None
+    close, share = (round(float((grid > 0).mean()), 2) for grid in inside)
+    return PlaceViews(max(close, share), close, float(inside.max()) * 60)
+
+
+def _corners(area: Area, cell: float) -> Floats:
+    """(2, 2) [cells] of an area's bounding rectangle."""
+    return np.array([[area.xmin, area.ymin], [area.xmax, area.ymax]]) / cell
+
+
+def _grid(corners: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First cell and shape (2,) of the cells of `corners` (2, 2) [cells]."""
+    low = np.floor(corners[0]).astype(np.intp)
+    return low, np.ceil(corners[1]).astype(np.intp) - low
+
+
+@lru_cache(maxsize=32)
+def _cells_within(area: Area, cell: float, margin: float) -> NDArray[np.bool_]:
+    """(nx, ny) cells of an area's grid that lie inside it, `margin` [m] from its border."""
+    low, shape = _grid(_corners(area, cell))
+    x, y = (
+        (start + np.arange(count) + 0.5) * cell for start, count in zip(low, shape, strict=True)
+    )
+    within = _within(area, x, y, max(margin, _HALF * cell))
+    if margin and not within.any():
+        within = _within(area, x, y, _HALF * cell)
+    return within
+
+
+def _within(area: Area, x: Floats, y: Floats, margin: float) -> NDArray[np.bool_]:
+    """(nx, ny) points whose square of half side `margin` [m] has all corners in the area."""
+    found = np.ones((len(x), len(y)), np.bool_)
+    for dx, dy in product((-margin, margin), repeat=2):
+        found &= area.contains_each(x[:, None] + dx, y[None, :] + dy)
+    return found
+
 
 _TileKey = tuple[int, Key]  # storey and tile
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
+from kg.model.iris import whole_number
 from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 from mapping.occupancy.room_segmentation import Segmentation, SegmentationSettings, segmented
@@ -146,7 +147,7 @@ class FoundPlaces:
 
     def _next_number(self) -> int:
         numbers = (place.iri.removeprefix(self._prefix) for place in self._places.places())
-        used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        used = max((whole_number(n) or 0 for n in numbers), default=0)
         return max(self._next, used + 1)
 
     def _merged(

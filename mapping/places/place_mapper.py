@@ -1,23 +1,34 @@
-"""Place mapper: belief over the categories of each place, from its views (section 3.3.2)."""
+"""Place mapper: belief over the categories of each place, by views and objects (section 3.3.2)."""
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import PlaceRecord
+from kg.model.records import FloorTile, MapUpdate, ObjectRecord, PlaceRecord
 from mapping.frames.projection import map_points
-from mapping.labels.label_resolver import LabelResolver
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelResolver, LabelTable
+from mapping.occupancy.mapped_floor import FloorView
+from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.occupancy.occupancy_settings import OccupancySettings
+from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.place_registry import PlaceRegistry
-from mapping.reference.belief_filters import bayes_update, mean_update, with_prior
+from mapping.reference.belief_filters import (
+    bayes_update,
+    main_owner,
+    mean_update,
+    repeats_view,
+    unknown_share,
+    with_prior,
+)
 from mapping.reference.settings import INDOOR_CATEGORIES, ReferenceSettings
-from mapping.reference.viewpoint_gate import main_owner, repeats_view, unknown_share
 from perception.frames import Frame, SceneScores
 
 
@@ -132,3 +143,163 @@ class PlaceMapper:
         if self._settings.indoor_prior:
             return frozenset(self._catalogue.find(c, kind="place").iri for c in INDOOR_CATEGORIES)
         return frozenset(c.iri for c in self._catalogue.categories if c.kind == "place")
+
+
+class ViewedFloor:
+    """Floor that a robot's camera had in view, and the places on it; writes nothing.
+
+    Views of floor that no depth image has shown do not count.
+    """
+
+    def __init__(self, semantic_map: SemanticMap) -> None:
+        self._settings = OccupancySettings()
+        self._occupancy = OccupancyMap(semantic_map, self._settings)
+        self._places = PlaceRegistry(semantic_map, recording=None)
+
+    def add(self, views: Sequence[FloorView], height: float, stamp: float) -> None:
+        """Add the floor in view of a robot at height `height` [m] at `stamp` [s]."""
+        points = [self._points(view) for view in views if len(view.p_map)]
+        if points:
+            p_map, close = (np.concatenate(part) for part in zip(*points, strict=True))
+            self._occupancy.refresh()
+            self._occupancy.add_views(p_map, close, height, stamp)
+
+    def _points(self, view: FloorView) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Points of the remembered views' grid, and whether each is viewed from close by."""
+        s = self._settings
+        parts = max(int(np.ceil(view.cell / (s.cell * s.view) - 1e-6)), 1)  # of a cell's side
+        steps = ((np.arange(parts) + 0.5) / parts - 0.5) * view.cell
+        offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        p_map = (view.p_map[:, None, :] + offsets).reshape(-1, 2)
+        return p_map, np.repeat(view.metres <= s.close, parts**2)
+
+    def take_changed(self, stamp: float) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        """Tiles that have changed enough, to be written at `stamp` [s], and their places."""
+        return self._with_places(self._occupancy.take_changed(stamp))
+
+    def take_rest(self) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        """Tiles that have changed at all, and their places."""
+        return self._with_places(self._occupancy.take_rest())
+
+    def _with_places(
+        self, floor: tuple[FloorTile, ...]
+    ) -> tuple[tuple[FloorTile, ...], tuple[PlaceRecord, ...]]:
+        if not floor:
+            return (), ()
+        self._places.refresh()
+        update_place_views(self._places, self._occupancy, floor)
+        return floor, self._places.take_changed()
+
+    def undo(self, update: MapUpdate) -> None:
+        """Mark tiles and places of `update` as changed again, which could not be written."""
+        self._occupancy.undo(update.floor)
+        self._places.undo(update.places)
+
+
+_WALLS: Final = SegmentationSettings().walls  # [m] that outlines of found rooms reach into walls
+
+
+def update_place_views(
+    places: PlaceRegistry, occupancy: OccupancyMap, floor: Sequence[FloorTile]
+) -> None:
+    """Update the viewed shares of the places in which the changed tiles, `floor`, lie."""
+    if not floor:
+        return
+    for place in places.places():
+        storey = occupancy.touches(place.area, floor)
+        walls = _WALLS if place.from_floor else 0.0
+        viewed = None if storey is None else occupancy.views(place.area, storey, walls)
+        if viewed is not None and viewed != place.viewed:
+            places.put(replace(place, viewed=viewed))
+
+
+_Presence = Mapping[str, float]  # category IRI -> probability that the place holds one
+
+
+class ObjectEvidence:
+    """Fuses the evidence of objects with the beliefs that the views of each place give."""
+
+    def __init__(
+        self, semantic_map: SemanticMap, places: PlaceRegistry, settings: ReferenceSettings
+    ) -> None:
+        self._map, self._places, self._settings = semantic_map, places, settings
+        self._catalogue = semantic_map.catalogue
+        self._table: PlacementTable = table_of(semantic_map.ontology.quads())
+        self._frequencies = self._table.room_frequencies
+        self._done: dict[str, tuple[_Presence, _Presence, tuple[str, ...]]] = {}
+
+    def update(self, objects: Iterable[ObjectRecord]) -> None:
+        """Update the belief of every place from its views and from all `objects` in it."""
+        self._refresh_ontology()
+        inside: dict[str, list[ObjectRecord]] = defaultdict(list)
+        for record in objects:
+            if record.place is not None and record.existence > 0:
+                inside[record.place].append(record)
+        for place in self._places.places():
+            evidence = [r for r in inside[place.iri] if r.category in self._table.objects]
+            self._fuse(place, evidence)
+
+    def _fuse(self, place: PlaceRecord, evidence: list[ObjectRecord]) -> None:
+        if not evidence:
+            if place.evidence_objects:
+                alone = replace(
+                    place, beliefs=place.from_views, scene_beliefs={}, evidence_objects=()
+                )
+                self._places.put(alone)
+            return
+        present, objects = presence(evidence), tuple(record.iri for record in evidence)
+        views = place.from_views
+        if place.evidence_objects and self._done.get(place.iri) == (present, views, objects):
+            return
+        self._done[place.iri] = present, views, objects
+        beliefs = self.fused(present, views)
+        self._places.put(
+            replace(place, beliefs=beliefs, scene_beliefs=views, evidence_objects=objects)
+        )
+
+    def fused(self, present: _Presence, views: Mapping[str, float]) -> dict[str, float]:
+        """Posterior p(category | views and objects) by IRI, of the categories worth keeping.
+
+        Args:
+            present: probability that the place holds an object of each category.
+            views: belief from the views; empty where there are none.
+        """
+        prior = self.prior(views)
+        weight = self._settings.objects_weight
+        weighed = {category: weight * chance for category, chance in present.items()}
+        posterior = self._table.place_posterior(weighed, prior=prior)
+        return {c: p for c, p in posterior.items() if p >= self._settings.least_belief}
+
+    def prior(self, views: Mapping[str, float]) -> dict[str, float]:
+        """Prior probability of each category IRI from views and room frequencies; sums to 1.
+
+        Without views the frequencies alone. With them, a share of the views' belief is left to the
+        frequencies, since a network has few place categories, and the rest is weighed by them.
+        """
+        s, frequency = self._settings, self._frequencies
+        total = sum(views.values())
+        if total <= 0:
+            return dict(frequency)
+        weighed = {
+            c: (s.scene_trust * views.get(c, 0.0) / total + (1 - s.scene_trust) * f)
+            * f**s.frequency_weight
+            for c, f in frequency.items()
+        }
+        whole = sum(weighed.values())
+        return {c: p / whole for c, p in weighed.items()}
+
+    def _refresh_ontology(self) -> None:
+        if self._catalogue is not self._map.catalogue:
+            self._catalogue = self._map.catalogue
+            self._table = table_of(self._map.ontology.quads())
+            self._frequencies = self._table.room_frequencies
+            self._done.clear()
+
+
+def presence(objects: Iterable[ObjectRecord]) -> dict[str, float]:
+    """Presence probability of each category, in steps of 0.01: at least one object is there."""
+    absent: dict[str, float] = {}
+    for record in objects:
+        chance = min(max(record.existence, 0.0), 1.0)
+        absent[record.category] = absent.get(record.category, 1.0) * (1 - chance)
+    return {category: round(1 - rest, 2) for category, rest in sorted(absent.items())}

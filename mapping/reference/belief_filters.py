@@ -1,11 +1,17 @@
-"""Belief filters over place categories: the thesis' two, on scene scores (section 3.3.2, 4.3).
+"""Belief filters over place categories, and the views that count (thesis section 3.3.2, 4.3).
 
 A belief is a mapping category -> probability. Both filters are pure functions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from perception.camera.poses import motion
+from perception.frames import Frame
 
 
 def mean_update(
@@ -51,3 +57,29 @@ def with_prior(scores: Mapping[str, float], allowed: Collection[str]) -> dict[st
     kept = {category: value for category, value in scores.items() if category in allowed}
     total = sum(kept.values())
     return {category: value / total for category, value in kept.items()} if total > 0 else None
+
+
+def unknown_share(frame: Frame, stride: int) -> float:
+    """Share, 0..1, of pixels without depth, at every `stride`-th pixel."""
+    return 1 - float(np.mean(frame.depth[::stride, ::stride] > 0))
+
+
+def main_owner(owners: NDArray[np.intp], purity: float) -> int | None:
+    """Place with at least a share `purity` of the points; `owners` (n,) has each point's, or -1.
+
+    Points in no place count against every place.
+    """
+    inside = owners[owners >= 0]
+    if len(inside) == 0:
+        return None
+    counts = np.bincount(inside)
+    best = int(np.argmax(counts))
+    return best if counts[best] >= purity * len(owners) else None
+
+
+def repeats_view(
+    T: NDArray[np.float64], history: Iterable[NDArray[np.float64]], distance: float, angle: float
+) -> bool:
+    """Repeated-view test: pose `T` (4, 4) within `distance` [m] and `angle` [rad] of one before."""
+    motions = (motion(past, T) for past in history)
+    return any(moved <= distance and turned <= angle for moved, turned in motions)

@@ -14,15 +14,18 @@ import numpy as np
 from kg.knowledge.ontology.carriers import carrier_kinds
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord, Relation, RelationKind
+from mapping.objects.existence import usual_sizes
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
-from mapping.objects.usual_sizes import usual_sizes
-from mapping.relations.boxes import Box, Boxes, BoxIndex, box_of
 from mapping.relations.probabilities import (
+    Box,
+    Boxes,
+    BoxIndex,
     Carriers,
     Floats,
     RelationSettings,
     beside_probabilities,
+    box_of,
     support_probabilities,
 )
 

@@ -18,13 +18,11 @@ from numpy.typing import NDArray
 from kg.model.errors import ModelError
 from perception.frames import Detections, Frame
 from perception.inference.class_labels import COCO_IDS, is_object, labels_for
-from perception.inference.heads.candidates import Head, suppress
+from perception.inference.heads.candidates import Head, MaskGrid, suppress
 from perception.inference.heads.listed import QueryHead, RegionHead
-from perception.inference.heads.masks import MaskGrid
 from perception.inference.heads.signature import head_of
 from perception.inference.model_zoo import ModelCard, resolve
-from perception.inference.preprocessing import RESIZES, VALUES, Fitted, fit
-from perception.inference.session import Session
+from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts

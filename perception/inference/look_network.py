@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from kg.model.errors import ModelError
 from perception.camera.image_decoding import decode_image
 from perception.inference.model_zoo import resolve
-from perception.inference.preprocessing import fit
-from perception.inference.session import Session
+from perception.inference.session import Session, fit
 
 FEATURES: Final = 1280
 CLASSES: Final = 1000  # of ImageNet

@@ -19,8 +19,7 @@ from kg.model.errors import ModelError
 from perception.frames import Frame, SceneScores
 from perception.inference.class_labels import labels_for
 from perception.inference.model_zoo import resolve
-from perception.inference.preprocessing import fit
-from perception.inference.session import Session
+from perception.inference.session import Session, fit
 
 
 @dataclass(frozen=True, slots=True)

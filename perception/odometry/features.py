@@ -1,4 +1,4 @@
-"""Features of an RGB-D image: corners with depth, and their matches.
+"""Features of an RGB-D image: corners with depth that move with the scene, and their matches.
 
 ORB corners (Rublee et al., ICCV 2011) cost a tenth of SIFT's (Lowe, IJCV 60, 2004), which match
 between views that are farther apart. SIFT's descriptors are compared by the square roots of their
@@ -8,8 +8,8 @@ parts (Arandjelovic and Zisserman, CVPR 2012).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -184,3 +184,115 @@ def _nearest_two(
         return [(a, b) for a, b in cv2.BFMatcher(cv2.NORM_L2).knnMatch(*floats, k=2)]
     found = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(asked, stored, k=2)
     return [(a, b) for a, b in found if a.distance <= MAX_HAMMING]
+
+
+MAX_SIDE: Final = 1280  # [px]
+
+
+def shrunk(frame: Frame) -> Frame:
+    """The frame with images of MAX_SIDE at most: means of colour, depth of the middle pixels."""
+    factor = -(-max(frame.depth.shape) // MAX_SIDE)
+    if factor == 1:
+        return frame
+    height, width = (size // factor for size in frame.depth.shape)
+    rgb = cv2.resize(
+        frame.rgb[: height * factor, : width * factor],
+        (width, height),
+        interpolation=cv2.INTER_AREA,
+    )
+    middle = slice(factor // 2, None, factor)
+    K = frame.K.copy()
+    K[:2] /= factor
+    K[:2, 2] += 0.5 / factor - 0.5  # pixel (0, 0) is the centre of the first
+    depth = np.ascontiguousarray(frame.depth[middle, middle][:height, :width])
+    return replace(frame, rgb=np.asarray(rgb, np.uint8), depth=depth, K=K)
+
+
+SIZE: Final = (64, 48)  # pixels that are compared, across and down
+SAME: Final = (0.005, 0.02)  # [m], and share of the depth, that sensors are off by
+MIN_CHANGED: Final = 0.5  # share of the pixels with depth that has changed, before any is still
+MIN_STILL: Final = 0.1  # share of the image
+AFTER: Final = 3  # times as many images as it took most of the image to change
+
+
+@dataclass(slots=True)
+class StillParts:
+    """Which pixels have kept their depth since the first image."""
+
+    _first: NDArray[np.float32] | None = None
+    _changed: NDArray[np.bool_] | None = None
+    _images: int = 0
+    _half: int | None = None  # images after which most of the depth had changed
+
+    def add(self, depth: NDArray[np.float32]) -> None:
+        """Compare the depth of another image."""
+        now = np.asarray(cv2.resize(depth, SIZE, interpolation=cv2.INTER_NEAREST), np.float32)
+        self._images += 1
+        if self._first is None or self._changed is None:
+            self._first, self._changed = now, ~np.isfinite(now)
+            return
+        with np.errstate(invalid="ignore"):
+            self._changed |= np.abs(now - self._first) > SAME[0] + SAME[1] * self._first
+        if self._half is None:
+            known = np.isfinite(self._first).sum()
+            if (~self._changed).sum() <= (1 - MIN_CHANGED) * known:
+                self._half = self._images
+
+    def found(self, shape: tuple[int, int]) -> NDArray[np.bool_] | None:
+        """The still pixels (H, W) of images of that shape; None where there are none."""
+        if self._changed is None or self._half is None or self._images < AFTER * self._half:
+            return None
+        still = ~self._changed
+        if still.mean() < MIN_STILL:
+            return None
+        shown = cv2.resize(still.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST)
+        return np.asarray(cv2.dilate(shown, np.ones((15, 15), np.uint8)), np.uint8) > 0
+
+
+THUMBNAIL: Final = (40, 30)  # [px] of the images by which a change of the view is noticed
+MOVED: Final = 3.0  # mean difference of grey levels where the view changes
+MOVED_DEPTH: Final = 0.03  # the same of depth, relative; ...
+MOVED_SHARE: Final = 90  # ... percentile, since a turn moves little but edges
+
+_View = tuple[NDArray[np.float32], NDArray[np.float32]]  # grey levels and depth, of THUMBNAIL
+
+
+@dataclass(slots=True)
+class FrozenImages:
+    """Notices frames whose colour and depth are of two moments."""
+
+    count: int = 0  # of such frames
+    _held: dict[str, tuple[NDArray[Any], _View]] = field(default_factory=dict)
+
+    def add(self, frame: Frame) -> bool:
+        """Whether an image of the next frame is a copy of the last, and the other moves on."""
+        view, frozen = _view(frame), False
+        for name, image, other in (("depth", frame.depth, 0), ("rgb", frame.rgb, 1)):
+            if name not in self._held or not _is_same(self._held[name][0], image):
+                self._held[name] = image, view  # the image, and the view where it began
+            else:
+                frozen |= _moved(self._held[name][1], view, other)
+        self.count += frozen
+        return frozen
+
+
+def _view(frame: Frame) -> _View:
+    grey = cv2.resize(
+        cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY), THUMBNAIL, interpolation=cv2.INTER_AREA
+    )
+    depth = cv2.resize(frame.depth, THUMBNAIL, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(grey, np.float32), np.asarray(depth, np.float32)
+
+
+def _is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    return np.array_equal(a, b, equal_nan=a.dtype == np.float32)
+
+
+def _moved(before: _View, now: _View, image: int) -> bool:
+    """Whether grey levels (0) or depth (1) changed as in another view."""
+    change = np.abs(now[image] - before[image])
+    if image == 0:
+        return bool(change.mean() > MOVED)
+    known = np.isfinite(change)
+    relative = change[known] / before[1][known]
+    return bool(known.any() and np.percentile(relative, MOVED_SHARE) > MOVED_DEPTH)

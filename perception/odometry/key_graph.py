@@ -1,4 +1,4 @@
-"""Key graph: key frames, the measured motions between them, and the pieces that these make.
+"""Key graph: key frames, the measured motions between them, and the places that they show.
 
 A piece is a set of key frames that motions link. Two pieces become one once two pairs of their key
 frames say the same of where they lie, or one pair for sure.
@@ -7,19 +7,99 @@ frames say the same of where they lie, or one pair for sure.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from perception.camera.poses import Pose, motion
-from perception.camera.rigid_motions import inverse
-from perception.odometry.features import Features
-from perception.odometry.key_frames import KeyFrame, spare_image
-from perception.odometry.place_memory import PlaceMemory
+from perception.camera.poses import Pose, inverse, motion
+from perception.odometry.features import MAX_HAMMING, Features, Image, ScaleFeatureDetector
 from perception.odometry.pose_graph import ITERATIONS, PoseConstraint, adjusted, needs_adjustment
-from perception.odometry.relative_motion import RelativeMotion
+from perception.odometry.relative_motion import RelativeMotion, confirmed_motion
+from perception.odometry.spread_poses import spare
+
+REACH: Final = 4.0  # [m] between two views whose depth may show a common part
+DRIFT: Final = (0.25, 0.03)  # [m], and share of the way, by which a loop may move the camera
+
+
+@dataclass(slots=True)
+class KeyFrame:
+    """An image whose features stay."""
+
+    features: Features
+    pose: Pose  # camera to world of its piece
+    piece: int
+    way: float  # [m] of the camera up to here
+    frame: int  # number of the image
+
+    def is_in_reach(self, other: KeyFrame) -> bool:
+        """Whether drift lets two key frames of a piece show the same."""
+        return math.dist(self.pose[:3, 3], other.pose[:3, 3]) < REACH + self._drift(other)
+
+    def makes_loop(self, other: KeyFrame, T: Pose) -> bool:
+        """Whether drift explains a motion `T` to another key frame: else two places look alike."""
+        off, _ = motion(other.pose, self.pose @ inverse(T))
+        return off < self._drift(other)
+
+    def _drift(self, other: KeyFrame) -> float:
+        return DRIFT[0] + DRIFT[1] * abs(other.way - self.way)
+
+
+def spare_image(
+    keys: Sequence[KeyFrame], held: int, recent: int, used: Collection[int]
+) -> int | None:
+    """The key frame that another one replaces best, where more than `held` have features.
+
+    It is none of the `recent` last ones, and none that is `used`. None: there are not too many.
+    """
+    full = [number for number, key in enumerate(keys) if len(key.features)]
+    free = [number for number in full if number < len(keys) - recent and number not in used]
+    if len(full) <= held or len(free) < 2:
+        return None
+    return free[spare([keys[number].pose for number in free])]
+
+
+KEPT: Final = 120  # strongest features of a key frame that are kept
+ASKED: Final = 200  # strongest features of an image that vote
+NEAREST: Final = 3  # descriptors that a feature votes for
+MIN_VOTES: Final = 8
+
+
+@dataclass(slots=True)
+class PlaceMemory:
+    """The strongest descriptors of all key frames."""
+
+    _descriptors: list[NDArray[np.uint8]] = field(default_factory=list)
+    _keys: list[NDArray[np.intp]] = field(default_factory=list)
+
+    def add(self, key: int, features: Features) -> None:
+        """Keep a key frame's strongest features."""
+        kept = features.descriptors[:KEPT]
+        self._descriptors.append(kept)
+        self._keys.append(np.full(len(kept), key))
+
+    def forget(self, key: int) -> None:
+        """Forget a key frame's features; its number stays its own."""
+        self._descriptors[key], self._keys[key] = self._descriptors[key][:0], self._keys[key][:0]
+
+    def similar(self, features: Features, allowed: NDArray[np.bool_], count: int) -> list[int]:
+        """The `count` key frames with the most votes among the `allowed` ones (n,)."""
+        chosen = [number for number, ok in enumerate(allowed) if ok and len(self._keys[number])]
+        if not chosen or not len(features):
+            return []
+        stored = np.concatenate([self._descriptors[number] for number in chosen])
+        keys = np.concatenate([self._keys[number] for number in chosen])
+        nearest = min(NEAREST, len(stored))
+        matcher = cv2.BFMatcher(cv2.NORM_HAMMING)
+        found = matcher.knnMatch(features.descriptors[:ASKED], stored, k=nearest)
+        voted = [keys[m.trainIdx] for row in found for m in row if m.distance <= MAX_HAMMING]
+        votes = np.bincount(np.array(voted, np.intp), minlength=len(allowed))
+        best = np.argsort(-votes, kind="stable")[:count]
+        return [int(key) for key in best if votes[key] >= MIN_VOTES]
+
 
 NEAR: Final = 1.5  # [m] between key frames that may show the same
 SAME_DIRECTION: Final = np.deg2rad(50)
@@ -144,3 +224,50 @@ class KeyGraph:
         found = adjusted(poses, self.edges, ITERATIONS if last else ADJUST_STEPS)
         for key, pose in zip(self.keys, found, strict=True):
             key.pose = pose
+
+
+MIN_SHARE: Final = 0.2  # of the matches that have to agree on the motion
+AGREES: Final = 0.9  # of the depth of two views that show one scene
+OVERLAP: Final = 0.2  # of their depth that both show
+MAX_IMAGES: Final = 8  # newest key frames whose images are kept
+
+
+@dataclass(slots=True)
+class WideLinks:
+    """SIFT features of key frames, computed where they are first needed."""
+
+    _images: dict[int, Image] = field(default_factory=dict)  # of the newest key frames
+    _features: dict[int, Features] = field(default_factory=dict)  # by key frame
+    _last: tuple[Image, Features] | None = None
+    _detector: ScaleFeatureDetector = field(default_factory=ScaleFeatureDetector)
+
+    def keep_recent(self, key: int, image: Image) -> None:
+        """Keep the image of a new key frame, and forget all of an old one."""
+        self._images[key] = image
+        for old in [number for number in self._images if number <= key - MAX_IMAGES]:
+            del self._images[old]
+            self._features.pop(old, None)
+
+    def keep(self, key: int, image: Image) -> None:
+        """Keep the features of a key frame."""
+        self._features[key] = replace(self._features_of(image), grey=np.zeros((0, 0), np.uint8))
+
+    def motion(self, key: int, image: Image) -> RelativeMotion | None:
+        """The motion from a key frame to an image that surely shows the same; None: not found."""
+        if key not in self._features:
+            if key not in self._images:
+                return None
+            self._features[key] = self._features_of(self._images[key])
+        return confirmed_motion(
+            self._features[key],
+            self._features_of(image),
+            image,
+            agrees=AGREES,
+            overlap=OVERLAP,
+            min_share=MIN_SHARE,
+        )
+
+    def _features_of(self, image: Image) -> Features:
+        if self._last is None or self._last[0] is not image:
+            self._last = image, self._detector.features(image)
+        return self._last[1]

@@ -13,10 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.depth_agreement import Agreement, agreement
-from perception.camera.icp import plane_residuals, surface_normals
-from perception.camera.poses import Pose
-from perception.camera.rigid_motions import inverse, logarithms, motion_of, rigid, skew
+from perception.camera.depth_agreement import Agreement, agreement, plane_residuals, surface_normals
+from perception.camera.poses import Pose, inverse, logarithms, motion_of, rigid, skew
 from perception.odometry.features import Features, Image, depth_at, matched
 
 Floats = NDArray[np.float64]

@@ -16,8 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.poses import Pose
-from perception.camera.rigid_motions import motion_of
+from perception.camera.poses import Pose, motion_of
 from perception.odometry.features import Features, matched
 from perception.odometry.relative_motion import linearised
 

@@ -18,14 +18,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.poses import Pose, motion
-from perception.camera.rigid_motions import inverse
+from perception.camera.poses import Pose, inverse, motion
 from perception.frames import Frame
-from perception.odometry.features import FeatureDetector, Features, Image
-from perception.odometry.frame_size import shrunk
-from perception.odometry.frozen_images import FrozenImages
-from perception.odometry.key_frames import KeyFrame
-from perception.odometry.key_graph import APART, RECENT, KeyGraph
+from perception.odometry.features import (
+    FeatureDetector,
+    Features,
+    FrozenImages,
+    Image,
+    StillParts,
+    shrunk,
+)
+from perception.odometry.key_graph import APART, RECENT, KeyFrame, KeyGraph, WideLinks
 from perception.odometry.relative_motion import (
     MAX_FLOW_POINTS,
     RelativeMotion,
@@ -33,9 +36,7 @@ from perception.odometry.relative_motion import (
     motion_by_features,
     motion_by_flow,
 )
-from perception.odometry.still_parts import StillParts
 from perception.odometry.tracking_report import TrackingReport, tracking_report
-from perception.odometry.wide_links import WideLinks
 
 KEY_DISTANCE: Final = 0.15  # [m] from a key frame to the next
 KEY_ANGLE: Final = np.deg2rad(10)

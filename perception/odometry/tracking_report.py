@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.poses import Pose, motion
-from perception.camera.rigid_motions import inverse
+from perception.camera.poses import Pose, inverse, motion
 from perception.odometry.relative_motion import depth_agreement
 
 if TYPE_CHECKING:
     from perception.odometry.features import Features
-    from perception.odometry.key_frames import KeyFrame
+    from perception.odometry.key_graph import KeyFrame
     from perception.odometry.pose_graph import PoseConstraint
 
 DRIFT_SHARE: Final = 0.015  # [m] of standard deviation a metre on the shortest way of links

@@ -22,7 +22,7 @@ from perception.frames import Frame
 from perception.sources.bags.bag_file import message_types
 from perception.sources.bags.bag_index import MIN_TIME, NOTE_TOPIC
 from perception.sources.recording import FolderRecording
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS
 from perception.sources.ros.message_maker import MessageMaker
 
 WORLD: Final = "world"

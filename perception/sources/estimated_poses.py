@@ -19,7 +19,7 @@ from kg.model.errors import RecordingError
 from perception.camera.depth_edges import colour_fit
 from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
 from perception.frames import Frame
-from perception.odometry.frame_size import shrunk
+from perception.odometry.features import shrunk
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes

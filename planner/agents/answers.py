@@ -357,6 +357,7 @@ class Rows(Page):
     listed: ClassVar[str] = "untrusted_rows"
     untrusted_columns: list[Label]
     untrusted_rows: list[list[Cell]]
+    notes: list[Sentence] = Field(default_factory=list)  # terms of the query that the map lacks
 
 
 class Written(Answer):

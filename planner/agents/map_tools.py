@@ -186,6 +186,7 @@ class MapTools:
             ],
             total=len(table.rows),
             skip=skip,
+            notes=[*table.notes[:8]],
         )
 
     def _summary(self, place: PlaceRecord) -> a.PlaceSummary:

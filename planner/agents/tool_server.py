@@ -16,7 +16,10 @@ from pydantic import AnyHttpUrl
 
 from kg.model.errors import ServerError
 from kg.serving.server import BearerTokens, Settings
+from kg.serving.server.http.clients import ReadingThreads
 from kg.serving.server.http.lifecycle import ServerLifecycle
+from kg.serving.server.http.middleware import RequestGuard
+from kg.serving.server.metrics import Metrics
 from kg.serving.workers.limited_queries import LimitedQueries
 from planner.agents.assertion_tools import AssertionTools
 from planner.agents.change_tools import ChangeTools
@@ -110,14 +113,15 @@ class ToolHttpServer(ServerLifecycle):
                 f"host {settings.host} is open to other machines: give a --token-file"
             )
         super().__init__(settings)
-        names = [*settings.hosts, *(f"{name}:*" for name in settings.hosts)]
         app = tool_server(context, queries, settings.tokens).streamable_http_app(
             streamable_http_path=PATH,
             max_request_body_size=_BODY,
-            transport_security=TransportSecuritySettings(allowed_hosts=names, allowed_origins=[]),
+            # the guard checks Host and Origin, as for the map's server
+            transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
             host=settings.host,
         )
-        self._answer_with(app, lambda: None)
+        guarded = RequestGuard(app, settings, Metrics(), ReadingThreads())
+        self._answer_with(guarded, lambda: None)
 
 
 class _Verifier:

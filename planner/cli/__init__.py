@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
@@ -19,7 +20,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError
+from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError, did_you_mean
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 
@@ -71,12 +72,46 @@ _OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun", "review")
 _NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}
 
 
+#: argparse's message for an argument that is none of its choices, and an option in a message
+_CHOICE = re.compile(
+    r"argument (?P<what>.+): invalid choice: ['\"](?P<given>.*)['\"] \(choose from (?P<known>.*)\)"
+)
+_OPTION = re.compile(r"(?<!\S)--?[a-z][\w-]*")
+_CALLED = {"COMMAND": "command"}  # in place of a metavar
+_MAX_CHOICES = 12  # listed in a message
+
+
 class _Parser(argparse.ArgumentParser):
     """A parser that tells wrong usage in one line, with the command's example."""
 
     def error(self, message: str) -> NoReturn:
         example = f"; {self.epilog}" if "example:" in (self.epilog or "") else ""
+        message = self._with_suggestion(message)
         self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the options\n")
+
+    def _with_suggestion(self, message: str) -> str:
+        """The message with the nearest of the known choices or options, in place of all choices."""
+        if choice := _CHOICE.fullmatch(message):
+            names = [name.strip(" '\"") for name in choice["known"].split(",")]
+            near = did_you_mean(choice["given"], names)
+            if near or len(names) > _MAX_CHOICES:
+                what = choice["what"]
+                what = f"{what} has no" if what.startswith("-") else f"no {_CALLED.get(what, '')}"
+                return f"{what.strip()} {choice['given']!r}{near}"
+        given = next(iter(_OPTION.findall(message)), None)
+        if given is not None and message.startswith("unrecognized arguments"):
+            return f"{message}{did_you_mean(given, self._options())}"
+        return message
+
+    def _options(self) -> set[str]:
+        """The options of the parser and of its commands."""
+        parsers = [
+            parser
+            for action in self._actions
+            if isinstance(action, argparse._SubParsersAction)
+            for parser in action.choices.values()
+        ]
+        return {*self._option_string_actions}.union(*(parser._options() for parser in parsers))
 
 
 def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParser:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
 #: [m] no map is larger than the Earth
 MAX_DISTANCE = 1e7
+END_WITHIN = 12.0  # [s] after a signal that ends a command
 _MIN_SPEED, _MAX_SPEED = 1e-3, 100.0  # [m/s], as in the line protocol
 # options whose value may begin with a minus sign, and the pattern of such a value
 _SIGNED = ("--from", "--up")
@@ -115,7 +117,18 @@ def add_start(parser: argparse.ArgumentParser) -> None:
 
 def end_on_signal(number: int, frame: object) -> None:
     """Exit and close everything; the default of the signal would not close anything."""
+    end_at_latest()
     raise SystemExit(0)
+
+
+def end_at_latest() -> None:
+    """Let the kernel end this process in `END_WITHIN` seconds, whatever its threads do meanwhile.
+
+    A map loses nothing by that: each transaction is in its history before it is acknowledged.
+    """
+    if not signal.getitimer(signal.ITIMER_REAL)[0]:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, END_WITHIN)
 
 
 def add_device(parser: argparse._ActionsContainer) -> None:

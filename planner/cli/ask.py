@@ -169,7 +169,6 @@ def _ask(
     opened: ExitStack,
 ) -> Table:
     """The answer; a query that is not shipped is evaluated in an isolated process."""
-    from kg.knowledge.ontology.declared_terms import undeclared_terms
     from kg.maps.query.query_files import inline_query, resolve_query
     from kg.store.sparql_client import is_url
 
@@ -183,9 +182,6 @@ def _ask(
             _note_meaning(semantic_map, str(parameters[parameter.name]))
     if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
         parameters = {"least": "0", **parameters}
-    if not question.shipped:
-        for line in undeclared_terms(question.sparql, semantic_map.engine):
-            note(line)
     if not question.shipped and not is_url(arguments.map or ""):
         from kg.serving.workers.local_evaluation import query_isolated
 
@@ -206,6 +202,8 @@ def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
 
 
 def _print(answer: Table, form: str) -> None:
+    for line in answer.notes:
+        note(line)
     if form != "table":
         write(answer.serialise(form))
         return

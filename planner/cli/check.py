@@ -28,6 +28,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.lint import check_map, check_ontologies
+    from kg.knowledge.ontology.unused import unused_statements
     from kg.model.resources import ONTOLOGIES
     from kg.rdf.findings import Finding
     from kg.serving.opening import open_map
@@ -44,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
             for recording in semantic_map.recordings():
                 if recording.pose_estimate:
                     note(f"{recording.name}: estimated {recording.pose_estimate}")
+            for warning in unused_statements(semantic_map.ontology.quads()):
+                note(str(warning))
             _note_missing_history(semantic_map)
             if semantic_map.description.licence is None:
                 note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")

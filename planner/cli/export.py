@@ -236,14 +236,14 @@ def _scene_writer(chosen: str) -> Callable[[Iterable[tuple[Scene, float]]], byte
 
         return scenes_as_rrd
     require("rosbags", "ros")
-    from planner.display.viewers.ros_bag import scenes_as_bag
+    from planner.display.viewers.ros_messages import scenes_as_bag
 
     return scenes_as_bag
 
 
 def _plan(semantic_map: SemanticMap, arguments: argparse.Namespace) -> ScenePlan | None:
     """The looks that `find --picture` would draw."""
-    from planner.display.viewers.search_plan import planned_search
+    from planner.display.viewers.scene import planned_search
 
     plan = planned_search(semantic_map, arguments.find, arguments.start)
     if plan is None:

@@ -158,7 +158,7 @@ def _planning_state(
     semantic_map: SemanticMap, arguments: argparse.Namespace
 ) -> PlanningState | None:
     from planner.search.plans.search_state import build_search
-    from planner.search.viewpoints.sensor import Motion, Sensor
+    from planner.search.viewpoints.candidate_views import Motion, Sensor
 
     default, usual = Sensor(), Motion()
     near, far = arguments.range or (default.near, default.far)

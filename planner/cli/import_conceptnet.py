@@ -41,6 +41,12 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     parser.add_argument(
         "--into", metavar="FILE.ttl", help="Turtle file to write or bring up to date"
     )
+    parser.add_argument(
+        "--review",
+        metavar="FILE.csv",
+        help="table to write: each relation with the sentences it comes from, the weakest first. "
+        "Change yes to no in its column keep and import again: the relation is dropped for good",
+    )
     parser.add_argument("--language", default="en", help="language of the assertions (default: en)")
     parser.add_argument(
         "--ontologies", metavar="DIR", help="folder of ontologies (default: the shipped ones)"
@@ -64,6 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     options: dict[str, Any] = {"language": arguments.language, "dry_run": arguments.dry_run}
     if arguments.ontologies:
         options["ontologies"] = Path(arguments.ontologies)
+    if arguments.review:
+        options["review"] = Path(arguments.review)
     options["cache"] = Path(arguments.cache or cache_folder() / "conceptnet")
     into = Path(arguments.into) if arguments.into else None
     with _bar(arguments.source) as report:
@@ -89,11 +97,17 @@ def _tell(imported: ConceptNetImport, arguments: argparse.Namespace) -> None:
     read = f"{imported.lines} assertions read"
     if imported.requests:
         read += f" in {imported.requests} requests"
-    note(f"{read}, {imported.used} used; {imported.weak} relations too weak or outvoted")
+    note(
+        f"{read}, {imported.used} used; {imported.weak} relations too weak, outvoted or implausible"
+    )
     if imported.skipped:
         reasons = ", ".join(f"{n} {reason}" for reason, n in sorted(imported.skipped.items()))
         note(f"skipped {sum(imported.skipped.values())} lines: {reasons}")
     note(_outcome(imported, arguments))
+    if arguments.review and not arguments.dry_run:
+        note(
+            f"wrote {arguments.review}: set keep to no where a relation is wrong, and import again"
+        )
 
 
 def _outcome(imported: ConceptNetImport, arguments: argparse.Namespace) -> str:

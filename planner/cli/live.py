@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from kg.model.errors import RecordingError
-from planner.cli.arguments import positive, title_for, whole
+from planner.cli.arguments import end_at_latest, positive, title_for, whole
 from planner.cli.console import note
 from planner.cli.map_recording import (
     add_map_options,
@@ -43,7 +43,7 @@ from planner.cli.viewers import open_viewers
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from mapping.alignment.live_correction import LiveCorrection
+    from mapping.alignment.pose_correction import LiveCorrection
     from mapping.mapping_options import MappingOptions
     from mapping.recording_mapper import OnDetections
     from mapping.runs.progress_report import MappingReport
@@ -160,6 +160,8 @@ def until_signal() -> Iterator[threading.Event]:
 
     def end(number: int, frame: object) -> None:
         ended.set()
+        if number == signal.SIGTERM:
+            end_at_latest()
         for each in numbers:
             signal.signal(each, before[each])
 
@@ -182,10 +184,9 @@ def _stream_run(
     mapped: MappedFrames,
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
-    from mapping.alignment.live_correction import LiveCorrection
+    from mapping.alignment.pose_correction import LiveCorrection
     from perception.inference.detector_pair import RememberingDetector
-    from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
-    from perception.sources.live.live_recording import LiveRecording
+    from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
     from perception.sources.live.stream import FrameStream
 
     stream = FrameStream(connection.address, source)
@@ -269,7 +270,7 @@ def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> 
 
 def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
     """Print the cost of tracking, and how far loops moved images that were mapped before."""
-    from mapping.alignment.live_correction import MOVED
+    from mapping.alignment.pose_correction import MOVED
 
     images = tracker.tracked + tracker.lost
     note(f"tracking took {1000 * tracker.seconds / max(images, 1):.0f} ms of a core an image")

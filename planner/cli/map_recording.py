@@ -24,7 +24,7 @@ from planner.cli.viewers import add_viewers, open_viewers
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
-    from mapping.labels.label_table import LabelTable
+    from mapping.labels.label_resolver import LabelTable
     from mapping.mapping_options import MappingOptions
     from mapping.recording_mapper import OnDetections
     from mapping.runs.progress_report import FrameReport, MappingReport
@@ -307,7 +307,7 @@ def print_outcome(
 
 def _note_sizes(semantic_map: SemanticMap) -> None:
     """A line where things of most categories are larger or smaller than they usually are."""
-    from mapping.objects.usual_sizes import unusual_scale
+    from mapping.objects.existence import unusual_scale
 
     label = semantic_map.catalogue.label
     factor = unusual_scale(

@@ -83,7 +83,7 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
 
 def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> MappingOptions:
     """Options of mapping; `mode` overrides `--mode`. Raises HereaboutsError."""
-    from mapping.labels.label_table import LabelTable, load_label_table
+    from mapping.labels.label_resolver import LabelTable, load_label_table
     from mapping.mapping_options import MappingOptions
     from mapping.objects.settings import ObjectSettings
     from mapping.reference.settings import ReferenceSettings

@@ -15,7 +15,7 @@ import signal
 from typing import TYPE_CHECKING
 
 from kg.model.errors import RemoteError, ServerError
-from planner.cli.arguments import add_map, end_on_signal
+from planner.cli.arguments import add_map, end_at_latest, end_on_signal
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
             url = server.url.rstrip("/") + PATH
             note(f"tools of {semantic_map.description.title} at {url} ({access}); Ctrl+C ends")
             signal.signal(signal.SIGTERM, end_on_signal)
-            server.run()
+            server.run(on_signal=end_at_latest)
     return 0
 
 
@@ -96,6 +96,7 @@ def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
     """Close the map and exit on SIGTERM and Ctrl+C, since a thread that reads stdin never ends."""
 
     def end(number: int, frame: object) -> None:
+        end_at_latest()
         queries.close()
         semantic_map.close()
         os._exit(0 if number == signal.SIGTERM else _INTERRUPTED)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Parsers = argparse._SubParsersAction[argparse.ArgumentParser]
 
-_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples) or folder of them; imports are followed"
+_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples, JSON-LD) or folder; imports are followed"
 _ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
 
 
@@ -165,10 +165,13 @@ def _check(arguments: argparse.Namespace) -> int:
 
 def _diff(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.diff import changes
+    from kg.knowledge.ontology.unused import unused_statements
     from kg.serving.editing.reloading import ontology_at
 
     old, new = ontology_at(arguments.old), ontology_at(arguments.new)
     found = changes(old.quads, new.quads)
+    for warning in (*new.findings, *unused_statements(new.quads)):
+        note(str(warning))
     if arguments.json:
         write_json([asdict(change) for change in found])
     else:

@@ -13,7 +13,6 @@ import argparse
 import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 from planner.cli.arguments import add_json, end_on_signal
 from planner.cli.console import note, write_json
@@ -70,11 +69,9 @@ def _published(publish: Callable[[], object], address: str) -> bool:
 
 def _token(file: str) -> str:
     from kg.model.errors import ServerError
+    from kg.store.credentials import read_token_file
 
-    try:
-        token = Path(file).read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ServerError(f"cannot read the token file {file}: {error}") from error
+    token = read_token_file(file).strip()
     if not token or len(token.split()) != 1 or not token.isascii():
         raise ServerError(f"the token file {file} must hold one token alone")
     return token

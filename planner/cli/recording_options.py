@@ -96,7 +96,7 @@ def add_source_arguments(parser: argparse.ArgumentParser) -> None:
 
 def recording_options(arguments: argparse.Namespace, path: str) -> RecordingOptions:
     """Options of the recording at `path`; raises HereaboutsError for unreadable files."""
-    from mapping.alignment.transform_file import load_transform
+    from mapping.alignment.recording_fit import load_transform
     from perception.sources.recording_options import Selection
 
     if arguments.sequence is not None and arguments.transform is None:

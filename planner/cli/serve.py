@@ -19,7 +19,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.model.errors import HereaboutsError
-from planner.cli.arguments import add_keep, add_map, end_on_signal, keep_seconds, positive
+from planner.cli.arguments import (
+    add_keep,
+    add_map,
+    end_at_latest,
+    end_on_signal,
+    keep_seconds,
+    positive,
+)
 from planner.cli.console import note
 from planner.cli.map_recording import check_unmapped, fitted
 from planner.cli.mapping_options import Inputs, add_all_arguments, open_inputs
@@ -51,7 +58,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     for option, value, text in (
         ("--public-host", "NAME", "host name of this server for other machines"),
         ("--trusted-proxy", "ADDRESS", "reverse proxy, whose X-Forwarded-For names the client"),
-        ("--allow-origin", "ORIGIN", "let scripts of web pages from ORIGIN use the server"),
+        (
+            "--allow-origin",
+            "ORIGIN",
+            "scripts of pages from ORIGIN may use the server; *: all may read",
+        ),
         ("--allow-service", "URL", "SPARQL endpoint that queries may ask by SERVICE"),
     ):
         text = f"{text} (repeatable)"
@@ -126,7 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
         for warning in server.confinement.warnings():
             note(warning)
         mapper.start()
-        server.run()
+        server.run(on_signal=end_at_latest)
     return 0
 
 

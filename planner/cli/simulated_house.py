@@ -36,8 +36,7 @@ def house_with(hidden: Sequence[str] | None) -> House:
 
 
 def _item(text: str) -> Item:
-    from planner.simulation.houses.furniture import OBJECTS
-    from planner.simulation.houses.house import Item
+    from planner.simulation.houses.house import OBJECTS, Item
 
     label, _, where = text.partition("@")
     try:

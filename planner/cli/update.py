@@ -38,18 +38,19 @@ def run(arguments: argparse.Namespace) -> int:
     if (arguments.file is None) == (arguments.execute is None):
         arguments.usage_error("give FILE.ru, or SPARQL with -e, not both")
     sparql = arguments.execute if arguments.file is None else _text(Path(arguments.file))
+    reasons: list[str] = []
     with open_map(arguments.map) as semantic_map:
         # a server evaluates updates in a worker of its own
         update = semantic_map.update
         if isinstance(semantic_map, StoredMap) and not is_url(arguments.map):
-            update = partial(update_isolated, semantic_map)
+            update = partial(update_isolated, semantic_map, explain=reasons.append)
         change = update(sparql, by=arguments.by, confirmed=arguments.yes)
         sequence = semantic_map.sequence
     added, removed = (len(change.added), len(change.removed)) if change else (0, 0)
     if arguments.json:
         write_json({"sequence": sequence, "added": added, "removed": removed})
     elif change is None:
-        note("nothing changed")
+        note(f"nothing changed{''.join(f': {reason}' for reason in reasons if reason)}")
     else:
         note(f"transaction {sequence}: {added} triples added, {removed} removed")
     return 0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from kg.model.records import LookRecord, SearchRecord
-from planner.execution.detection_verification import TargetDetection
+from planner.execution.object_updates import TargetDetection
 from planner.execution.options import Event, EventSink, SearchOutcome, percent
 from planner.execution.protocol import Detected, RobotPose
 from planner.execution.viewpoint_adapter import NextView

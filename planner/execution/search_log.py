@@ -13,6 +13,7 @@ import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ConflictError, GraphError
+from kg.model.iris import whole_number
 from kg.model.records import (
     LookRecord,
     MapUpdate,
@@ -24,7 +25,7 @@ from kg.model.records import (
 from kg.model.transactions import Cause
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.occupancy.mapped_floor import FloorView
-from mapping.places.viewed_floor import ViewedFloor
+from mapping.places.place_mapper import ViewedFloor
 from planner.execution.options import SearchOutcome
 from planner.execution.protocol import RobotPose
 
@@ -279,5 +280,4 @@ def to_resume(semantic_map: SemanticMap, words: Sequence[str]) -> SearchRecord:
 
 
 def _number(iri: str, base: str) -> int:
-    text = iri.removeprefix(f"{base}search/")
-    return int(text) if text.isascii() and text.isdigit() else 0
+    return whole_number(iri.removeprefix(f"{base}search/")) or 0

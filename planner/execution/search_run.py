@@ -15,15 +15,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError, RobotError
 from kg.model.records import ObjectRecord, SearchState
 from mapping.objects.object_mapper import ObjectChanges
-from planner.execution.detection_verification import (
-    POSSIBLE,
-    DetectionVerifier,
-    TargetDetection,
-)
 from planner.execution.object_updates import (
+    POSSIBLE,
     DetectionUpdate,
+    DetectionVerifier,
     ObjectUpdates,
     RelatedObjects,
+    TargetDetection,
     decay_missed,
 )
 from planner.execution.options import SearchOptions, SearchOutcome

@@ -19,8 +19,13 @@ from kg.model.records import LookRecord, ObstacleRecord
 from mapping.occupancy.mapped_floor import FloorView
 from planner.execution.protocol import Hello, RobotPose
 from planner.search.plans.search_state import PlanningState, build_search
-from planner.search.viewpoints.candidate_views import floor_in_view, sweep_chance
-from planner.search.viewpoints.sensor import Motion, Sensor, sweep_over
+from planner.search.viewpoints.candidate_views import (
+    Motion,
+    Sensor,
+    floor_in_view,
+    sweep_chance,
+    sweep_over,
+)
 from planner.settings import BELIEF
 
 NEAR: float = 0.5  # [m] from a viewpoint within which a look counts as one from there

@@ -1,16 +1,28 @@
-"""A building of rooms and doors as free space: walls raised, doors cut, islands joined."""
+"""Free space of a building: from rooms and doors, or from the observed floor with its frontiers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Passage, Room, room_labels, with_walls
+from kg.model.records import FREE, LOW, TALL, UNKNOWN
+from mapping.occupancy.mapped_floor import MappedFloor, States
+from perception.binary_masks import connected_components, with_neighbours
+from planner.freespace.grid import (
+    CELL,
+    NO_ROOM,
+    Cells,
+    FreeSpace,
+    Passage,
+    Room,
+    room_labels,
+    with_walls,
+)
 
 DOOR: Final = 0.9  # [m] width of an opening
 GAP: Final = 1.0  # [m] between rooms from which on a passage joins them, not an opening
@@ -138,3 +150,193 @@ def _border(space: FreeSpace, cells: NDArray[np.intp]) -> NDArray[np.intp]:
     inner[np.unravel_index(cells, space.shape)] = True
     enclosed = held[:-2, 1:-1] & held[2:, 1:-1] & held[1:-1, :-2] & held[1:-1, 2:]
     return np.asarray(cells[~enclosed.reshape(-1)[cells]])
+
+
+MIN_FINE_CELLS: Final = 2  # occupied fine cells that make a cell an obstacle; fewer are noise
+_ISLAND: Final = 1.0  # [m^2] of separate floor below which it counts as noise
+_WHOLE: Final = 0.5  # share of an unobserved room from which on its separate floor is kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenSpace:
+    """Free space, and its observed states."""
+
+    space: FreeSpace
+    rooms: int  # number of rooms given; also the number of the room of floor in none of them
+    states: States  # (nx, ny) observed state of each cell
+    within: NDArray[np.bool_]  # (nx, ny) whether a cell lies in a given room
+
+
+def seen_space(
+    assumed: FreeSpace, rooms: Sequence[Room], floor: MappedFloor, *, margin: float = 0.0
+) -> SeenSpace:
+    """`assumed` free space of `rooms`, overwritten by the observed cells of `floor`.
+
+    Room len(rooms) is the floor in none of them. The grid reaches `margin` [m] beyond the observed
+    floor. Storeys that lie side by side (`floor_plan.shifts`) are not distinguished.
+    """
+    space = _widened(assumed, floor, margin)
+    states = _coarse(space, floor)
+    labels = _labels(space, rooms)
+    room = np.where(space.free, space.room, NO_ROOM)
+    known = (states == FREE) | (states == LOW)
+    room[known] = np.where(space.room[known] != NO_ROOM, space.room[known], labels[known])
+    room[states == TALL] = NO_ROOM
+    low = states == LOW
+    room = _without_islands(room, low, states, labels, len(rooms), _ISLAND / space.cell**2)
+    mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)
+    heights = [*(r.height for r in rooms), 0.0]
+    return SeenSpace(joined(mixed, heights), len(rooms), states, labels != len(rooms))
+
+
+def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
+    """The same floor on a grid that also covers the observed `floor`."""
+    low, high = floor.bounds + np.array([[-margin], [margin]])
+    size = np.array(space.shape) * space.cell
+    before = np.maximum(np.ceil((space.origin - low) / space.cell - 1e-9), 0).astype(int)
+    after = np.maximum(np.ceil((high - space.origin - size) / space.cell - 1e-9), 0).astype(int)
+    pad = list(zip(before, after, strict=True))
+    room = np.pad(space.room, pad, constant_values=NO_ROOM)
+
+    def moved(cell: int) -> int:
+        i, j = divmod(cell, space.shape[1])
+        return int((i + before[0]) * room.shape[1] + j + before[1])
+
+    passages = tuple(replace(p, a=moved(p.a), b=moved(p.b)) for p in space.passages)
+    return FreeSpace(space.origin - before * space.cell, space.cell, room, passages)
+
+
+def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
+    """(nx, ny) observed states of the cells of `space`.
+
+    A cell is an obstacle if two of its fine cells are, and free if half of its fine cells are.
+    """
+    nx, ny = space.shape
+    size, fine = space.cell, floor.resolution
+    at = np.argwhere(floor.states != UNKNOWN)
+    state = floor.states[tuple(at.T)]
+    p_map = floor.origin + (at + 0.5) * fine
+    x, y = np.floor((p_map - space.origin) / size).astype(np.intp).T
+    inside = (x >= 0) & (x < nx) & (y >= 0) & (y < ny)
+
+    def count(*states: int) -> NDArray[np.intp]:
+        chosen = np.isin(state, states) & inside
+        return np.bincount(x[chosen] * ny + y[chosen], minlength=nx * ny).reshape(nx, ny)
+
+    found = np.full((nx, ny), UNKNOWN, np.uint8)
+    found[count(FREE) >= (size / fine) ** 2 / 2] = FREE
+    found[count(LOW, TALL) >= MIN_FINE_CELLS] = LOW
+    found[count(TALL) >= MIN_FINE_CELLS] = TALL
+    return found
+
+
+def _labels(space: FreeSpace, rooms: Sequence[Room]) -> NDArray[np.int32]:
+    """(nx, ny) number of the room that each cell lies in, the smaller of two; len(rooms): none."""
+    labels = np.full(space.shape, len(rooms), np.int32)
+    if not rooms:
+        return labels
+    found, corner = room_labels(rooms, space.cell)
+    i, j = (int(n) for n in np.rint((corner - space.origin) / space.cell))
+    part = labels[i : i + found.shape[0], j : j + found.shape[1]]
+    part[found != NO_ROOM] = found[found != NO_ROOM]
+    return labels
+
+
+def _without_islands(
+    room: NDArray[np.int32],
+    low: NDArray[np.bool_],
+    states: States,
+    labels: NDArray[np.int32],
+    count: int,
+    min_cells: float,
+) -> NDArray[np.int32]:
+    """`room` without separate floor, unless `min_cells` cells of it were observed.
+
+    So floor outside of the walls is removed where the area of a place includes it. In an unobserved
+    room, separate floor stays if it is at least half of the room.
+    """
+    floor = (room != NO_ROOM) & ~low
+    number = connected_components(floor)
+    sizes = np.bincount(number[floor], minlength=1)
+    if not sizes.any():
+        return room
+    seen = np.bincount(number[floor & (states == FREE)], minlength=len(sizes))
+    keep = seen >= min_cells
+    keep[int(np.argmax(sizes if not seen.any() else seen))] = True
+    room_sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    seen_of_room = np.bincount(labels[states == FREE], minlength=count + 1)
+    for k in np.flatnonzero(seen_of_room[:count] < min_cells):
+        of_room = np.bincount(number[floor & (labels == k)], minlength=len(sizes))
+        keep |= of_room >= max(_WHOLE * int(room_sizes[k]), 1)
+    kept = np.where(floor & ~keep[number], NO_ROOM, room).astype(np.int32)
+    number = connected_components(kept != NO_ROOM)
+    only_low = ~np.isin(number, np.unique(number[(kept != NO_ROOM) & ~low]))  # specks in the walls
+    kept[only_low] = NO_ROOM
+    return kept
+
+
+def _valid(
+    space: FreeSpace, room: NDArray[np.int32], low: NDArray[np.bool_]
+) -> tuple[Passage, ...]:
+    """The passages of `space` with both ends on floor."""
+    floor = ((room != NO_ROOM) & ~low).reshape(-1)
+    return tuple(p for p in space.passages if floor[p.a] and floor[p.b])
+
+
+BEHIND: Final = 2.6  # [m] of floor assumed beyond a frontier
+MIN_WIDTH: Final = 0.6  # [m] of a frontier; a robot does not fit through narrower ones
+MIN_AREA: Final = 2.0  # [m^2] of floor beyond a frontier; less is no room
+MAX_FRONTIERS: Final = 20  # the widest ones are kept
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frontier:
+    """Frontier between observed and unknown floor."""
+
+    p_map: NDArray[np.float64]  # (2,) [m] the observed cell in its middle
+    width: float  # [m]
+    behind: Cells  # (n,) cells assumed to be floor beyond it
+
+
+def with_frontiers(seen: SeenSpace) -> tuple[SeenSpace, tuple[Frontier, ...]]:
+    """The floor with assumed floor beyond its frontiers, and the frontiers.
+
+    The floor beyond frontier k is room `seen.rooms + 1 + k`.
+    """
+    space, cell = seen.space, seen.space.cell
+    unknown = (seen.states == UNKNOWN) & ~seen.within & (space.room == NO_ROOM)
+    edge = space.free & (seen.states == FREE) & with_neighbours(unknown)
+    region = _reached(with_neighbours(edge) & unknown, unknown, round(BEHIND / cell))
+    number = connected_components(region)
+    touching = _neighbour_numbers(number, edge)
+    found = []
+    for part in np.unique(touching[touching >= 0]):
+        cells = np.flatnonzero(number == part)
+        at = np.flatnonzero(touching == part)
+        wide, large = len(at) * cell, len(cells) * cell**2
+        if wide >= MIN_WIDTH - 1e-9 and large >= MIN_AREA:
+            xy = space.centres(at)
+            middle = xy[int(np.argmin(((xy - xy.mean(axis=0)) ** 2).sum(axis=1)))]
+            found.append(Frontier(middle, wide, cells))
+    found = sorted(found, key=lambda f: (-f.width, int(f.behind[0])))[:MAX_FRONTIERS]
+    room = space.room.copy()
+    for k, frontier in enumerate(found):
+        room.reshape(-1)[frontier.behind] = seen.rooms + 1 + k
+    return replace(seen, space=replace(space, room=room)), tuple(found)
+
+
+def _reached(start: Mask, through: Mask, steps: int) -> Mask:
+    """Cells of `through` that are at most `steps` cells from `start`."""
+    reached = start
+    for _ in range(steps - 1):
+        reached = reached | (with_neighbours(reached) & through)
+    return reached
+
+
+def _neighbour_numbers(number: NDArray[np.int64], edge: Mask) -> NDArray[np.int64]:
+    """(nx, ny) number of the part beside each cell of `edge`; -1 elsewhere."""
+    around = np.pad(number, 1, constant_values=-1)
+    sides = (around[:-2, 1:-1], around[2:, 1:-1], around[1:-1, :-2], around[1:-1, 2:])
+    return np.where(edge, np.max(sides, axis=0), -1)

@@ -23,8 +23,7 @@ from kg.model.errors import LayoutError
 from kg.model.regular_files import check_regular, read_bytes
 from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.freespace.grid import FreeSpace, Room
-from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
+from planner.freespace.grid import FreeSpace, Occupancy, Room, space_of_occupancy
 
 _OCCUPIED: Final = "0.65"  # map_server's defaults
 _FREE: Final = "0.196"

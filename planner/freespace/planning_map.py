@@ -17,9 +17,8 @@ from kg.model.errors import LayoutError
 from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.freespace.floor_plan import free_space
+from planner.freespace.floor_plan import BEHIND, Frontier, free_space, seen_space, with_frontiers
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
-from planner.freespace.seen_space import BEHIND, Frontier, seen_space, with_frontiers
 from planner.settings import BeliefSettings
 
 _MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor

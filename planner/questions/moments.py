@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 from kg.history.timestamps import duration, iso, moment
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HistoryError
+from kg.model.iris import whole_number
 
 Found = TypeVar("Found")
 
@@ -45,7 +46,7 @@ def instant(words: str, now: float) -> str:
     if plain in days:
         return iso((today - timedelta(days=days[plain])).timestamp())
     if match := _SPAN.fullmatch(plain):
-        count = _NUMBERS.get(match[1] or "") or int(match[1])
+        count = _NUMBERS.get(match[1] or "") or (whole_number(match[1]) or _MAX_COUNT)
         return iso(now - 3600.0 * _HOURS[match[2]] * min(count, _MAX_COUNT))
     try:
         if re.fullmatch(r"\d+(\.\d+)?[smhdwy]( ago)?", plain):

@@ -31,7 +31,7 @@ from lab.maps.complete_truth import TrueObject
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from mapping.objects.existence import MISSED, NOTHING, SEEN, SIZE, CategoryEvidence
 from perception.frames import Frame
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 
 NUMBERS = np.array([1.5, -0.7, -0.4])
 

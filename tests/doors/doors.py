@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
+from urllib.error import HTTPError
 
 import pyoxigraph
 import rdflib
@@ -325,6 +326,9 @@ def _update_store(house: House, text: str) -> None:
     store = SPARQLUpdateStore(house.sparql, house.sparql, headers=house.bearer)
     try:
         store.update(PREFIXES + text)
+    except HTTPError as error:
+        with error:  # rdflib leaves the connection open
+            raise RefusedError(error.read().decode()) from error
     except Exception as error:  # whatever the client makes of a refusal
         raise RefusedError(str(error)) from error
 

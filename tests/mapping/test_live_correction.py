@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rosbags")
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map
-from mapping.alignment.live_correction import MOVED, LiveCorrection
+from mapping.alignment.pose_correction import MOVED, LiveCorrection
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.camera.poses import motion
@@ -21,8 +21,7 @@ from perception.inference.detector import load_detector
 from perception.inference.detector_pair import RememberingDetector
 from perception.sources.bag_writer import write_bag
 from perception.sources.live import stream
-from perception.sources.live.kept_frames import MAX_FRAMES, KeptFrames
-from perception.sources.live.live_recording import LiveRecording
+from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions, Selection

@@ -11,7 +11,7 @@ from kg.model.records import MapUpdate
 from kg.model.vocabulary import MAP_GRAPH
 from kg.serving.opening import in_memory_map
 from mapping.frames.sighting import Sighting
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.settings import ObjectSettings

@@ -8,7 +8,7 @@ import pytest
 
 from kg.serving.opening import create_map
 from lab.maps.class_truth import load_truth
-from mapping.alignment.transform_file import load_transform
+from mapping.alignment.recording_fit import load_transform
 from mapping.recording_mapper import map_recording
 from mapping.reference.class_scores import score_map
 from perception.frames import Frame

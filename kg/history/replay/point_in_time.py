@@ -11,6 +11,7 @@ from kg.history.curies import brief, short, word
 from kg.history.storage.change_lines import net, quads_of
 from kg.history.storage.log import HistoryLog
 from kg.model.errors import HistoryError
+from kg.model.iris import whole_number
 
 MAX_STEPS: Final = 200  # transactions read one by one; with more, two states are compared
 
@@ -68,7 +69,8 @@ def difference(log: HistoryLog, before: int, after: int) -> Difference:
 
 def _natural(text: str) -> tuple[str, int, str]:
     head, _, number = text.rpartition("/")
-    return (head, int(number), "") if number.isascii() and number.isdigit() else (text, 0, text)
+    found = whole_number(number)
+    return (text, 0, text) if found is None else (head, found, "")
 
 
 def subject_line(iri: str) -> bytes:

@@ -13,6 +13,7 @@ from typing import Final, Literal
 from kg.history.replay.map_state import Categories, Row, State, state_after
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import iso
+from kg.model.iris import whole_number
 
 PRESENT: Final = 0.5  # existence from which on an object counts as present
 FAR: Final = 0.3  # [m] from which on an object counts as moved
@@ -132,7 +133,8 @@ def _at(point: Point | None) -> str:
 
 def _natural(iri: str) -> tuple[str, int]:
     head, _, number = iri.rpartition("/")
-    return (head, int(number)) if number.isascii() and number.isdigit() else (iri, 0)
+    found = whole_number(number)
+    return (iri, 0) if found is None else (head, found)
 
 
 def _floor_area(state: State) -> float:

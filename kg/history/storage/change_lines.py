@@ -18,6 +18,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import HistoryError, InvalidFactError
 
 MAX_TEXT: Final = 1 << 29  # [bytes] of a row, decompressed
+_LARGE: Final = 1 << 20  # [bytes] of a row, from which on it is compressed quickly
 _REMEDY: Final = "move history.sqlite away to begin a new one"
 _SPACE: Final = ord(" ")
 _DOUBLES: Final = (v.Y_MIN, v.X_MAX, v.X_MIN, v.BELIEF, v.HEADING, v.SCORE, v.Z, v.Y, v.X)
@@ -51,9 +52,10 @@ class LineCodec:
 
         Raises InvalidFactError for more than `MAX_TEXT` bytes.
         """
-        # the highest level and memory; negative window bits leave out zlib's header
-        deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS, 9, zdict=self._dictionary)
         text = b"\n\n".join(_packed(block) for block in blocks)
+        # others wait while a large text is compressed; negative window bits leave out zlib's header
+        level = 9 if len(text) < _LARGE else 3
+        deflate = zlib.compressobj(level, zlib.DEFLATED, -zlib.MAX_WBITS, 9, zdict=self._dictionary)
         if len(text) > MAX_TEXT:
             raise InvalidFactError(
                 f"a transaction of {len(text):,} bytes as N-Quads; at most {MAX_TEXT:,} would work"

@@ -13,6 +13,7 @@ from typing import Any
 from kg.history.storage.change_lines import ChangeLines, LineCodec, quads_of, subject_of
 from kg.model.errors import HistoryError
 from kg.model.transactions import Cause, ChangeSet
+from kg.store.write_limit import check_time
 from kg.store.writer_priority import yield_to_writer
 
 PAGE = 64  # transactions read at a time
@@ -107,7 +108,11 @@ class LogReader:
         select = f"SELECT data FROM {table} WHERE sequence > ? AND sequence <= ? ORDER BY sequence"
         with self.lock:
             rows = self.db.execute(select, (after, until)).fetchall()
-        return [self.codec.change(data) for (data,) in rows]
+        found = []
+        for (data,) in rows:
+            check_time()
+            found.append(self.codec.change(data))
+        return found
 
     def facts(self, sequence: int, subject: bytes | None = None) -> set[bytes]:
         """The lines of all facts, or of those about `subject`, right after transaction `sequence`.
@@ -132,6 +137,7 @@ class LogReader:
         if subject:
             facts = {line for line in facts if subject_of(line) == subject}
         for (data,) in changes:
+            check_time()
             codec = self.codec
             change = codec.change_about(data, subject) if subject else codec.change(data)
             facts.difference_update(change.removed)

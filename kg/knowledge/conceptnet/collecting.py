@@ -15,6 +15,10 @@ PLACE_SHARES: Final = {"AtLocation": 1.0, "HasA": 0.5, "PartOf": 0.5, "LocatedNe
 #: Weight of an assertion of each relation as evidence that an object is found near another.
 NEAR_SHARES: Final = {"LocatedNear": 1.0, "AtLocation": 0.5}
 
+#: Weight of an ambiguous name ("notebook", or "table" for a dining table) relative to a category's
+#: own name.
+DOUBTFUL_SHARE: Final = 0.5
+
 #: A normalised term, and WordNet's topic of its sense where the source states it.
 Key = tuple[str, str]
 
@@ -126,7 +130,9 @@ class EdgeCollection:
         other = self.names.get(end.term, "object")
         if other and start in self.naming and self.naming[start] != other:
             fact = self.near[start].setdefault(other, TermRelation())
-            fact.add(assertion, NEAR_SHARES[assertion.relation])
+            wider = self.names.generic(end.term, other)
+            share = DOUBTFUL_SHARE if wider else 1.0
+            fact.add(assertion, NEAR_SHARES[assertion.relation] * share)
 
     def _is_in(
         self, links: dict[Key, dict[Key, TermRelation]], assertion: Edge, start: Key, end: Key

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.conceptnet.api import ApiClient, ResponseCache, read_api
 from kg.knowledge.conceptnet.collecting import EdgeCollection
@@ -20,8 +22,10 @@ from kg.knowledge.conceptnet.edits import (
 )
 from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
+from kg.knowledge.conceptnet.review import apply_review, read_review, review_text
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
 from kg.store.atomic_file import write_atomically
@@ -47,6 +51,7 @@ def import_conceptnet(
     *,
     language: str = "en",
     ontologies: Path = ONTOLOGIES,
+    review: Path | None = None,
     dry_run: bool = False,
     cache: Path | None = None,
     client: ApiClient | None = None,
@@ -61,18 +66,24 @@ def import_conceptnet(
             kept. None: nothing is written.
         language: language of the assertions, as a code of ConceptNet.
         ontologies: folder of the ontologies with the categories; `into` is not read there.
+        review: table (CSV) of the relations with their sentences. Relations with keep = no in it
+            are left out, now and at later imports; then the table is written anew.
         dry_run: compute the changes without writing them.
         cache: folder for responses of the web API; an interrupted import resumes from there.
         client: a client of the web API to use instead of `source`'s address.
         progress: callback with the number of bytes (or requests) done, and the total.
 
     Raises:
-        ConceptNetError: the source or the file cannot be read, or the source has no assertion about
-            the categories.
+        ConceptNetError: the source, the file or the review cannot be read, or the source has no
+            assertion about the categories.
         GraphError: the file cannot be written.
         OntologyError: the ontologies cannot be read.
     """
     previous = ImportedFile() if into is None else read_imported_file(into)
+    if review is not None:
+        if into is None:
+            raise ConceptNetError(f"the review {review} needs the file to import into (--into)")
+        apply_review(previous, read_review(review))
     quads = load_ontologies(ontologies, without=into).quads
     catalogue = Catalogue.from_quads(quads)
     kinds = {c.iri for c in catalogue.categories if c.kind == "supercategory"}
@@ -80,7 +91,7 @@ def import_conceptnet(
         iri: tuple(one for one in above if one in kinds)
         for iri, above in superclasses(quads).items()
     }
-    collection = EdgeCollection(TermMatcher(catalogue))
+    collection = EdgeCollection(TermMatcher(catalogue, _wider_kinds(quads)))
     statistics = DumpStatistics()
     with _assertions(
         source, language, collection, statistics, cache, client, progress
@@ -96,10 +107,28 @@ def import_conceptnet(
     changed = into is not None and not (into.exists() and into.read_bytes() == text.encode())
     if into is not None and changed and not dry_run:
         write_atomically(into, text)
+    if review is not None and not dry_run:
+        write_atomically(review, review_text(found, previous))
     return ConceptNetImport(
         *(found, tuple(changes), changed and not dry_run, used, weak),
         *(statistics.lines, statistics.requests, statistics.skipped),
     )
+
+
+def _wider_kinds(quads: Iterable[Quad]) -> dict[str, frozenset[str]]:
+    """IRI of each class -> labels of its superclasses."""
+    quads = tuple(quads)
+    labels = {
+        q.subject.value: q.object.value
+        for q in quads
+        if q.predicate.value == v.RDFS_LABEL
+        and isinstance(q.subject, NamedNode)
+        and isinstance(q.object, Literal)
+    }
+    return {
+        iri: frozenset(labels[one] for one in above if one in labels and one != iri)
+        for iri, above in superclasses(quads).items()
+    }
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Final
 
@@ -32,6 +32,12 @@ _STOP_WORDS: Final = frozenset(
 _HEADS: Final = {"build": "building"}
 #: Ambiguous names of a category; each counts half (`DOUBTFUL_SHARE`).
 ALSO_CALLED: Final = {"notebook": "laptop"}
+#: Labels of wider kinds of places in places.ttl: the last is of buildings seen from outside.
+_INDOORS: Final = "indoor place"
+_OUTDOORS: Final = "outdoor place"
+_EXTERIOR: Final = "building exterior"
+#: Labels of superclasses of places that do not say what a place is for.
+_NO_USE: Final = frozenset({_INDOORS, _OUTDOORS, _EXTERIOR, "place", "space"})
 _PLURALS: Final = (
     (re.compile(r"(?<=i)ves$"), "fe"),
     (re.compile(r"(?<=[al])ves$"), "f"),
@@ -80,24 +86,31 @@ def _stem(word: str) -> str:
 
 
 class TermMatcher:
-    """Index of the names of a catalogue's categories, for lookup of ConceptNet terms."""
+    """Index of the names of a catalogue's categories, for lookup of ConceptNet terms.
 
-    def __init__(self, catalogue: Catalogue) -> None:
+    Args:
+        catalogue: The categories.
+        kinds: IRI of a place category -> labels of the wider kinds of places that it is of.
+    """
+
+    def __init__(
+        self, catalogue: Catalogue, kinds: Mapping[str, frozenset[str]] | None = None
+    ) -> None:
+        self.kinds = kinds or {}
         self.groups: dict[str, tuple[Category, ...]] = {
             kind: tuple(c for c in catalogue.categories if c.kind == kind)
             for kind in ("object", "place", "supercategory")
         }
         self._index = {kind: _index(group) for kind, group in self.groups.items()}
         self._doubtful = _doubtful(self._index["object"])
-        names = {c.iri: {" ".join(_words(n)) for n in _names(c)} for c in self.groups["place"]}
-        #: Places whose name ends in -room.
-        self.rooms = frozenset(p for p in names if any(n.endswith("room") for n in names[p]))
-        #: "X outdoor" with the synonym X -> the place "X indoor" or "X room", or None.
+        labels = {c.iri: reduced(c.label).split() for group in self.groups.values() for c in group}
+        self._heads = {iri: words[-1] for iri, words in labels.items() if len(words) > 1}
+        self._modifiers = {iri: frozenset(words[:-1]) for iri, words in labels.items()}
+        #: A place seen from outside -> the place inside of it, or None if no category is that.
         self.indoors = {
-            place.iri: self.get(f"{bare} indoor", "place") or self.get(f"{bare} room", "place")
+            place.iri: self._inside(place)
             for place in self.groups["place"]
-            if (bare := place.label.removesuffix(" outdoor")) != place.label
-            and bare in names[place.iri]
+            if _EXTERIOR in self.kinds.get(place.iri, ())
         }
 
     def get(self, term: str, kind: str) -> str | None:
@@ -105,9 +118,38 @@ class TermMatcher:
         index = self._index[kind]
         return index.get(reduced(term)) or index.get(joined(term))
 
+    def generic(self, term: str, category: str) -> bool:
+        """Whether a term is a wider word that also names a category: "table" for a dining table.
+
+        It is the head of the label, so the label names a kind of what the term means.
+        """
+        return reduced(term) == self._heads.get(category)
+
+    def shares_modifier(self, category: str, place: str) -> bool:
+        """Whether label and place are modified by one word, as dining table and dining room."""
+        first = self._modifiers.get(category, frozenset())
+        return bool(first & self._modifiers.get(place, frozenset()))
+
+    def is_indoors(self, place: str) -> bool:
+        """Whether a place is inside of a building."""
+        return _INDOORS in self.kinds.get(place, ())
+
+    def is_outdoors(self, place: str) -> bool:
+        """Whether a place is in the open."""
+        return _OUTDOORS in self.kinds.get(place, ())
+
+    def uses(self, place: str) -> frozenset[str]:
+        """Labels of the wider kinds of a place that say what it is for: home, workplace, shop."""
+        return self.kinds.get(place, frozenset()) - _NO_USE
+
     def doubtful(self, term: str) -> str | None:
         """IRI of the object category that an ambiguous term may name, or None."""
         return self._doubtful.get(reduced(term))
+
+    def _inside(self, place: Category) -> str | None:
+        bare = place.label.removesuffix(" outdoor").removesuffix(" building")
+        found = (self.get(f"{bare}{inside}", "place") for inside in (" indoor", " room", ""))
+        return next((iri for iri in found if iri not in (None, place.iri)), None)
 
     def terms(self, category: Category) -> tuple[str, ...]:
         """Query terms of a category: its names as words, without duplicates, sorted."""

@@ -7,14 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from kg.knowledge.conceptnet.collecting import EdgeCollection, Key, TermRelation
+from kg.knowledge.conceptnet.collecting import DOUBTFUL_SHARE, EdgeCollection, Key, TermRelation
 from kg.knowledge.conceptnet.names import reduced
+from kg.knowledge.conceptnet.plausibility import Plausibility
 from kg.knowledge.conceptnet.senses import PLAIN, SenseFilter
 from kg.knowledge.conceptnet.strength import LOCATED, NEAR, probability_of, weight_of
 from kg.model import vocabulary as v
 
-#: Weight of an ambiguous name (a synonym, "notebook") relative to a category's own name.
-DOUBTFUL_SHARE: Final = 0.5
 #: Weight of evidence about a kind (fruit) relative to evidence about the object (banana).
 INHERITED_SHARE: Final = 0.25
 #: Weight of evidence by containers and wholes, for a category without places of its own.
@@ -54,6 +53,11 @@ class _Tally:
     against: float = 0.0
     evidence: dict[str, tuple[float, str, str]] = field(default_factory=dict)
     min_votes: float = MIN_VOTES
+
+    @property
+    def net(self) -> float:
+        """Votes for less votes against, to the precision of weights of ConceptNet 5."""
+        return round(self.votes - self.against, 3)
 
     def add(self, fact: TermRelation, share: float) -> None:
         self.votes += fact.votes() * share
@@ -95,7 +99,10 @@ def relate(
             (v.RDFS_SUB_CLASS_OF, subject.kinds()),
         ):
             tallied += [(kind, iri, target, t) for target, t in tallies.items() if target != iri]
-    found = [_found(*each) for each in tallied if _enough(each[0], each[3])]
+    enough = {each[:3]: each[3] for each in tallied if _enough(each[0], each[3])}
+    net = {key: tally.net for key, tally in enough.items()}
+    plausible = Plausibility(collection.names, senses, net)
+    found = [_found(*key, tally) for key, tally in enough.items() if plausible(*key)]
     found.sort(key=lambda relation: (relation.kind, relation.subject, relation.target))
     return tuple(found), len(tallied) - len(found)
 
@@ -122,13 +129,17 @@ class _Subject:
         self._move_indoors(tallies)
         if any(_enough(v.LOCATED_AT, tally) for tally in tallies.values()):
             return tallies
-        return self._indirect()
+        tallies = self._indirect()
+        self._move_indoors(tallies)
+        return tallies
 
     def near(self) -> _Tallies:
         tallies: _Tallies = defaultdict(_Tally)
         for key in self.keys:
             for other, fact in sorted(self.collection.near.get(key, {}).items()):
-                tallies[other].add(fact, self.senses.near(key, self.iri, other))
+                wider = self.collection.names.generic(key[0], self.iri)
+                share = DOUBTFUL_SHARE if wider else 1.0
+                tallies[other].add(fact, share * self.senses.near(key, self.iri, other))
         return tallies
 
     def kinds(self) -> _Tallies:
@@ -147,17 +158,28 @@ class _Subject:
 
     def _direct(self) -> _Tallies:
         tallies: _Tallies = defaultdict(_Tally)
-        weighed = [(key, 1.0) for key in self.keys]
-        weighed += [(key, DOUBTFUL_SHARE) for key in self._doubtful()]
-        for key, share in weighed:
+        names, doubtful = self.collection.names, self._doubtful()
+        wider = [key for key in self.keys if names.generic(key[0], self.iri)]
+        for key in self.keys:
             for place, fact in self._places(key):
-                tallies[place].add(fact, share * self.senses.at_place(key, self.iri, place))
+                # a place that is named alike, such as a dining room, says what table is meant
+                if key not in wider or names.shares_modifier(self.iri, place):
+                    tallies[place].add(fact, self.senses.at_place(key, self.iri, place))
+        known = [place for place, tally in tallies.items() if tally.net >= MIN_VOTES]
+        sure = {use for place in known for use in names.uses(place)}
+        for key in (*wider, *doubtful):
+            for place, fact in self._places(key):
+                if key in wider and names.shares_modifier(self.iri, place):
+                    continue
+                if not sure or sure & names.uses(place):
+                    share = DOUBTFUL_SHARE * self.senses.at_place(key, self.iri, place)
+                    tallies[place].add(fact, share)
         return tallies
 
     def _move_indoors(self, tallies: _Tallies) -> None:
         """Count an outdoor place ("hotel outdoor") as indoor if the object is also in rooms."""
         names = self.collection.names
-        rooms = [tally for place, tally in tallies.items() if place in names.rooms]
+        rooms = [tally for place, tally in tallies.items() if names.is_indoors(place)]
         if not any(_enough(v.LOCATED_AT, tally) for tally in rooms):
             return
         for outdoor, indoor in names.indoors.items():
@@ -218,7 +240,9 @@ class _Subject:
             for parent, fact in collection.is_a.get(key, {}).items():
                 group = senses.group_of(parent)
                 same_sense = group == own if own else group not in rivals
-                if same_sense and parent not in collection.naming and fact.net >= MIN_VOTES_OF_KIND:
+                if not same_sense or parent in collection.naming:
+                    continue
+                if fact.net >= MIN_VOTES_OF_KIND and not senses.divided(parent, self.iri):
                     found.add(parent)
         for category in collection.names.groups["supercategory"]:
             if category.iri in self.supercategories:
@@ -230,7 +254,7 @@ def _enough(kind: str, tally: _Tally) -> bool:
     if kind == v.RDFS_SUB_CLASS_OF:  # a subclass has no probability, so its evidence must agree
         disputed = tally.against > MAX_DISPUTE * tally.votes
         return tally.votes >= MIN_VOTES_OF_SUBCLASS and not disputed
-    return tally.votes - tally.against >= tally.min_votes
+    return tally.net >= tally.min_votes
 
 
 def _found(kind: str, subject: str, target: str, tally: _Tally) -> ImportedRelation:

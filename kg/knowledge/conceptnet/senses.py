@@ -54,6 +54,19 @@ class SenseFilter:
         """The group of an object category: the IRI of its supercategory, or `PLAIN`."""
         return next(iter(self._groups.get(category, ())), PLAIN)
 
+    def divided(self, parent: Key, category: str) -> bool:
+        """Whether a parent of a category is rather one of things of another named group.
+
+        Bottles and boats are vessels, so vessels in the ocean need not be bottles.
+        """
+        votes = self._children[parent]
+        own = self.group(category)
+        return any(n >= votes[own] for group, n in votes.items() if group not in (own, PLAIN))
+
+    def is_animal(self, category: str) -> bool:
+        """Whether an object category is in the group of animals."""
+        return "animal" in self._labels.get(self.group(category), ())
+
     def fits(self, category: str, topic: str) -> bool:
         """Whether WordNet's topic of a term can be that of an object category."""
         named = self._labels[category] | self._labels.get(self.group(category), set())
@@ -81,7 +94,7 @@ class SenseFilter:
         parts of a computer are not near a refrigerator.
         """
         priors, own, others = self._priors(key, category), self.group(category), self.group(other)
-        if others != own and "animal" in self._labels.get(others, ()):
+        if others != own and self.is_animal(other):
             return 0.0
         if others == own and not self._of_wholes(key):
             return 1.0
@@ -139,6 +152,15 @@ class SenseFilter:
         places = len(self._collection.names.groups["place"])
         total = sum(counts.values())
         return (counts[place] + USAGE_PRIOR) / (total + USAGE_PRIOR * places)
+
+    @cached_property
+    def _children(self) -> dict[Key, dict[str, float]]:
+        """Parent -> group -> votes of IsA edges that put categories of it below the parent."""
+        votes: dict[Key, dict[str, float]] = defaultdict(lambda: defaultdict(float))
+        for key, iri in self._collection.naming.items():
+            for parent, fact in self._collection.is_a.get(key, {}).items():
+                votes[parent][self.group(iri)] += max(fact.net, 0.0)
+        return votes
 
     @cached_property
     def _counts(self) -> dict[str, dict[str, float]]:

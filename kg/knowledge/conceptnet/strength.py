@@ -8,7 +8,7 @@ from typing import Final
 #: Log-odds without evidence, and for each unit of ln(1 + weight): of an object in a place of the
 #: category, and near another object; fitted as docs/how-to/statistics.md describes.
 LOCATED: Final = (-3.65, 2.10)
-NEAR: Final = (-2.10, 1.32)
+NEAR: Final = (-2.08, 1.74)
 
 
 def weight_of(votes: float) -> float:

@@ -82,13 +82,13 @@ def file_text(
 
 def listing(keys: Iterable[Key]) -> str:
     """Listing of relations for the header: one line for each, with prefixed IRIs."""
-    return "\n".join(sorted(" ".join(_term(part) for part in (s, k, t)) for k, s, t in keys))
+    return "\n".join(sorted(" ".join(prefixed(part) for part in (s, k, t)) for k, s, t in keys))
 
 
 def listed_in(text: str) -> set[Key]:
     """Relations parsed from a listing; invalid lines are skipped."""
     lines = [line.split() for line in text.splitlines()]
-    terms = [tuple(_full(word) for word in line) for line in lines if len(line) == 3]
+    terms = [tuple(full_iri(word) for word in line) for line in lines if len(line) == 3]
     return {(kind, subject, target) for subject, kind, target in terms}
 
 
@@ -110,8 +110,8 @@ def _head(listed: Iterable[Key], added: Iterable[Triple]) -> Iterator[str]:
 
 
 def _block(found: ImportedRelation) -> str:
-    kind, subject, target = (_term(iri) for iri in key_of(found))
-    notes = [f"{_term(p)} {_object(o)}" for p, o in notes_of(found)]
+    kind, subject, target = (prefixed(iri) for iri in key_of(found))
+    notes = [f"{prefixed(p)} {_object(o)}" for p, o in notes_of(found)]
     axiom = " ;\n    ".join(["[] a owl:Axiom", *notes])
     return f"{subject} {kind} {target} .\n{axiom} .\n"
 
@@ -121,20 +121,22 @@ def _turtle(triples: list[Triple]) -> str:
     return text.split("\n", len(_PREFIXES))[-1]
 
 
-def _term(iri: str) -> str:
+def prefixed(iri: str) -> str:
+    """An IRI with a prefix of the file, or in angle brackets."""
     for name, namespace in _PREFIXES.items():
         if iri.startswith(namespace) and _LOCAL.fullmatch(iri[len(namespace) :]):
             return f"{name}:{iri[len(namespace) :]}"
     return str(NamedNode(iri))
 
 
-def _full(term: str) -> str:
+def full_iri(term: str) -> str:
+    """The IRI of a term as `prefixed` writes it."""
     name, _, local = term.partition(":")
     return _PREFIXES[name] + local if name in _PREFIXES else term.strip("<>")
 
 
 def _object(term: NamedNode | Literal) -> str:
-    return _term(term.value) if isinstance(term, NamedNode) else _literal(term)
+    return prefixed(term.value) if isinstance(term, NamedNode) else _literal(term)
 
 
 def _literal(literal: Literal) -> str:

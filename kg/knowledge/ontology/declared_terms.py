@@ -1,53 +1,118 @@
-"""Declared ``here:`` terms of the vocabulary and an ontology; undeclared ones in queries."""
+"""Declared terms of the vocabulary and an ontology, and near spellings of undeclared ones."""
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from typing import Final
 
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Store
 
 from kg.model import vocabulary as v
 from kg.model.errors import did_you_mean
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.sparql.lexer import tokens_of
 
-_PREFIX = "here:"
+MAX_LENGTH: Final = 20_000  # characters
+MAX_TERMS: Final = 50  # of one query
+
+_MAX_GRAPHS = 8  # named in a message
+_NO_TERMS: Final = ("^", "BASE", "SERVICE", "SILENT")  # what follows is no term of the map
+#: properties that queries may use though no statement has them
+_ENTAILED: Final = {v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF}
 
 
 def declared_terms(engine: QuadStore) -> set[str]:
     """IRIs in ``here:`` that the vocabulary module or the ontology in the store declares."""
-    vocabulary = {value for value in vars(v).values() if isinstance(value, str)}
     quads = engine.quads_for_pattern(None, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)
     declared = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-    return {iri for iri in vocabulary | declared if iri.startswith(v.HERE)} | {v.HERE}
+    return {iri for iri in v.TERMS | declared if iri.startswith(v.HERE)} | {v.HERE}
 
 
-def undeclared_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
-    """A message for each undeclared ``here:`` term of a query.
+def known_terms(engine: QuadStore) -> set[str]:
+    """IRIs that a query may use: the vocabulary's, and those that the ontology declares."""
+    return declared_terms(engine) | v.TERMS
 
-    Without it, a misspelt class matches nothing and causes no error.
+
+def absent_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
+    """A message for each term and graph of a query that no statement of the map has.
+
+    Such a term matches nothing and causes no error. Relative IRIs, and texts of more than
+    `MAX_LENGTH` characters, are not looked up.
     """
-    used = dict.fromkeys(iri for token in tokens_of(sparql) if (iri := _iri(token.text)))
+    used = dict(islice(_used(sparql), MAX_TERMS)) if len(sparql) <= MAX_LENGTH else {}
     if not used:
         return ()
     declared = declared_terms(engine)
-    return tuple(undeclared(iri, declared) for iri in used if iri not in declared)
+    found = (_absence(iri, engine, declared, graph=graph) for iri, graph in used.items())
+    return tuple(message for message in found if message)
+
+
+def _used(sparql: str) -> Iterator[tuple[str, bool]]:
+    """The absolute IRIs of a query, and whether each names a graph; not functions, datatypes,
+    endpoints, and declarations of prefixes."""
+    tokens = list(tokens_of(sparql))
+    namespaces = dict(v.PREFIXES)
+    for at, token in enumerate(tokens):
+        before, after = (tokens[k].text if 0 <= k < len(tokens) else "" for k in (at - 1, at + 1))
+        if before.upper() == "PREFIX":
+            namespaces[token.text.rstrip(":")] = after[1:-1]
+        elif token.kind == "iri" and ":" in before and tokens[at - 2].keyword == "PREFIX":
+            continue
+        elif token.kind in ("iri", "name") and before.upper() not in _NO_TERMS and after != "(":
+            prefix, _, local = token.text.partition(":")
+            iri = token.text[1:-1] if token.kind == "iri" else namespaces.get(prefix, "") + local
+            if ":" in iri and "\\" not in iri:
+                yield iri, before.upper() in ("GRAPH", "FROM", "NAMED")
+
+
+def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) -> str:
+    """The message for an IRI that the map lacks; empty for one that it has."""
+    try:
+        node = NamedNode(iri)
+    except ValueError:
+        return ""
+    if graph:
+        if _has(engine, None, None, None, node):
+            return ""
+        graphs = sorted(
+            {q.graph_name for q in engine} if isinstance(engine, Store) else (), key=str
+        )
+        names = ", ".join(v.curie(getattr(name, "value", "")) for name in graphs[:_MAX_GRAPHS])
+        return f"the map has no graph {v.curie(iri)}{f'; it has {names}' if names else ''}"
+    if iri.startswith(v.HERE) and iri not in declared:
+        return undeclared(iri, declared)
+    if _has(engine, None, node, None, None) or iri in _ENTAILED:
+        return ""
+    kinds = {q.object for q in engine.quads_for_pattern(node, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)}
+    is_property = any(str(kind).endswith("Property>") for kind in kinds)
+    places = ((node, None, None, None), (None, None, node, None), (None, None, None, node))
+    if is_property:
+        return f"no statement of the map has the property {v.curie(iri)}"
+    if any(_has(engine, *place) for place in places) or iri in declared:
+        return ""
+    why = ", though exports may have it" if iri in v.TERMS else like_declared(iri, declared)
+    return f"no statement of the map has {v.curie(iri)}{why}"
+
+
+def _has(engine: QuadStore, *pattern: NamedNode | None) -> bool:
+    return next(iter(engine.quads_for_pattern(*pattern)), None) is not None
 
 
 def undeclared(iri: str, declared: set[str]) -> str:
-    """The message for an undeclared ``here:`` term, with declared terms of a close spelling."""
-    names = {_short(known).lower(): _short(known) for known in declared if known != v.HERE}
-    close = did_you_mean(_short(iri).lower(), names)
-    spelt = re.sub(r"here:[\w-]+", lambda match: names[match[0]], close)
-    return f"no ontology declares {_short(iri)}{spelt}"
+    """The message for an undeclared ``here:`` term, with the closest declared one."""
+    return f"no ontology declares {v.curie(iri)}{like_declared(iri, declared)}"
 
 
-def _short(iri: str) -> str:
-    return _PREFIX + iri.removeprefix(v.HERE)
+def like_declared(iri: str, declared: Iterable[str]) -> str:
+    """A clause that names the term with the closest local name, whatever its namespace.
 
-
-def _iri(text: str) -> str:
-    """The IRI of a token that is a ``here:`` term, prefixed or not; empty for other tokens."""
-    if text.startswith(_PREFIX):
-        return v.HERE + text.removeprefix(_PREFIX)
-    return text[1:-1] if text.startswith(f"<{v.HERE}") else ""
+    Terms are the `declared` ones, and the vocabulary's. The clause is empty without a close name.
+    """
+    known = sorted({*declared, *v.TERMS} - {iri}, key=lambda term: not term.startswith(v.HERE))
+    names = {v.local_name(term): v.curie(term) for term in reversed(known)}
+    given = v.local_name(iri)
+    if not iri.startswith(tuple(v.PREFIXES.values())):
+        # in a namespace of others, only the same name is no accident
+        names = {name: text for name, text in names.items() if name.lower() == given.lower()}
+    return did_you_mean(given, names)

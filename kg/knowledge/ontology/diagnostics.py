@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from pyoxigraph import BlankNode, Quad
+from pyoxigraph import Quad
 
 from kg.knowledge.ontology.dl_profile import owl_dl_findings
 from kg.knowledge.ontology.lint import check_quads, shapes_of
 from kg.knowledge.ontology.loading import Ontology
 from kg.knowledge.ontology.relations import Notes, annotated_key
+from kg.knowledge.ontology.unused import unresolved_imports, unused_statements
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
+from kg.rdf.skolem import named
 
 _MAX_LISTED = 3  # findings named in one message
 
@@ -28,7 +30,8 @@ _TERM: Final = re.compile(r"here:[\w-]+")
 
 
 def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
-    """Validation findings of SHACL, undeclared terms, OWL 2 DL and, with `reason`, of HermiT.
+    """Validation findings of SHACL, undeclared terms, OWL 2 DL and, with `reason`, of HermiT;
+    warnings for what a map does not use (`kg.knowledge.ontology.unused`).
 
     Annotating blank nodes have the name of their statement.
 
@@ -38,7 +41,9 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     quads = ontology.quads
     shapes = shapes_of(ontology.files[0].parent) if ontology.files else None
     found = check_quads(quads, shapes) if shapes else check_quads(quads)
-    found += owl_dl_findings(quads)
+    found += [*owl_dl_findings(quads), *ontology.findings, *unused_statements(quads)]
+    if not ontology.files:
+        found += unresolved_imports(quads)
     if not quads and ontology.files:
         found.append(Finding(ontology.files[0].name, "holds no statement", severity="warning"))
     if reason and not any(finding.severity == "violation" for finding in found):
@@ -46,12 +51,19 @@ def inspect(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
 
         message = "can have no members: HermiT"
         found += [Finding(iri, message) for iri in inconsistent_classes(load_world(quads))]
-    statements = _annotated(quads)
-    named = {
-        replace(finding, focus=statements.get(finding.focus.removeprefix("_:"), finding.focus))
-        for finding in found
-    }
-    return sorted(named, key=lambda f: (f.severity != "violation", f))
+    statements = _annotated(named(quads))
+    return sorted(
+        {_with_words(finding, statements) for finding in found},
+        key=lambda f: (f.severity != "violation", f),
+    )
+
+
+def _with_words(finding: Finding, statements: Mapping[str, str]) -> Finding:
+    """The finding with words for the IRIs that stand for blank nodes."""
+    focus, value = finding.focus, finding.value
+    if focus.startswith(v.GENID):
+        focus = statements.get(focus, "an axiom")
+    return replace(finding, focus=focus, value="" if value.startswith(v.GENID) else value)
 
 
 def check_valid(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
@@ -116,11 +128,11 @@ def _pattern(term: str) -> re.Pattern[str] | None:
 
 
 def _annotated(quads: Iterable[Quad]) -> dict[str, str]:
-    """Label of each annotating blank node -> its statement as text."""
+    """IRI of each annotating node without a name -> its statement as text."""
     notes: dict[str, Notes] = defaultdict(list)
     for quad in quads:
-        if isinstance(quad.subject, BlankNode):
-            notes[quad.subject.value].append((quad.predicate.value, quad.object))
+        if str(quad.subject).startswith(f"<{v.GENID}"):
+            notes[str(quad.subject)[1:-1]].append((quad.predicate.value, quad.object))
     keys = {node: annotated_key(axiom) for node, axiom in notes.items()}
     return {
         node: " ".join(map(_short, (key[1], key[0], key[2])))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from pyoxigraph import Literal, Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.diff_side import OntologySummary
 from kg.knowledge.ontology.relations import KINDS, CategoryRelation
 from kg.model import vocabulary as v
+from kg.rdf.skolem import named
 
 _NAMING: Final = {
     v.RDFS_LABEL: "label",
@@ -35,8 +36,8 @@ class OntologyChange:
     """One difference: added (+), removed (-) or changed (~)."""
 
     sign: str
-    #: term, relation, probability, source, label, synonym, comment, version, parent, statistics
-    #: or other
+    #: rename, term, relation, probability, source, label, synonym, comment, version, parent,
+    #: statistics or other
     kind: str
     subject: str  # IRI of the changed term
     words: str
@@ -50,13 +51,18 @@ class OntologyChange:
 def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
     """Changes between two ontologies, given as quads: terms, relations, names, others.
 
+    A term with a new IRI and its old labels is renamed; what other statements say of it is then no
+    change.
     Raises OntologyError for malformed relations (`kg.knowledge.ontology.relations`).
     """
-    before, after = OntologySummary(old), OntologySummary(new)
+    old, new = tuple(old), tuple(new)
+    renamed = renamed_terms(old, new)
+    before, after = OntologySummary(_with_iris(old, renamed)), OntologySummary(new)
     old_quads, new_quads = set(before.quads), set(after.quads)
     removed = [q for q in before.quads if q not in new_quads]
     added = [q for q in after.quads if q not in old_quads]
     return [
+        *(_rename(iri, other, after) for iri, other in sorted(renamed.items())),
         *_terms(before, after),
         *_relations(before, after),
         *_names(before, after, removed, added),
@@ -64,6 +70,60 @@ def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
         *_statistics(before, after, removed, added),
         *_others(before, after, removed, added),
     ]
+
+
+def renamed_terms(old: Iterable[Quad], new: Iterable[Quad]) -> dict[str, str]:
+    """New IRI by old IRI of the terms that have another IRI and the labels and kinds as before.
+
+    Terms of which several have the same labels are not paired.
+    """
+    before, after = _labelled(old), _labelled(new)
+    pairs: dict[frozenset[object], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
+    for iri in before.keys() - after.keys():
+        pairs[frozenset(before[iri])][0].append(iri)
+    for iri in after.keys() - before.keys():
+        pairs[frozenset(after[iri])][1].append(iri)
+    return {gone[0]: come[0] for gone, come in pairs.values() if len(gone) == len(come) == 1}
+
+
+def _labelled(quads: Iterable[Quad]) -> dict[str, set[object]]:
+    """The kinds and labels of each named term that has a label, but for ontologies."""
+    found: dict[str, set[object]] = defaultdict(set)
+    for q in quads:
+        if q.predicate.value in (v.RDFS_LABEL, v.RDF_TYPE.value) and isinstance(
+            q.subject, NamedNode
+        ):
+            found[q.subject.value].add(q.object)
+    headers = NamedNode(v.OWL_ONTOLOGY)
+    return {
+        iri: said
+        for iri, said in found.items()
+        if headers not in said and any(isinstance(term, Literal) for term in said)
+    }
+
+
+def _with_iris(quads: Iterable[Quad], iris: Mapping[str, str]) -> Iterable[Quad]:
+    """The quads with other IRIs for some terms; nodes that stood for axioms about them anew."""
+    if not iris:
+        return quads
+    nodes: dict[object, NamedNode] = {
+        NamedNode(iri): NamedNode(other) for iri, other in iris.items()
+    }
+    return named(
+        Quad(
+            nodes.get(q.subject, q.subject),
+            q.predicate,
+            nodes.get(q.object, q.object),
+            q.graph_name,
+        )
+        for q in quads
+    )
+
+
+def _rename(iri: str, other: str, after: OntologySummary) -> OntologyChange:
+    short, new = (one.replace(v.HERE, "here:") for one in (iri, other))
+    words = f"{after.kind(other)} {after.name(other)!r} renamed from {short} to {new}"
+    return OntologyChange("~", "rename", other, words, iri, other)
 
 
 def _terms(before: OntologySummary, after: OntologySummary) -> Iterator[OntologyChange]:

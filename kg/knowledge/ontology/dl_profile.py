@@ -13,6 +13,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
+from kg.knowledge.ontology.declared_terms import like_declared
 from kg.model import vocabulary as v
 from kg.rdf.findings import Finding
 
@@ -49,6 +50,7 @@ def owl_dl_findings(quads: Iterable[Quad]) -> list[Finding]:
         if quad.predicate == v.RDF_TYPE and isinstance(quad.subject, NamedNode):
             kinds[quad.subject.value].add(getattr(quad.object, "value", ""))
     found = [*_undeclared_classes(quads, kinds), *_declared_wrongly(kinds), *_ill_typed(quads)]
+    found += _restricted_annotations(quads, kinds)
     return sorted(set(found))
 
 
@@ -62,7 +64,28 @@ def _undeclared_classes(quads: Iterable[Quad], kinds: dict[str, set[str]]) -> It
                 and v.OWL_CLASS not in kinds.get(term.value, ())
                 and term.value not in (v.OWL_THING, v.OWL_NOTHING)
             ):
-                yield Finding(focus=term.value, message="is used as a class and not declared one")
+                message = "is used as a class and not declared one"
+                classes = {iri for iri, types in kinds.items() if v.OWL_CLASS in types}
+                yield Finding(term.value, message + like_declared(term.value, classes))
+
+
+def _restricted_annotations(quads: Iterable[Quad], kinds: dict[str, set[str]]) -> Iterator[Finding]:
+    """Restrictions on annotation properties; OWL 2 DL has them on object and data properties."""
+    restricted: dict[object, str] = {
+        q.subject: q.object.value
+        for q in quads
+        if q.predicate.value == v.OWL_ON_PROPERTY
+        and isinstance(q.object, NamedNode)
+        and v.OWL_ANNOTATION_PROPERTY in kinds.get(q.object.value, ())
+    }
+    for quad in quads:
+        if quad.object in restricted and isinstance(quad.subject, NamedNode):
+            prop = restricted[quad.object].replace(v.HERE, "here:")
+            message = (
+                f"has a restriction on {prop}, an annotation property; "
+                f"relate the classes by {prop} itself"
+            )
+            yield Finding(quad.subject.value, message, quad.predicate.value)
 
 
 def _declared_wrongly(kinds: dict[str, set[str]]) -> Iterator[Finding]:

@@ -6,37 +6,42 @@ each property is of one kind (OWL 2 DL), the compiled view of a map is that of i
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterable
 from functools import lru_cache
+from itertools import combinations
 from pathlib import Path
 from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.ontology.declared_terms import like_declared
 from kg.knowledge.ontology.loading import (
     SHAPES_FILE,
-    check_hierarchy,
-    check_size,
+    check_limits,
     compile_commonsense,
     load_ontologies,
     superclasses,
 )
 from kg.knowledge.ontology.relations import relations
+from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
-
-MAX_LABELS: Final = 200  # of one term
+from kg.rdf.skolem import named
 
 _PROPERTY_KINDS: Final = {
     v.OWL_OBJECT_PROPERTY: "object",
     v.OWL_DATATYPE_PROPERTY: "data",
     v.OWL_ANNOTATION_PROPERTY: "annotation",
 }
-_BUILT_IN: Final = tuple(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl"))
+#: vocabularies whose properties need no declaration; the last one is of obsolete terms in Protege
+_BUILT_IN: Final = (
+    *(v.PREFIXES[name] for name in ("rdf", "rdfs", "owl")),
+    "http://purl.obolibrary.org/obo/IAO_",
+)
 
 
 def check_ontologies(folder: Path = ONTOLOGIES) -> list[Finding]:
@@ -57,29 +62,59 @@ def shapes_of(folder: Path) -> Path:
 
 
 def check_quads(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
-    """As `check_ontologies`, of an ontology given as quads with blank nodes."""
-    return list(_findings(tuple(quads), shapes, shapes.stat().st_mtime_ns))
+    """As `check_ontologies`, of an ontology given as quads; blank nodes get their IRIs in maps."""
+    quads = tuple(quads)
+    if any(isinstance(term, BlankNode) for q in quads for term in (q.subject, q.object)):
+        quads = named(quads)
+    return list(_findings(quads, shapes, shapes.stat().st_mtime_ns))
 
 
 @lru_cache(maxsize=1)  # a reload validates the same quads where they are read and where written
 def _findings(quads: tuple[Quad, ...], shapes: Path, _modified: int) -> tuple[Finding, ...]:
     from kg.rdf.shacl import validate
 
-    if too_large := [*_size(quads), *_hierarchy(quads), *_many_labels(quads)]:
-        return tuple(too_large)  # the shapes would take minutes
+    try:
+        check_limits(quads)
+    except OntologyError as error:  # the shapes would take minutes
+        return (Finding(focus="owl:Ontology", message=str(error)),)
     # restrictions have no labels: only named classes are validated as terms
-    named = [q for q in quads if not (isinstance(q.subject, BlankNode) and _is_class(q))]
-    found = validate(named, shapes)
+    terms = [q for q in quads if not (_text(q.subject).startswith(v.GENID) and _is_class(q))]
+    shipped = shapes == ONTOLOGIES / SHAPES_FILE
+    found = validate(_to_validate(terms) if shipped else terms, shapes)
     found += _undeclared(quads, _declared(quads))
     found += _undeclared_properties(quads)
     found += _mixed_kinds(quads)
-    found += _objects_and_places(quads)
+    found += _disjoint(quads)
     found += _same_names(quads)
     try:
         relations(quads)
     except OntologyError as error:
         found.append(Finding(focus="here:probability", message=str(error)))
     return tuple(sorted(set(found)))
+
+
+def _to_validate(quads: list[Quad]) -> Iterable[Quad]:
+    """The quads without those of the shipped ontology that are valid in any case.
+
+    Those would take seconds. What is left about an unchanged subject is its class, which others may
+    need. Subjects that depend on a class which `quads` lack or place elsewhere stay whole.
+    """
+    shipped = {q for q in shipped_ontology().quads if q.graph_name == v.ONTOLOGY_GRAPH}
+    given = set(quads)
+    if shipped >= given:
+        return quads
+    of_classes = (v.RDF_TYPE.value, v.RDFS_SUB_CLASS_OF)
+    lost = {_text(q.subject) for q in shipped - given if q.predicate.value in of_classes}
+    lost |= {iri for iri, above in superclasses(shipped).items() if lost & {*above}}
+    whole = {_text(q.subject) for q in given ^ shipped}
+    whole |= {_text(q.subject) for q in given if lost & {_text(q.subject), _text(q.object)}}
+    kept = (*of_classes, v.RDFS_LABEL, v.RDFS_COMMENT)
+    classes = {q.subject for q in quads if _is_class(q)}
+    return (
+        q
+        for q in quads
+        if _text(q.subject) in whole or (q.subject in classes and q.predicate.value in kept)
+    )
 
 
 def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
@@ -134,7 +169,10 @@ def _undeclared(quads: Iterable[Quad], declared: set[str]) -> list[Finding]:
             if term.value not in declared and term.value != v.HERE:
                 uses.setdefault(term.value, _text(q.subject))
     message = "the ontology declares no such term"
-    return [Finding(focus=user, message=message, value=term) for term, user in uses.items()]
+    return [
+        Finding(focus=user, message=message + like_declared(term, declared), value=term)
+        for term, user in uses.items()
+    ]
 
 
 def _undeclared_properties(quads: Iterable[Quad]) -> list[Finding]:
@@ -142,8 +180,9 @@ def _undeclared_properties(quads: Iterable[Quad]) -> list[Finding]:
     quads = tuple(quads)
     known = (*_BUILT_IN, v.HERE)
     used = {q.predicate.value for q in quads if not q.predicate.value.startswith(known)}
+    declared = _declared(quads)
     message = "a property is used that no ontology declares"
-    return [Finding(focus=iri, message=message) for iri in used - _declared(quads)]
+    return [Finding(iri, message + like_declared(iri, declared)) for iri in used - declared]
 
 
 def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
@@ -159,36 +198,39 @@ def _mixed_kinds(quads: Iterable[Quad]) -> list[Finding]:
     ]
 
 
-def _size(quads: tuple[Quad, ...]) -> list[Finding]:
-    try:
-        check_size(quads)
-    except OntologyError as error:
-        return [Finding(focus="owl:Ontology", message=str(error))]
-    return []
-
-
-def _hierarchy(quads: Iterable[Quad]) -> list[Finding]:
-    try:
-        check_hierarchy(quads)
-    except OntologyError as error:
-        return [Finding(focus="rdfs:subClassOf", message=str(error))]
-    return []
-
-
-def _many_labels(quads: Iterable[Quad]) -> list[Finding]:
-    count = Counter(q.subject for q in quads if q.predicate.value == v.RDFS_LABEL)
-    message = f"has more than {MAX_LABELS} labels"
-    return [Finding(_text(term), message) for term, n in count.items() if n > MAX_LABELS]
-
-
-def _objects_and_places(quads: Iterable[Quad]) -> list[Finding]:
-    """Categories that are both object and place; HermiT, where it runs, reports them too."""
-    message = "is a kind of here:Object and of here:Place; it can be one of them"
+def _disjoint(quads: Iterable[Quad]) -> list[Finding]:
+    """Classes under two classes that exclude each other; HermiT, where it runs, finds more."""
+    quads = tuple(quads)
+    excluded = _disjoint_pairs(quads)
+    message = "is a kind of {} and of {}; it can be one of them"
     return [
-        Finding(focus=iri, message=message)
+        Finding(iri, message.format(*(one.replace(v.HERE, "here:") for one in pair)))
         for iri, above in superclasses(quads).items()
-        if v.OBJECT in above and v.PLACE in above
+        for pair in combinations(above, 2)
+        if frozenset(pair) in excluded
     ]
+
+
+def _disjoint_pairs(quads: tuple[Quad, ...]) -> set[frozenset[str]]:
+    """The pairs of classes of owl:disjointWith and owl:AllDisjointClasses."""
+    first: dict[object, object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_FIRST
+    }
+    rest: dict[object, object] = {
+        q.subject: q.object for q in quads if q.predicate.value == v.RDF_REST
+    }
+    pairs = {frozenset((v.OBJECT, v.PLACE))}
+    for q in quads:
+        if q.predicate.value == v.OWL_DISJOINT_WITH:
+            pairs.add(frozenset((_text(q.subject), _text(q.object))))
+        elif q.predicate.value == v.OWL_MEMBERS:
+            node: object = q.object
+            members = dict[str, None]()
+            while node in first and _text(first[node]) not in members:
+                members[_text(first[node])] = None
+                node = rest.get(node)
+            pairs |= {frozenset(pair) for pair in combinations(members, 2)}
+    return pairs
 
 
 def _same_names(quads: Iterable[Quad]) -> list[Finding]:

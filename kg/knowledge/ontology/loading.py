@@ -7,7 +7,7 @@ classes, probability and source (docs/explanation/ontology.md).
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
@@ -16,11 +16,14 @@ from typing import Final, TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.relations import CategoryRelation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, Notes, annotated_key, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
+from kg.rdf.quad_store import QuadStore
+from kg.store.transaction_quads import MAX_TEXT
 
 #: Shapes validate the other files and are not part of the map.
 SHAPES_FILE: Final = "shapes.ttl"
@@ -31,21 +34,24 @@ MAX_LEVELS: Final = 100
 MAX_SUPERCLASSES: Final = 100_000  # pairs of a class and a superclass
 MAX_RELATIONS: Final = 10_000
 MAX_STATEMENTS: Final = 150_000
-MAX_TEXT: Final = 100_000  # characters of one text
+MAX_LABELS: Final = 200  # of one term
 
 _RELATION_CLASSES: Final = {
     v.LOCATED_AT: NamedNode(v.LOCATED_AT_RELATION),
     v.NEAR_BY: NamedNode(v.NEAR_BY_RELATION),
 }
+_NAMES: Final = (v.RDFS_LABEL, v.SKOS_ALT_LABEL, v.SKOS_HIDDEN_LABEL)
+_OF_AXIOMS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
 _Term = TypeVar("_Term")
 
 
 @dataclass(frozen=True, slots=True)
 class Ontology:
-    """Ontology files as read, in the order of their names; nothing is inferred."""
+    """An ontology as a map takes it (`ontology_of`), with the files it was read from, if any."""
 
     quads: tuple[Quad, ...]  # all in graph:ontology
-    files: tuple[Path, ...]
+    files: tuple[Path, ...] = ()
+    findings: tuple[Finding, ...] = ()  # labels that were read in another spelling
 
 
 def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -> Ontology:
@@ -80,7 +86,65 @@ def read_files(files: Iterable[Path], parse: Parse | None = None) -> Ontology:
     quads: dict[Quad, None] = {}
     for number, path in enumerate(files):
         quads.update(dict.fromkeys(_read(path, parse, prefix=f"o{number}n")))
-    return Ontology(tuple(quads), files)
+    return ontology_of(quads, files)
+
+
+def ontology_of(quads: Iterable[Quad], files: Iterable[Path] = ()) -> Ontology:
+    """The ontology of quads as a map takes it, at every way into a map.
+
+    Names lose line ends and the spaces around them. A relation that stands only in its owl:Axiom is
+    stated too, as the OWLAPI reads it. A class under a supercategory alone (here:Food) becomes a
+    here:Object, since only objects are in supercategories.
+    """
+    named, findings = _with_clean_names(quads)
+    stated = dict.fromkeys((*named, *_annotated_only(named)))
+    return Ontology((*stated, *_implied_objects(stated)), tuple(files), tuple(findings))
+
+
+def _with_clean_names(quads: Iterable[Quad]) -> tuple[tuple[Quad, ...], list[Finding]]:
+    clean, found = dict[Quad, None](), []
+    for q in quads:
+        value = q.object
+        if q.predicate.value in _NAMES and isinstance(value, Literal):
+            text = " ".join(value.value.split())
+            focus = getattr(q.subject, "value", "")
+            if not text:
+                found.append(Finding(focus, "has an empty name", q.predicate.value))
+            elif text != value.value:
+                message = f"has spaces or line ends around words of a name; it is read as {text!r}"
+                found.append(Finding(focus, message, q.predicate.value, severity="warning"))
+                datatype = None if value.language else value.datatype
+                value = Literal(text, language=value.language, datatype=datatype)
+        clean[Quad(q.subject, q.predicate, value, v.ONTOLOGY_GRAPH)] = None
+    return tuple(clean), found
+
+
+def _annotated_only(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The relations that owl:Axiom nodes annotate."""
+    notes: dict[object, Notes] = defaultdict(list)
+    for q in quads:
+        if q.predicate.value in _OF_AXIOMS:
+            notes[q.subject].append((q.predicate.value, q.object))
+    for axiom in notes.values():
+        key = annotated_key(axiom)
+        if key is not None and key[0] in _RELATION_CLASSES:
+            kind, subject, target = map(NamedNode, key)
+            yield Quad(subject, kind, target, v.ONTOLOGY_GRAPH)
+
+
+def _implied_objects(quads: Iterable[Quad]) -> Iterator[Quad]:
+    """The missing here:Object above classes that are under a supercategory, and under nothing else
+    that tells what they are."""
+    parents = _parents(quads)
+    above = {iri: _reachable(iri, parents) for iri in parents}
+    objects = [iri for iri, kinds in above.items() if v.OBJECT in kinds]
+    supercategories = set().union(*(above[iri] for iri in objects)) - {*objects}
+    placed = {*objects, *supercategories, *(i for i, kinds in above.items() if v.PLACE in kinds)}
+    implied = {iri for iri, kinds in above.items() if iri not in placed and kinds & supercategories}
+    for iri in sorted(iri for iri in implied if not parents[iri] & implied):
+        yield Quad(
+            NamedNode(iri), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(v.OBJECT), v.ONTOLOGY_GRAPH
+        )
 
 
 def _read(path: Path, parse: Parse | None, *, prefix: str) -> Iterator[Quad]:
@@ -106,12 +170,24 @@ def superclasses(quads: Iterable[Quad]) -> dict[str, tuple[str, ...]]:
     return {iri: tuple(sorted(_reachable(iri, parents))) for iri in sorted(parents)}
 
 
-def check_size(quads: Collection[Quad]) -> None:
-    """Check that an ontology has a size that maps can hold.
+def check_grown(engine: QuadStore, added: Iterable[Quad]) -> None:
+    """As `check_limits`, of the ontology of a map with the quads that would be added to it."""
+    stored = engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+    check_limits([*stored, *(q for q in added if q.graph_name == v.ONTOLOGY_GRAPH)])
+
+
+def check_limits(quads: Collection[Quad]) -> None:
+    """Check that an ontology has a size that maps can hold; called wherever one is made or grows.
 
     Raises:
-        OntologyError: there are too many statements or relations, or a text is too long.
+        OntologyError: there are too many statements, relations or labels of a term, a text is too
+            long, or the classes form no hierarchy, or too large a one.
     """
+    _check_size(quads)
+    _check_hierarchy(quads)
+
+
+def _check_size(quads: Collection[Quad]) -> None:
     related = sum(q.predicate.value in _RELATION_CLASSES for q in quads)
     for count, most, what in (
         (len(quads), MAX_STATEMENTS, "statements"),
@@ -125,15 +201,14 @@ def check_size(quads: Collection[Quad]) -> None:
                 f"{q.subject} has a text of {len(q.object.value):,} characters; "
                 f"at most {MAX_TEXT:,} would work"
             )
+    labels = Counter(q.subject for q in quads if q.predicate.value == v.RDFS_LABEL)
+    for term, count in labels.items():
+        if count > MAX_LABELS:
+            raise OntologyError(f"{term} has more than {MAX_LABELS} labels")
 
 
-def check_hierarchy(quads: Iterable[Quad]) -> None:
-    """Check that the classes of an ontology form a hierarchy of a size that maps can hold.
-
-    Raises:
-        OntologyError: classes are superclasses of one another, or there are too many classes,
-            levels, or pairs of a class and a superclass; each pair is a triple of the map.
-    """
+def _check_hierarchy(quads: Iterable[Quad]) -> None:
+    # each pair of a class and a superclass is a triple of the map
     parents = _parents(quads)
     if len(parents) > MAX_CLASSES:
         raise OntologyError(
@@ -193,11 +268,10 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     Deterministic in content and order. Layout: docs/explanation/architecture.md.
 
     Raises:
-        OntologyError: as `check_size`, `check_hierarchy` and `relations`.
+        OntologyError: as `check_limits` and `relations`.
     """
     quads = tuple(quads)
-    check_size(quads)
-    check_hierarchy(quads)
+    check_limits(quads)
     compiled = [
         _quad(iri, v.IS_A, NamedNode(above))
         for iri, all_above in superclasses(quads).items()

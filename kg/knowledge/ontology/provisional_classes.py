@@ -15,7 +15,7 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue, name_key
-from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.knowledge.ontology.loading import check_grown, load_ontologies, superclasses
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause, ChangeSet
 from kg.store.transactional import TransactionalStore
@@ -84,6 +84,7 @@ def add_provisional_classes(
             Quad(NamedNode(iri), _IS_A, NamedNode(ancestor), v.COMMONSENSE_GRAPH)
             for ancestor in sorted(ancestors)
         ]
+    check_grown(store.engine, added)
     names = ", ".join(new.values())
     cause = Cause("ontology", model, f"provisional {kind} categories: {names}"[:MAX_NOTE])
     return store.commit([], added, cause)

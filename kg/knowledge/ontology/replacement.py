@@ -13,13 +13,14 @@ from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
-from kg.knowledge.ontology.diff import OntologyChange, changes
+from kg.knowledge.ontology.diff import OntologyChange, changes, renamed_terms
 from kg.knowledge.ontology.import_closure import headers
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.provisional_classes import provisional_to_keep
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.findings import Finding
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
@@ -38,6 +39,7 @@ class Replacement:
     changes: tuple[OntologyChange, ...]
     kept: tuple[str, ...]  # IRIs of relations that people changed in the map
     commit: ChangeSet | None
+    warnings: tuple[Finding, ...] = ()  # what the new ontology says and a map does not use
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ class ReplacementPlan:
     insert: tuple[Quad, ...]  # quads that the state lacks
     lost: tuple[str, ...]  # IRIs of categories that the new ontology lacks
     unnamed: bool  # whether the state has blank nodes in its ontology
+    warnings: tuple[Finding, ...] = ()  # as of `Replacement`
 
     def fits(self, engine: QuadStore) -> bool:
         """Whether `engine`, with the same ontology, uses no category that would be lost."""
@@ -63,7 +66,7 @@ class ReplacementPlan:
         note = "; ".join(change.words for change in self.changes)[:MAX_NOTE]
         cause = Cause("ontology", by, note)
         commit = store.commit(self.delete, self.insert, cause, exact_at=store.sequence)
-        return Replacement(self.changes, self.kept, commit)
+        return Replacement(self.changes, self.kept, commit, self.warnings)
 
 
 def plan_replacement(
@@ -110,20 +113,24 @@ def compiled_before(old: Iterable[Quad], present: set[Quad]) -> set[Quad]:
 
 def check_complete(old: Iterable[Quad], new: Iterable[Quad], *, whole: bool) -> None:
     """Raise OntologyError if `new` lacks ontologies of `old` and is not the `whole`."""
+    old, new = tuple(old), tuple(new)
     missing = () if whole else left_out(old, new)
     if missing:
         names = ", ".join(f"<{iri}>" for iri in missing)
+        lost = sorted(_classes(old) - _classes(new))
+        without = f", and with it {_listed(lost)}" if lost else ""
         raise OntologyError(
-            f"the ontology is refused: it leaves out {names} of the map; a folder or file that has "
-            "or imports them would work, or --whole, which removes them"
+            f"the ontology is refused: it leaves out {names} of the map{without}; a folder or file "
+            "that has or imports them would work, or --whole, which removes them"
         )
 
 
 def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
     """IRIs of ontologies in `old` that `new` lacks: no header, and missing statements.
 
-    If `new` imports nothing, it is one edited file of all ontologies: only missing classes count.
-    Otherwise every missing statement counts.
+    An edited export or merger is one file with a header of its own and with all terms of hereabouts
+    itself: what it lacks was deleted. Of another file that imports nothing, only missing classes
+    count, otherwise every missing statement.
     """
     old, new = tuple(old), tuple(new)
     missing = headers(old) - headers(new)
@@ -131,6 +138,8 @@ def left_out(old: Iterable[Quad], new: Iterable[Quad]) -> tuple[str, ...]:
         return ()
     if any(q.predicate == _IMPORTS for q in new):
         lost = any(_is_of_a_file(q, missing) for q in set(named(old)) - set(named(new)))
+    elif not headers(old) & headers(new) and not _core_terms(old) - _declared(new):
+        lost = False
     else:
         lost = bool(_classes(old) - _classes(new))
     return tuple(sorted(missing)) if lost else ()
@@ -190,11 +199,14 @@ def _declared(quads: Iterable[Quad]) -> set[str]:
     return {getattr(q.subject, "value", "") for q in quads if q.predicate == v.RDF_TYPE}
 
 
+def _core_terms(old: Iterable[Quad]) -> set[str]:
+    """The terms of hereabouts itself that `old` declares."""
+    return {iri for iri in _declared(old) if iri.startswith(v.HERE) and iri in v.TERMS}
+
+
 def _check_core_terms(old: Iterable[Quad], new: Iterable[Quad]) -> None:
     """Raise OntologyError if `new` lacks terms of hereabouts itself."""
-    values = (value for value in vars(v).values() if isinstance(value, str))
-    ours = {value for value in values if value.startswith(v.HERE)}
-    lost = sorted((_declared(old) - _declared(new)) & ours)
+    lost = sorted(_core_terms(old) - _declared(new))
     if lost:
         raise OntologyError(
             f"the ontology is refused: it lacks {_listed(lost)}, which maps are written in; "
@@ -213,9 +225,14 @@ def check_used_terms(
         if NamedNode(iri) in related or _is_used(engine, NamedNode(iri))
     ]
     if lost:
+        renamed = renamed_terms(old, new)
+        others = [
+            f"{v.curie(iri)} is {v.curie(renamed[iri])} there" for iri in lost if iri in renamed
+        ]
+        words = f" ({', '.join(others[:_MAX_LISTED])})" if others else ""
         raise OntologyError(
             f"the ontology is refused: the map uses {_listed(lost)}, which it does not "
-            "declare; keep them, or take them out of the map first"
+            f"declare{words}; keep them, or take them out of the map first"
         )
 
 

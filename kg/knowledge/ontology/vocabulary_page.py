@@ -45,7 +45,7 @@ def vocabulary_page(quads: Iterable[Quad]) -> str:
     found = relations(quads)
     parts.append(_section("Supercategories of objects", _supercategories(catalogue, properties)))
     parts.append(_section("Object categories", _objects(catalogue, properties, found)))
-    parts.append(_section("Place categories", _places(catalogue)))
+    parts.append(_section("Place categories", _places(catalogue, properties)))
     return "\n".join(parts)
 
 
@@ -74,8 +74,12 @@ def _terms(
             yield (
                 f"`{_short(iri)}`",
                 _texts(about[v.RDFS_LABEL]),
-                _texts(about[v.RDFS_DOMAIN] or about[v.RDFS_SUB_CLASS_OF]),
-                _texts(about[v.RDFS_RANGE]),
+                _texts(
+                    about[v.RDFS_DOMAIN]
+                    or about[v.SCHEMA_DOMAIN_INCLUDES]
+                    or about[v.RDFS_SUB_CLASS_OF]
+                ),
+                _texts(about[v.RDFS_RANGE] or about[v.SCHEMA_RANGE_INCLUDES]),
                 _texts(about[v.RDFS_COMMENT]),
             )
 
@@ -125,10 +129,14 @@ def _targets(
     return ", ".join(sorted(f"{c.label} ({r.probability:g})" for c, r in named if c is not None))
 
 
-def _places(catalogue: Catalogue) -> Iterator[tuple[str, ...]]:
-    yield "label", "term", "also called", "networks' names"
+def _places(catalogue: Catalogue, properties: _PropertiesBySubject) -> Iterator[tuple[str, ...]]:
+    yield "label", "term", "also called", "a kind of", "networks' names"
     for category in _of(catalogue, "place"):
-        yield category.label, _term(category), _synonyms(category), _hidden(category)
+        above = [t for t in _above(category, properties) if t != NamedNode(v.PLACE)]
+        yield (
+            *(category.label, _term(category), _synonyms(category)),
+            *(_texts(above), _hidden(category)),
+        )
 
 
 def _of(catalogue: Catalogue, kind: str) -> list[Category]:

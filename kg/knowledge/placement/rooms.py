@@ -85,12 +85,13 @@ def similarity(
     """(m, k): 1 for a place and another room type in one group of ``similar.csv``, else 0.
 
     A place is also in the groups of its superclasses (`above`: IRI -> itself and all its
-    superclasses), and similar to its superclasses and subclasses.
+    superclasses), and similar to its superclasses and subclasses. Only categories count: wider
+    kinds that are not below here:Place, such as here:IndoorPlace, do not make places alike.
     """
     groups = _groups(catalogue)
 
     def signature(iri: str, ups: Iterable[str]) -> set[str]:
-        own = {iri, *ups} - {v.PLACE, v.BOT_SPACE}
+        own = {iri, *(up for up in ups if v.PLACE in above.get(up, ()) and up != v.PLACE)}
         return own | {group for up in own for group in groups.get(up, ())}
 
     of_places = [signature(iri, above.get(iri, ())) for iri in places]

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, readings
-from kg.knowledge.ontology.loading import superclasses
+from kg.knowledge.ontology.loading import check_grown, superclasses
 from kg.knowledge.words.meaning import shown_name, understand
 from kg.knowledge.words.tables import DATA, Sense, all_rows, word_table
 from kg.model import vocabulary as v
@@ -116,6 +116,7 @@ def add_label_classes(
             added += class_quads(sense, catalogue, label=label, source=model)
     if not added:
         return None
+    check_grown(store.engine, added)
     added += _closure(store, added)
     note = f"words for labels: {', '.join(new)}"[:_MAX_NOTE]
     return store.commit([], [*dict.fromkeys(added)], Cause("ontology", model, note))

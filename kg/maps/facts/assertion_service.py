@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -31,6 +30,7 @@ from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.wkt import area_of_polygon
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import WriterLock
 
 
 class PerceivedRecords:
@@ -79,7 +79,7 @@ class AssertionService:
         facts: RecordCodec,
         perceived: PerceivedRecords,
         writer: FrameWriter,
-        guard: threading.RLock,
+        guard: WriterLock,
         names: NamedCategories,
     ) -> None:
         self._store, self._facts, self._perceived = store, facts, perceived
@@ -153,6 +153,12 @@ class AssertionService:
         `target` has the assertions by IRI. Perception's present estimates are kept. The third value
         has the IRIs that are not in the map and so cannot have assertions.
         """
+        with self._guard:  # the writer's cache belongs to one thread at a time
+            return self._restatement(target)
+
+    def _restatement(
+        self, target: Mapping[str, PropertyAssertions]
+    ) -> tuple[tuple[Quad, ...], tuple[Quad, ...], tuple[str, ...]]:
         deleted: list[Quad] = []
         kept: list[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]] = []
         records: list[ObjectRecord | PlaceRecord] = [*self._perceived.objects(tuple(target))]

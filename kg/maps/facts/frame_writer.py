@@ -39,11 +39,12 @@ from kg.maps.facts.searches import facts_of, subjects_of
 from kg.maps.facts.write_cache import WriteCache
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.iris import observation_iri
+from kg.model.iris import observation_iri, whole_number
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.store.sparql_backend import reading_ahead
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import check_time
 from kg.store.writer_priority import writing
 
 _LABEL = NamedNode(v.RDFS_LABEL)
@@ -140,14 +141,17 @@ class FrameWriter:
     ) -> ChangeSet | None:
         draft = _Draft()
         for record in update.objects:
+            check_time()
             kept = self._assertions_of(record.iri, without=update.removed)
             self._object(record, draft, kept)
         for place in update.places:
+            check_time()
             self._place(place, draft, asserted.get(place.iri))
         self._doors_and_floor(update, draft)
         self._robot_and_recording(update, draft)
         self._searches(update, draft)
         for iri in update.removed:
+            check_time()
             draft.replace(self.all_quads_of(iri))
         for departed in update.departed:
             self._departed(departed, draft)
@@ -159,6 +163,7 @@ class FrameWriter:
             draft.want(facts_of_door(door))
             draft.replace(_with(OWN_OF_DOORS, self._recent.of(_node(door.iri))))
         for tile in update.floor:
+            check_time()
             draft.want(facts_of_tile(self._facts.base, tile))
             node = NamedNode(iri_of(self._facts.base, tile))
             draft.replace(_with(OWN_OF_TILES, self._recent.of(node)))
@@ -198,6 +203,7 @@ class FrameWriter:
         self._synchronise()
         draft = _Draft()
         for record, assertions in asserted:
+            check_time()
             if isinstance(record, ObjectRecord):
                 self._object(record, draft, assertions)
             else:
@@ -335,7 +341,7 @@ class FrameWriter:
 
     def _advance_number(self, objects: Iterable[ObjectRecord], draft: _Draft) -> None:
         numbers = (record.iri.removeprefix(self._prefix) for record in objects)
-        used = max((int(n) for n in numbers if n.isascii() and n.isdigit()), default=0)
+        used = max((whole_number(n) or 0 for n in numbers), default=0)
         before = self._stored_next()
         self._next = max(self._next, before, used + 1)
         if self._next != before:

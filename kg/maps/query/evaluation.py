@@ -12,8 +12,9 @@ import json
 import math
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
+from functools import partial
 
 from pyoxigraph import (
     QueryBoolean,
@@ -25,6 +26,7 @@ from pyoxigraph import (
     serialize,
 )
 
+from kg.knowledge.ontology.declared_terms import known_terms
 from kg.maps.query.result_rows import Row, Value, rows_of, value_of
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
@@ -33,7 +35,7 @@ from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.parameters import has_word
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
-from kg.rdf.sparql.syntax_errors import located
+from kg.rdf.sparql.syntax_errors import explained
 from kg.rdf.sparql.vetting import check_no_service, check_no_update
 from kg.store.sparql_client import Solutions, Triples
 from kg.store.writer_priority import yield_to_writer
@@ -45,6 +47,8 @@ class Table:
 
     columns: tuple[str, ...]
     rows: tuple[Row, ...]
+    notes: tuple[str, ...] = field(default=(), kw_only=True, compare=False)
+    """Terms of the query that the map lacks, a sentence each; they match nothing."""
 
     def records(self) -> list[dict[str, Value]]:
         """One dict per row, by column."""
@@ -136,7 +140,8 @@ def evaluate(
                 return run(rewritten)
         return run(sparql)
     except SyntaxError as error:
-        raise QueryError(f"{name}: {located(str(error))}") from error
+        cause = explained(sparql, str(error), terms=partial(known_terms, engine))
+        raise QueryError(f"{name}: {cause}") from error
     except (OSError, RuntimeError, ValueError) as error:
         raise QueryError(f"{name}: {' '.join(str(error).split())}") from error
 

@@ -81,7 +81,9 @@ class ParameterResolver:
         found = [one for one in found if one[0].casefold() in stems and one[2].isdecimal()]
         if not found:
             return f"no {label} is in the map"
-        shown = ["".join(one) for one in sorted(found, key=lambda one: (int(one[2]), one[0]))]
+        shown = [
+            "".join(one) for one in sorted(found, key=lambda one: (len(one[2]), one[2], one[0]))
+        ]
         rest = f" and {len(shown) - _LISTED} more" if len(shown) > _LISTED else ""
         return f"there are: {', '.join(shown[:_LISTED])}{rest}"
 

@@ -251,11 +251,12 @@ def shipped_queries() -> tuple[ParameterizedQuery, ...]:
 
 
 def find_query(name: str) -> ParameterizedQuery:
-    """The shipped query called `name`; UnknownQueryError, which lists the names, if none is."""
+    """The shipped query called `name`; UnknownQueryError, with a near name, if none is."""
     names = _names(QUERIES)
     if name not in names:
+        near = did_you_mean(name, names)
         raise UnknownQueryError(
-            f"no query {name[:60]!r}; there are: {', '.join(names)}{did_you_mean(name, names)}"
+            f"no query {name[:60]!r}{near}{'' if near else ';'} hereabouts queries lists them"
         )
     return _shipped(QUERIES / f"{name}.rq")
 

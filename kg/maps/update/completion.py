@@ -27,12 +27,15 @@ from kg.maps.update.deletion_guard import is_place
 from kg.maps.update.implicit_assertions import assert_perceived_properties, categories
 from kg.maps.update.relation_assertions import assert_relations, check_computed_relations
 from kg.model import vocabulary as v
-from kg.model.iris import observation_iri
+from kg.model.errors import InvalidFactError
+from kg.model.iris import observation_iri, whole_number
 from kg.rdf.datetimes import now
 from kg.rdf.grid_cells import cell_of
 from kg.rdf.wkt import area_of_polygon
+from kg.store.write_limit import check_facts
 
 _OTHER_NUMBERS: Final = {v.XSD + name for name in ("decimal", "integer", "float")}
+MAX_OBJECT: Final = 10**15 - 1  # number that people may give an object; so new ones always exist
 _EDGES: Final = (v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX)
 
 
@@ -44,6 +47,7 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         if quad.graph_name == v.MAP_GRAPH and isinstance(quad.subject, NamedNode)
     )
     for subject in touched:
+        check_facts(len(pending.added) + len(pending.removed))
         if next(pending.after(subject, None, None, v.MAP_GRAPH), None) is None:
             _remove_dependents(pending, facts, subject)
             continue
@@ -55,7 +59,7 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         else:
             check_computed_relations(pending, subject)
         assert_perceived_properties(pending, facts, subject, by or "somebody")
-    _advance_number(pending, facts, touched)
+    _advance_number(pending, facts, (s for s in touched if pending.added.about(s)))
 
 
 def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedNode) -> None:
@@ -64,9 +68,8 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
     owned = {observation_iri(facts.base, removed.value)}
     owned.update(
         quad.object.value
-        for quad in pending.removed
-        if quad.subject == removed
-        and quad.predicate.value in (v.HAS_BELIEF, v.HAS_LABEL_BELIEF)
+        for quad in pending.removed.about(removed)
+        if quad.predicate.value in (v.HAS_BELIEF, v.HAS_LABEL_BELIEF)
         and isinstance(quad.object, NamedNode)
     )
     nodes = relation_nodes(pending.engine, removed.value)
@@ -87,14 +90,15 @@ def _complete_object(pending: ChangeDraft, facts: RecordCodec, subject: NamedNod
     _assign_cell(pending, subject)
     if not pending.is_new(subject):
         return  # the shapes report missing facts
+    moment = now()
     for predicate, value in (
         (v.Z, Literal(0.0)),
         (v.RDFS_LABEL, Literal(_label(pending, facts, subject))),
         (v.CONFIDENCE, Literal(1.0)),
         (v.EXISTENCE, Literal(1.0)),
         (v.OBSERVATION_COUNT, Literal(1)),
-        (v.LAST_SEEN, _literal(pending, subject, v.FIRST_SEEN) or now()),
-        (v.FIRST_SEEN, _literal(pending, subject, v.LAST_SEEN) or now()),
+        (v.LAST_SEEN, _literal(pending, subject, v.FIRST_SEEN) or moment),
+        (v.FIRST_SEEN, _literal(pending, subject, v.LAST_SEEN) or moment),
     ):
         _set_default(pending, subject, predicate, value)
 
@@ -190,12 +194,22 @@ def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
     return subject.value
 
 
+def _number_of(facts: RecordCodec, subject: NamedNode) -> int:
+    """The number in the IRI of an object of this map; 0 for other things."""
+    local = subject.value.removeprefix(facts.base + "object/")
+    if local == subject.value or not (local.isascii() and local.isdigit()):
+        return 0
+    number = whole_number(local)
+    if number is None or number > MAX_OBJECT:
+        raise InvalidFactError(
+            f"no object has a number of {len(local)} digits; up to {len(str(MAX_OBJECT))} digits "
+            "would work"
+        )
+    return number
+
+
 def _advance_number(pending: ChangeDraft, facts: RecordCodec, touched: Iterable[NamedNode]) -> None:
-    used = 0
-    for subject in touched:
-        number = subject.value.removeprefix(facts.base + "object/")
-        if number.isascii() and number.isdigit():
-            used = max(used, int(number))
+    used = max((_number_of(facts, subject) for subject in touched), default=0)
     base, next_object = NamedNode(facts.base), NamedNode(v.NEXT_OBJECT)
     for quad in tuple(pending.after(base, next_object, None, v.DATASET_GRAPH)):
         if isinstance(quad.object, Literal) and int(quad.object.value) <= used:

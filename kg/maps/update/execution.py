@@ -12,18 +12,20 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 from types import TracebackType
 from typing import Protocol, Self
 
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QuerySolution, Store
 from pyoxigraph import Triple as TripleTerm
 
+from kg.knowledge.ontology.declared_terms import known_terms
 from kg.maps.update.change_draft import Term
 from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
-from kg.rdf.sparql.syntax_errors import located
+from kg.rdf.sparql.syntax_errors import explained
 from kg.rdf.sparql.update_parser import (
     VARIABLE,
     Operation,
@@ -66,10 +68,10 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     try:
         parts = tuple(operations(sparql, prologue))
     except UnclearError:
-        _check_syntax(sparql, 0, sparql, prologue, guard="")
+        _check_syntax(dataset, sparql, Operation("", prologue, sparql), guard="")
         raise
     for part in parts:
-        _check_syntax(sparql, part.start, part.text, part.prologue)
+        _check_syntax(dataset, sparql, part)
     check_blank_labels(parts)
     with _View(dataset) as view:
         for operation in parts:
@@ -137,14 +139,15 @@ def _effect(view: _View, operation: Operation) -> tuple[Iterable[Quad], Iterable
     return _managed(view.engine, operation)
 
 
-def _check_syntax(sparql: str, start: int, text: str, prologue: str, guard: str = _NOTHING) -> None:
-    """Raise QueryError with the position if the engine cannot parse one operation of a request."""
-    head = prologue + guard
-    blank = "".join(mark if mark == "\n" else " " for mark in sparql[:start])
+def _check_syntax(dataset: Dataset, sparql: str, part: Operation, *, guard: str = _NOTHING) -> None:
+    """Raise QueryError with the cause if the engine cannot parse one operation of a request."""
+    head = part.prologue + guard
+    blank = "".join(mark if mark == "\n" else " " for mark in sparql[: part.start])
     try:
-        Store().update(head + blank + text, prefixes=v.PREFIXES)
+        Store().update(head + blank + part.text, prefixes=v.PREFIXES)
     except SyntaxError as error:
-        raise QueryError(f"update: {located(str(error), len(head))}") from error
+        cause = explained(sparql, str(error), len(head), partial(known_terms, dataset.native))
+        raise QueryError(f"update: {cause}") from error
     except (OSError, RuntimeError, ValueError):
         return  # it parses, and failed only on the empty store
 

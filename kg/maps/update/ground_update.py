@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
-from pyoxigraph import Quad, RdfFormat, Triple, parse, serialize
+from pyoxigraph import NamedNode, Quad, RdfFormat, Triple, parse, serialize
 
+from kg.model import vocabulary as v
 from kg.model.errors import ShapeError
+from kg.rdf.quad_store import QuadStore
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,31 @@ def update_text(delete: Iterable[Quad], insert: Iterable[Quad]) -> str:
         for verb, quads in parts
         if quads
     )
+
+
+def why_unchanged(update: GroundUpdate, engine: QuadStore) -> str:
+    """Why an update that changed nothing deleted nothing: its statement is in another graph, has
+    another value, or does not exist; empty for an update without deletions."""
+    quad = next((quad for step in update.steps for quad in step.delete), None)
+    if quad is None:
+        return ""
+    subject, predicate, value, graph = quad
+    triple = " ".join(map(_short, (subject, predicate, value)))
+    same = engine.quads_for_pattern(subject, predicate, value, None)
+    elsewhere = sorted({_short(q.graph_name) for q in islice(same, 100)})
+    if elsewhere:
+        return (
+            f"{_short(graph)} has no statement {triple}; it is in {', '.join(elsewhere)}: "
+            f"write GRAPH {elsewhere[0]} {{ ... }}"
+        )
+    others = engine.quads_for_pattern(subject, predicate, None, None)
+    values = sorted({_short(q.object) for q in islice(others, 100)})
+    found = f"; the map has the values {', '.join(values[:3])}" if values else ""
+    return f"the map has no statement {triple}{found}"
+
+
+def _short(term: object) -> str:
+    return v.curie(term.value) if isinstance(term, NamedNode) else str(term)
 
 
 def check_triple_terms(quads: Iterable[Quad]) -> None:

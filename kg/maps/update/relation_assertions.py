@@ -28,11 +28,9 @@ def check_computed_relations(pending: ChangeDraft, subject: Subject) -> None:
     types = {quad.object for quad in pending.before(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
     if not types:
         return  # a new node is written as a whole
-    written = [quad for quad in pending.added if quad.subject == subject]
-    if NamedNode(v.SPATIAL_RELATION) in types and written:
+    if NamedNode(v.SPATIAL_RELATION) in types and pending.added.about(subject):
         raise _computed("a here:SpatialRelation")
-    written += [quad for quad in pending.removed if quad.subject == subject]
-    for quad in written:
+    for quad in pending.changed(subject):
         if quad.predicate.value == v.BESIDE and _exists(pending, quad.object):
             raise _computed("here:beside")
         if quad.predicate.value == v.HAS_RELATION and quad in pending.added:

@@ -26,6 +26,7 @@ from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
 from kg.store.transactional import TransactionalStore
+from kg.store.write_limit import check_time
 
 #: Graphs that an update may write only where its caller allows it, and the way that works instead.
 PROTECTED: Final = {
@@ -42,6 +43,7 @@ PROTECTED: Final = {
 }
 _COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM}
 _SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
+_AT_ONCE: Final = 100  # subjects: pyshacl takes quadratic time in their number
 _MAX_SHOWN = 3  # violations in one message
 
 
@@ -72,17 +74,22 @@ class UpdateValidator:
     def check_shapes(self, pending: ChangeDraft) -> None:
         """Raise ShapeError if `pending` uses an undeclared here: term or violates a shape."""
         self._check_terms(pending.added)
-        focus = dict.fromkeys(_focus(pending))
-        if not focus:
-            return
-        found = self._findings(focus, pending, after=True)
-        if found:
-            before = {f.without_value() for f in self._findings(focus, pending, after=False)}
-            found = [finding for finding in found if finding.without_value() not in before]
+        focus = iter(dict.fromkeys(_focus(pending)))
+        found: list[Finding] = []
+        while some := dict.fromkeys(islice(focus, _AT_ONCE)):
+            found += self._new_findings(some, pending)
         if found:
             messages = list({(f.focus, f.message): _message_of(f) for f in found}.values())
             more = f"; and {len(messages) - _MAX_SHOWN} more" if len(messages) > _MAX_SHOWN else ""
             raise ShapeError(f"the update is refused: {'; '.join(messages[:_MAX_SHOWN])}{more}")
+
+    def _new_findings(self, focus: dict[Subject, None], pending: ChangeDraft) -> list[Finding]:
+        """Violations after the change that the state before it does not have."""
+        found = self._findings(focus, pending, after=True)
+        if not found:
+            return []
+        before = {f.without_value() for f in self._findings(focus, pending, after=False)}
+        return [finding for finding in found if finding.without_value() not in before]
 
     def _check_terms(self, added: Iterable[Quad]) -> None:
         for quad in added:
@@ -98,7 +105,10 @@ class UpdateValidator:
     def _findings(
         self, focus: dict[Subject, None], pending: ChangeDraft, *, after: bool
     ) -> list[Finding]:
+        check_time()
         quads = list(self._surroundings(focus, pending, after))
+        if not quads:
+            return []
         names = {getattr(subject, "value", "") for subject in focus}
         return [
             finding
@@ -114,13 +124,15 @@ class UpdateValidator:
         classes: dict[str, None] = {}
         neighbours: dict[Subject, None] = {}
         for subject in focus:
-            for graph in _SHAPED:
-                for quad in read(subject, None, None, graph):
-                    yield quad
-                    if quad.predicate == v.RDF_TYPE and isinstance(quad.object, NamedNode):
-                        classes[quad.object.value] = None
-                    elif isinstance(quad.object, NamedNode | BlankNode):
-                        neighbours[quad.object] = None
+            facts = [q for graph in _SHAPED for q in read(subject, None, None, graph)]
+            if not self._shapes.may_target(facts):
+                continue
+            for quad in facts:
+                yield quad
+                if quad.predicate == v.RDF_TYPE and isinstance(quad.object, NamedNode):
+                    classes[quad.object.value] = None
+                elif isinstance(quad.object, NamedNode | BlankNode):
+                    neighbours[quad.object] = None
         for node in neighbours:
             classes[node.value if isinstance(node, NamedNode) else ""] = None
             for graph in _SHAPED:

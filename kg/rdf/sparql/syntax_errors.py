@@ -1,20 +1,193 @@
-"""Syntax errors of the engine's SPARQL parser as one line of text."""
+"""Syntax errors of the engine's SPARQL parser as one line of text that names the cause.
+
+The parser lists what it expected at the first character that fits no rule. That is rarely the
+cause: a prefix without declaration, a name without prefix, a misspelt keyword, a missing bracket.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+from itertools import pairwise
 from typing import Final
+
+from kg.model import vocabulary as v
+from kg.model.errors import did_you_mean
+from kg.rdf.sparql.lexer import Token, tokens_of
 
 MAX_ALTERNATIVES: Final = 6  # expected tokens in a message; the engine lists all
 
+_BRACKETS: Final = {"{": "}", "(": ")", "[": "]"}
+_FORMS: Final = (
+    *("SELECT", "ASK", "CONSTRUCT", "DESCRIBE", "PREFIX", "BASE", "INSERT", "DELETE", "WITH"),
+    *("CLEAR", "DROP", "CREATE", "ADD", "COPY", "MOVE", "LOAD"),
+)
+_CLAUSES: Final = (
+    *("WHERE", "FROM", "NAMED", "GRAPH", "OPTIONAL", "UNION", "MINUS", "FILTER", "BIND", "VALUES"),
+    *("SERVICE", "SILENT", "DISTINCT", "REDUCED", "ORDER", "GROUP", "HAVING", "BY", "ASC", "DESC"),
+    *("LIMIT", "OFFSET", "EXISTS", "NOT", "IN", "AS", "UNDEF", "DATA", "USING", "INTO", "TO"),
+    *("DEFAULT", "ALL", "TRUE", "FALSE", "A", "SEPARATOR", "LATERAL", "VERSION"),
+)
+_FUNCTIONS: Final = (
+    *("COUNT", "SUM", "MIN", "MAX", "AVG", "SAMPLE", "GROUP_CONCAT", "STR", "LANG", "LANGMATCHES"),
+    *("DATATYPE", "BOUND", "IRI", "URI", "BNODE", "RAND", "ABS", "CEIL", "FLOOR", "ROUND", "IF"),
+    *("CONCAT", "STRLEN", "UCASE", "LCASE", "ENCODE_FOR_URI", "CONTAINS", "STRSTARTS", "STRENDS"),
+    *("STRBEFORE", "STRAFTER", "YEAR", "MONTH", "DAY", "HOURS", "MINUTES", "SECONDS", "TIMEZONE"),
+    *("TZ", "NOW", "UUID", "STRUUID", "MD5", "SHA1", "SHA256", "SHA384", "SHA512", "COALESCE"),
+    *("STRLANG", "STRDT", "SAMETERM", "ISIRI", "ISURI", "ISBLANK", "ISLITERAL", "ISNUMERIC"),
+    *("REGEX", "SUBSTR", "REPLACE", "TRIPLE", "SUBJECT", "PREDICATE", "OBJECT", "ISTRIPLE"),
+    *("LANGDIR", "STRLANGDIR", "HASLANG", "HASLANGDIR", "ADJUST"),
+)
+_KEYWORDS: Final = (*_FORMS, *_CLAUSES, *_FUNCTIONS)
+#: prefixes of vocabularies that maps do not use and queries elsewhere often do
+_ELSEWHERE: Final = {
+    "wd": "http://www.wikidata.org/entity/",
+    "wdt": "http://www.wikidata.org/prop/direct/",
+    "schema": "https://schema.org/",
+    "foaf": "http://xmlns.com/foaf/0.1/",
+    "dcterms": "http://purl.org/dc/terms/",
+    "dc": "http://purl.org/dc/elements/1.1/",
+    "sh": "http://www.w3.org/ns/shacl#",
+    "sf": "http://www.opengis.net/ont/sf#",
+    "time": "http://www.w3.org/2006/time#",
+}
 
-def located(message: str, shift: int = 0) -> str:
-    """The parser's message with line and column; line 1 has `shift` columns of prologue."""
+
+def explained(
+    sparql: str, message: str, shift: int = 0, terms: Callable[[], Iterable[str]] = tuple
+) -> str:
+    """The parser's message about a text with its place and cause.
+
+    Line 1 of the parsed text had `shift` columns of prologue. `terms` returns IRIs that a name
+    without a prefix may mean.
+    """
     place, _, reason = message.removeprefix("error at ").partition(": ")
     line, colon, column = place.partition(":")
     if not (colon and line.isdigit() and column.isdigit()):
         return " ".join(message.split())
     at = max(int(column) - (shift if line == "1" else 0), 1)
-    options = reason.removeprefix("expected one of ").split(", ")
-    if len(options) > MAX_ALTERNATIVES:
-        reason = f"expected {', '.join(options[:MAX_ALTERNATIVES])}, ..."
-    return f"does not parse at line {line}, column {at}: {' '.join(reason.split())}"
+    offset = sum(len(row) for row in sparql.splitlines(keepends=True)[: int(line) - 1]) + at - 1
+    tokens = list(tokens_of(sparql))
+    cause = (
+        _undeclared_prefix(tokens, reason)
+        or _unclosed_text(sparql, tokens, reason)
+        or _first_word(tokens)
+        or _word(tokens, terms)
+        or _unclosed(sparql, tokens)
+        or _bare_expression(tokens)
+        or _stop(tokens, offset)
+        or _expected(reason)
+    )
+    return f"does not parse at line {line}, column {at}: {cause}"
+
+
+def _undeclared_prefix(tokens: list[Token], reason: str) -> str:
+    if "Prefix not found" not in reason:
+        return ""
+    declared = [
+        after.text.rstrip(":") for token, after in pairwise(tokens) if token.keyword == "PREFIX"
+    ]
+    known = {*declared, *v.PREFIXES}
+    used = (token.text.partition(":")[0] for token in tokens if token.kind == "name")
+    prefix = next((name for name in used if name not in known), "")
+    namespace = _ELSEWHERE.get(prefix)
+    near = "" if namespace else did_you_mean(f"{prefix}:", [f"{name}:" for name in known])
+    return (
+        f"the prefix {prefix}: is not declared{near}; the query may begin with "
+        f"PREFIX {prefix}: <{namespace or 'IRI'}>"
+    )
+
+
+def _first_word(tokens: list[Token]) -> str:
+    """The cause, where a text begins with none of the words that it may begin with."""
+    first = tokens[0] if tokens else None
+    if first is not None and first.kind == "word" and first.keyword not in _FORMS:
+        return f"it begins with {first.text!r}{did_you_mean(first.text, _FORMS)}"
+    return ""
+
+
+def _word(tokens: list[Token], terms: Callable[[], Iterable[str]]) -> str:
+    """The cause, where a word is no keyword: SPARQL has no other words."""
+    words = (token.text for token in tokens if token.keyword not in ("", *_KEYWORDS))
+    word = next((text for text in words if not text[0].isdigit()), None)
+    if word is None:
+        return ""
+    if any(token.kind == "variable" and token.text == f"?{word}" for token in tokens):
+        return f"{word!r} is neither a keyword nor a term; did you mean ?{word}?"
+    # of two terms with one name, ours
+    known = sorted(terms(), key=lambda iri: (iri.startswith(v.HERE), iri))
+    names = {v.local_name(iri): v.curie(iri) for iri in known if not v.curie(iri).startswith("<")}
+    exact = {name.lower(): text for name, text in names.items()}.get(word.lower())
+    near = f"; did you mean {exact}?" if exact else did_you_mean(word, _KEYWORDS)
+    near = near or did_you_mean(word, names)
+    forms = '; terms are prefix:name, <IRI>, ?variable or "text"'
+    return f"{word!r} is neither a keyword nor a term{near or forms}"
+
+
+def _unclosed_text(sparql: str, tokens: list[Token], reason: str) -> str:
+    """The cause, where a string or an IRI is not closed."""
+    for token in tokens:
+        if token.kind == "other" and token.text in "\"'":
+            return f"the string that begins at {_place(sparql, token)} is not closed"
+        if token.kind == "other" and token.text == "<" and reason.endswith('">"'):
+            return f"the IRI that begins at {_place(sparql, token)} has a space, or no >"
+    return ""
+
+
+def _unclosed(sparql: str, tokens: list[Token]) -> str:
+    """The cause, where a bracket is not closed, or closes nothing."""
+    opened: list[Token] = []
+    for token in tokens:
+        if token.kind != "mark" or token.text == ";":
+            continue
+        if token.text in _BRACKETS:
+            opened.append(token)
+        elif not opened:
+            return f"the {token.text} at {_place(sparql, token)} closes nothing"
+        elif _BRACKETS[opened[-1].text] == token.text:
+            opened.pop()
+        else:
+            break
+    if opened:
+        last = opened[-1]
+        return (
+            f"the {last.text} at {_place(sparql, last)} is not closed; "
+            f"a {_BRACKETS[last.text]} is missing"
+        )
+    return ""
+
+
+def _bare_expression(tokens: list[Token]) -> str:
+    """The cause, where SELECT has an expression without brackets and name."""
+    words = [token.keyword for token in tokens]
+    for at, word in enumerate(words[:-1]):
+        follows = words[at + 2] if words[at + 1] in ("DISTINCT", "REDUCED") else words[at + 1]
+        if word == "SELECT" and follows in _FUNCTIONS:
+            return (
+                f"an expression after SELECT needs brackets and a name: ({follows}(...) AS ?name)"
+            )
+    return ""
+
+
+def _stop(tokens: list[Token], offset: int) -> str:
+    """The cause, where a text ends too early, or a bracket stands where a term should be."""
+    after = next((token for token in tokens if token.start >= offset), None)
+    if after is None:
+        return f"the text ends after {tokens[-1].text!r}" if tokens else "the text is empty"
+    if after.text in (*_BRACKETS.values(), ".", ";", ","):
+        return f"{after.text!r} comes too early: a term, variable or value is missing before it"
+    return ""
+
+
+def _place(sparql: str, token: Token) -> str:
+    before = sparql[: token.start]
+    return f"line {before.count(chr(10)) + 1}, column {token.start - before.rfind(chr(10))}"
+
+
+def _expected(reason: str) -> str:
+    """What the parser expected, without its classes of characters."""
+    options = reason.removeprefix("expected one of ").removeprefix("expected ").split(", ")
+    readable = [option for option in options if not option.startswith("[") and " | " not in option]
+    if not reason.startswith("expected") or not readable:
+        return " ".join(reason.split())[:200]
+    more = ", ..." if len(readable) > MAX_ALTERNATIVES else ""
+    return f"expected {', '.join(readable[:MAX_ALTERNATIVES])}{more}"

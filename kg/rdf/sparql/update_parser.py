@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from kg.model.errors import QueryError
+from kg.model.errors import QueryError, did_you_mean
 from kg.rdf.sparql.lexer import Token, replace_tokens, tokens_of
 
 #: Prefix of the IRIs that replace variables where a template is parsed as data.
@@ -152,10 +152,10 @@ class _Parts:
     def _management(self, prologue: str) -> Operation:
         words = [t.keyword for t in self._tokens]
         if words[0] not in (*_ONE_GRAPH, *_TWO_GRAPHS):
-            raise QueryError(
-                f"{self._tokens[0].text} is no operation of an update; there are: INSERT, DELETE, "
-                f"WITH, {', '.join((*_ONE_GRAPH, *_TWO_GRAPHS))}"
-            )
+            verbs = ("INSERT", "DELETE", "WITH", *_ONE_GRAPH, *_TWO_GRAPHS)
+            given = self._tokens[0].text
+            near = did_you_mean(given, verbs) or f"; there are: {', '.join(verbs)}"
+            raise QueryError(f"{given} is no operation of an update{near}")
         plain = [t for t in self._tokens[1:] if t.keyword not in ("SILENT", "GRAPH", "TO", "INTO")]
         graphs = tuple(t.keyword or t.text for t in plain)
         if len(graphs) != (2 if words[0] in _TWO_GRAPHS else 1):

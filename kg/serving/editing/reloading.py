@@ -11,8 +11,9 @@ from pyoxigraph import RdfFormat, serialize
 from kg.knowledge.ontology.diagnostics import check_valid
 from kg.knowledge.ontology.diff import OntologyChange, changes
 from kg.knowledge.ontology.import_closure import load_with_imports
-from kg.knowledge.ontology.loading import Ontology
+from kg.knowledge.ontology.loading import SHAPES_FILE, Ontology
 from kg.knowledge.ontology.replacement import check_complete
+from kg.model.errors import OntologyError
 from kg.rdf.findings import Finding
 from kg.serving.client.record_codec import Json
 from kg.serving.client.served_server import ServedClient
@@ -51,8 +52,15 @@ def reload(
     """
     with IsolatedParser() as parse:
         ontology = load_with_imports(source, parse)
-    warnings = tuple(check_valid(ontology, reason=reason))
     whole = whole or source.is_dir()
+    if is_url(address) and not (
+        dry or reason or (ontology.files[0].parent / SHAPES_FILE).is_file()
+    ):
+        served = ServedClient.at(address)
+        if served is not None:  # it validates what it is sent, which takes seconds
+            with contextlib.closing(served):
+                return _put(served, ontology, whole)
+    warnings = tuple(check_valid(ontology, reason=reason))
     if dry:
         present = ontology_of_map(address)
         check_complete(present.quads, ontology.quads, whole=whole)
@@ -60,7 +68,7 @@ def reload(
     served = ServedClient.at(address) if is_url(address) else None
     if served is not None:
         with contextlib.closing(served):
-            return _put(served, ontology, warnings, whole)
+            return _put(served, ontology, whole)
     with open_map(address) as semantic_map:
         taken = semantic_map.ontology.replace(ontology.quads, by=by, whole=whole)
         commit, sequence = taken.commit, semantic_map.sequence
@@ -68,22 +76,25 @@ def reload(
     return Reloaded(taken.changes, taken.kept, warnings, sequence, *counts)
 
 
-def _put(
-    served: ServedClient, ontology: Ontology, warnings: tuple[Finding, ...], whole: bool
-) -> Reloaded:
+def _put(served: ServedClient, ontology: Ontology, whole: bool) -> Reloaded:
+    """Send an ontology to a server; a refusal names the file and line where they are known."""
     body = serialize([q.triple for q in ontology.quads], format=RdfFormat.N_TRIPLES) or b""
 
     def decode(reply: Json) -> Reloaded:
         return Reloaded(
             tuple(OntologyChange(**change) for change in reply["changes"]),
             tuple(reply["kept"]),
-            warnings,
+            (*ontology.findings, *(Finding(**one) for one in reply.get("warnings", ()))),
             reply["sequence"],
             reply["added"],
             reply["removed"],
         )
 
-    return served.take_ontology(body, decode, whole=whole)
+    try:
+        return served.take_ontology(body, decode, whole=whole)
+    except OntologyError:
+        check_valid(ontology)
+        raise
 
 
 def ontology_at(address: str) -> Ontology:
@@ -99,4 +110,4 @@ def ontology_at(address: str) -> Ontology:
 def ontology_of_map(address: str) -> Ontology:
     """The ontology of the map in a folder or on a server; raises GraphError."""
     with open_map(address, read_only=True) as semantic_map:
-        return Ontology(semantic_map.ontology.quads(), ())
+        return Ontology(semantic_map.ontology.quads())

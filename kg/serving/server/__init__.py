@@ -1,7 +1,7 @@
 """The map over HTTP: SPARQL Protocol, Graph Store Protocol, linked data, change feed."""
 
+from kg.serving.server.app import MapServer
 from kg.serving.server.http.bearer_tokens import BearerTokens
 from kg.serving.server.http.settings import Limits, Settings
-from kg.serving.server.map_server import MapServer
 
 __all__ = ["BearerTokens", "Limits", "MapServer", "Settings"]

@@ -1,4 +1,4 @@
-"""Application: the table of paths and endpoints."""
+"""The server of one map, and its application: the table of paths and endpoints."""
 
 from __future__ import annotations
 
@@ -19,28 +19,32 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from kg.model.errors import HereaboutsError
-from kg.serving.server.app_state import AppState
+from kg.maps.semantic_map import SemanticMap
+from kg.maps.stored_map import StoredMap
+from kg.model.errors import HereaboutsError, ServerError
+from kg.serving.server.app_state import AppState, Planner, Status
+from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.endpoints.assertion_endpoints import assertions
-from kg.serving.server.endpoints.change_endpoint import changes
-from kg.serving.server.endpoints.find_endpoint import find
+from kg.serving.server.endpoints.feed_endpoints import changes, subscribe
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
-from kg.serving.server.endpoints.history_endpoints import diff, log, timeline, why
-from kg.serving.server.endpoints.page_files import page_file, picture
-from kg.serving.server.endpoints.question_endpoint import question, questions
+from kg.serving.server.endpoints.history_endpoints import diff, log, why
+from kg.serving.server.endpoints.moment_endpoints import find, state, surface, timeline
+from kg.serving.server.endpoints.page_endpoints import page_file, picture, question, questions
 from kg.serving.server.endpoints.sparql_protocol import sparql
-from kg.serving.server.endpoints.state_endpoint import state
-from kg.serving.server.endpoints.subscription_endpoint import subscribe
-from kg.serving.server.endpoints.surface_endpoint import surface
 from kg.serving.server.endpoints.write_endpoints import labels, numbers, records, restore, rooms
 from kg.serving.server.http.bodies import json_response
+from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.http.problems import Problem, problem_of, problem_response, without_paths
+from kg.serving.server.http.settings import Settings
 from kg.serving.server.linked_data.description import dataset_description
 from kg.serving.server.linked_data.memento import timegate, timemap
+from kg.serving.server.linked_data.pages import console_page, root_page
 from kg.serving.server.linked_data.resource_pages import resource, skolem, thing_at_path
-from kg.serving.server.linked_data.root_page import console_page, root_page
 from kg.serving.server.metrics import MEDIA_TYPE, Reading
+from kg.serving.server.running_counts import RunningCounts
+from kg.serving.workers.isolation.confinement import Confinement
+from kg.serving.workers.pool import QueryPool
 
 _log = logging.getLogger("hereabouts.server")
 
@@ -102,7 +106,7 @@ def application(serving: AppState) -> ASGIApp:
     )
     app.router.redirect_slashes = False
     compressed = GZipMiddleware(app, minimum_size=MIN_COMPRESSED, compresslevel=6)
-    guarded = RequestGuard(compressed, serving.settings, serving.metrics)
+    guarded = RequestGuard(compressed, serving.settings, serving.metrics, serving.threads)
     proxies = list(serving.settings.trusted_proxies)
     return (
         cast(ASGIApp, ProxyHeadersMiddleware(cast(Any, guarded), proxies)) if proxies else guarded
@@ -175,3 +179,58 @@ def _readings(serving: AppState) -> list[Reading]:
         ("hereabouts_feed_dropped_total", "Followers that were too slow.", lambda: feed.dropped),
         ("hereabouts_standing_queries", "Followed queries.", lambda: len(serving.subscriptions)),
     ]
+
+
+class MapServer(ServerLifecycle):
+    """Serves one map; `run` blocks, a context manager serves from a thread.
+
+    The caller may write the map meanwhile, and closes it. The constructor raises ServerError if it
+    cannot listen at the address.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        settings: Settings | None = None,
+        *,
+        status: Status = dict,
+        planner: Planner | None = None,
+    ) -> None:
+        if not isinstance(semantic_map, StoredMap):
+            raise ServerError("the map is served already: use the address of its server")
+        super().__init__(settings)
+        limits = self.settings.limits
+        self.serving = AppState(
+            semantic_map,
+            self.settings,
+            QueryPool(
+                semantic_map,
+                workers=limits.workers,
+                timeout=limits.query_seconds,
+                memory_mb=limits.query_memory,
+                max_result_bytes=limits.result,
+                refresh=limits.staleness,
+                services=self.settings.services,
+            ),
+            ChangeBroadcast(semantic_map, limits),
+            RunningCounts(semantic_map),
+            status=status,
+            planner=planner,
+        )
+        self._answer_with(application(self.serving), self._end_requests)
+
+    @property
+    def confinement(self) -> Confinement:
+        """Confinement by the kernel of the processes that evaluate queries."""
+        return self.serving.pool.confinement
+
+    def _end_requests(self) -> None:
+        """End what would run on: feeds, and writes that are not committed yet."""
+        self.serving.feed.stop()
+        self.serving.ending.set()
+
+    def _close(self) -> None:
+        self.serving.ending.set()
+        self.serving.tally.stop()
+        self.serving.pool.close()
+        super()._close()

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+import secrets
+import threading
+from collections import OrderedDict
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from functools import partial
+from typing import Final, Protocol, TypeVar
 
 from starlette.requests import Request
 
 from kg.maps.stored_map import StoredMap
 from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
-from kg.serving.server.http.client_sessions import Sessions
-from kg.serving.server.http.limits.reading_threads import ReadingThreads
+from kg.serving.server.http.clients import WRITERS, ReadingThreads, Sessions
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
 from kg.serving.server.running_counts import RunningCounts
-from kg.serving.server.state_cache import StateCache
+from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import Answer
+from kg.store.write_limit import WriteLimit
 
 T = TypeVar("T")
+MAX_BYTES: Final = 32 << 20  # of all answers in the cache; the last one is always kept
+MAX_WAITING: Final = 16  # requests of one client for answers of one kind
 
 #: State of programs beside the server, for `/health`: name -> state.
 Status = Callable[[], Mapping[str, object]]
@@ -34,18 +41,56 @@ class QuerySubscription(BroadcastClient, Protocol):
     client: str
 
 
-@dataclass(slots=True)
-class PlanningTurns:
-    """Queue of requests for plans; `lock` is locked while a plan is made."""
+class MomentCache:
+    """The last answers about moments, each made once for all clients; used on one event loop.
 
-    lock: asyncio.Lock = field(default_factory=asyncio.Lock)
-    waiting: int = 0  # requests
+    One of each kind (the first part of its key) is made at a time, and clients take turns. A
+    request whose client has left gives up its turn, so that somebody who drags through a year costs
+    one answer at a time, and only of moments that are still asked for.
+    """
 
-    def end(self, plan: asyncio.Future[Mapping[str, object]]) -> None:
-        """Let the next request proceed once a plan is made or has failed."""
-        self.lock.release()
-        if not plan.cancelled():
-            plan.exception()  # marks the exception as read: the client may have left
+    def __init__(self) -> None:
+        self.answers: OrderedDict[tuple[object, ...], Answer] = OrderedDict()
+        self.mark = secrets.token_hex(4)  # of this server, in entity tags
+        self._queues: dict[object, FairQueue] = {}
+
+    async def get(
+        self, key: tuple[object, ...], client: str, make: Callable[[], Awaitable[Answer]]
+    ) -> Answer:
+        """The answer of that key; `make` makes it if it is not in the cache.
+
+        It is completed even if the request is cancelled meanwhile. Raises PoolBusyError if too many
+        requests of this client wait, and as `make`.
+        """
+        if key in self.answers:
+            self.answers.move_to_end(key)
+            return self.answers[key]
+        queue = self._queues.setdefault(key[0], FairQueue(1, MAX_WAITING))
+        turn = queue.enter(client, "present")
+        try:
+            await asyncio.wrap_future(turn.granted)
+            making = asyncio.ensure_future(self._made(key, make))
+        except BaseException:
+            queue.leave(turn)
+            raise
+
+        def end(made: asyncio.Future[Answer]) -> None:
+            queue.leave(turn)
+            if not made.cancelled():
+                made.exception()  # marks the exception as read: the client may have left
+
+        making.add_done_callback(end)
+        return await asyncio.shield(making)
+
+    async def _made(self, key: tuple[object, ...], make: Callable[[], Awaitable[Answer]]) -> Answer:
+        if key not in self.answers:  # another request may have made it meanwhile
+            self.answers[key] = await make()
+            while len(self.answers) > 1 and self._size() > MAX_BYTES:
+                self.answers.popitem(last=False)
+        return self.answers[key]
+
+    def _size(self) -> int:
+        return sum(len(one.body) for one in self.answers.values())
 
 
 @dataclass(slots=True)
@@ -61,11 +106,11 @@ class AppState:
     subscriptions: set[QuerySubscription] = field(default_factory=set)
     status: Status = dict
     planner: Planner | None = None  # for `/find`
-    planning: PlanningTurns = field(default_factory=PlanningTurns)
-    states: StateCache = field(default_factory=StateCache)
-    surfaces: StateCache = field(default_factory=StateCache)
+    moments: MomentCache = field(default_factory=MomentCache)
     sessions: Sessions = field(default_factory=Sessions)
     threads: ReadingThreads = field(default_factory=ReadingThreads)
+    writers: ReadingThreads = field(default_factory=partial(ReadingThreads, WRITERS))
+    ending: threading.Event = field(default_factory=threading.Event)  # set when the server ends
 
     async def read(self, request: Request, act: Callable[[], T]) -> T:
         """The result of `act` in a thread, once it is this client's turn.
@@ -73,6 +118,20 @@ class AppState:
         Raises PoolBusyError if too many requests of the client wait.
         """
         return await self.threads.run(request.state.client, act)
+
+    async def write(self, request: Request, act: Callable[[], T]) -> T:
+        """The result of `act`, a write, in a thread, once it is this client's turn.
+
+        It completes even if the client leaves, within the time limit of queries. Raises
+        PoolBusyError if too many requests of the client wait, and as `WriteLimit`.
+        """
+        limit = WriteLimit(self.settings.limits.query_seconds, self.ending)
+
+        def limited() -> T:
+            with limit.in_force():
+                return act()
+
+        return await asyncio.shield(self.writers.run(request.state.client, limited))
 
     def author_of(self, request: Request) -> str:
         """The name of the client that writes; raises Problem as `BearerTokens.holder`."""

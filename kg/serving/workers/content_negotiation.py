@@ -8,15 +8,15 @@ from kg.model.errors import NotAcceptableError
 
 Form = Literal["select", "ask", "construct", "describe"]
 
+#: Media types of several formats: JSON-LD or results in JSON, RDF/XML or results in XML.
+ALIASES = ("application/json", "application/xml", "text/xml")
 #: Media types of tables and truth values, the preferred first.
 RESULT_TYPES = (
     "application/sparql-results+json",
     "application/sparql-results+xml",
     "text/csv",
     "text/tab-separated-values",
-    "application/json",
-    "application/xml",
-    "text/xml",
+    *ALIASES,
 )
 #: Media types of triples, the preferred first.
 GRAPH_TYPES = (
@@ -27,9 +27,7 @@ GRAPH_TYPES = (
     "application/trig",
     "application/n-quads",
     "text/n3",
-    "application/json",
-    "application/xml",
-    "text/xml",
+    *ALIASES,
 )
 
 

@@ -9,7 +9,7 @@ from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
 from kg.rdf.sparql.vetting import check_length, check_unicode, vet
-from kg.serving.workers.local_evaluation import ACCEPTED, table_of
+from kg.serving.workers.local_evaluation import ACCEPTED, table_of, table_of_answer
 from kg.serving.workers.pool import QueryPool
 from kg.store.sparql_backend import SparqlBackend
 
@@ -47,8 +47,7 @@ class LimitedQueries:
         check_unicode(sparql)
         engine, base = self._map.engine, self._map.base
         if not isinstance(engine, SparqlBackend):
-            answer = self._workers().run(sparql, accept=ACCEPTED, base=base)
-            return table_of(answer.media_type, answer.body)
+            return table_of_answer(self._workers().run(sparql, accept=ACCEPTED, base=base))
         vet(sparql)
         sparql = with_subclasses(sparql, superclasses_of(engine))
         return table_of(

@@ -7,7 +7,8 @@ using all resources of the machine.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Final
 
 from pyoxigraph import QueryResultsFormat, RdfFormat, parse, parse_query_results
@@ -20,6 +21,7 @@ from kg.maps.stored_map import StoredMap
 from kg.model.errors import QueryError
 from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import Answer
 from kg.serving.workers.request import request_of
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import Triples
@@ -50,22 +52,34 @@ def query_isolated(
     request = request_of(sparql, {"accept": ACCEPTED, "base": semantic_map.base})
     with _pool(semantic_map) as pool:
         answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)
-    return question.check(table_of(answer.media_type, answer.body))
+    return question.check(table_of_answer(answer))
 
 
 def update_isolated(
-    semantic_map: StoredMap, sparql: str, *, by: str | None, confirmed: bool = False
+    semantic_map: StoredMap,
+    sparql: str,
+    *,
+    by: str | None,
+    confirmed: bool = False,
+    explain: Callable[[str], object] | None = None,
 ) -> ChangeSet | None:
     """Apply an update to a map in a folder; raises as `kg.serving.workers.updates.update_map`."""
     semantic_map.store.check_writable()
     with _pool(semantic_map) as pool:
-        return update_map(pool, semantic_map, UpdateRequest(sparql), by=by, confirmed=confirmed)
+        request = UpdateRequest(sparql)
+        return update_map(pool, semantic_map, request, by=by, confirmed=confirmed, explain=explain)
 
 
 def _pool(semantic_map: SemanticMap) -> QueryPool:
     return QueryPool(
         semantic_map, workers=1, timeout=SECONDS, memory_mb=MEMORY, max_result_bytes=RESULT
     )
+
+
+def table_of_answer(answer: Answer) -> Table:
+    """The answer of a worker as a table with its notes; raises as `table_of`."""
+    table = table_of(answer.media_type, answer.body)
+    return replace(table, notes=tuple(answer.details["notes"]))
 
 
 def table_of(media_type: str, body: bytes) -> Table:

@@ -27,6 +27,7 @@ from kg.model.errors import (
     QueryTooLargeError,
 )
 from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.process import Answer, WorkerProcess
 from kg.serving.workers.worker_set import all_busy
@@ -156,4 +157,5 @@ def _decoded(answer: Answer) -> ReplacementPlan:
         insert=step.insert,
         lost=tuple(head["lost"]),
         unnamed=head["unnamed"],
+        warnings=tuple(Finding(**warning) for warning in head["warnings"]),
     )

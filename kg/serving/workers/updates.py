@@ -8,21 +8,22 @@ concurrency control). The last attempt makes other writers wait for a limited ti
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.maps.stored_map import StoredMap
-from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.ground_update import GroundUpdate, why_unchanged
 from kg.model.errors import ConflictError
 from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
 
 ATTEMPTS: Final = 3  # evaluations without a lock
-HELD: Final = 2.0  # [s] of an evaluation with the lock of the writer
+HELD: Final = 1.0  # [s] of an evaluation with the lock of the writer; validation needs some, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +42,11 @@ def update_map(
     *,
     by: str | None,
     confirmed: bool = False,
+    explain: Callable[[str], object] | None = None,
 ) -> ChangeSet | None:
     """Evaluate an update in a worker and apply it as one transaction; None without changes.
 
+    `explain` is called with the reason why an update deleted nothing, if it changed nothing.
     Raises as `SemanticMap.update`, and QueryTimeoutError or QueryTooLargeError at the limits of the
     pool.
     """
@@ -52,11 +55,24 @@ def update_map(
         last = attempt == ATTEMPTS
         with semantic_map.hold() if last else nullcontext():
             update, sequence = _evaluated(pool, semantic_map, request, HELD if last else None)
-            with semantic_map.hold():
-                if update.reads and sequence != semantic_map.sequence:
-                    continue
-                return semantic_map.apply_ground(update, request.sparql, by=by, confirmed=confirmed)
+            check = partial(_check_unchanged, semantic_map, sequence) if update.reads else None
+            with suppress(StaleError):
+                change = semantic_map.apply_ground(
+                    update, request.sparql, by=by, confirmed=confirmed, check=check
+                )
+                if change is None and explain is not None:
+                    explain(why_unchanged(update, semantic_map.engine))
+                return change
     raise ConflictError("others write faster than this update is evaluated; try again later")
+
+
+class StaleError(ConflictError):
+    """Others wrote since an update was evaluated: it is evaluated again."""
+
+
+def _check_unchanged(semantic_map: StoredMap, sequence: int) -> None:
+    if sequence != semantic_map.sequence:
+        raise StaleError(f"the map is at #{semantic_map.sequence}, not at #{sequence}")
 
 
 def _evaluated(

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import ObjectRecord
-from mapping.objects.extents.box_fit import fitted_box
-from mapping.objects.extents.box_views import BoxViews
-from mapping.objects.extents.surface_growth import Voxels, grown_box
-from mapping.objects.extents.walls import REACH, Walls
+from mapping.objects.extents.box_fit import BoxViews, fitted_box
+from mapping.objects.extents.surface_growth import REACH, Voxels, Walls, grown_box
 from mapping.objects.tracks import Track
 
 Floats = NDArray[np.float64]

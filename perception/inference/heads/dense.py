@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.inference.heads.candidates import Candidates, pairs_above
-from perception.inference.heads.masks import MaskGrid, input_extent
-from perception.inference.preprocessing import Fitted
+from perception.inference.heads.candidates import Candidates, MaskGrid, input_extent, pairs_above
+from perception.inference.session import Fitted
 
 STRIDES: Final = (8, 16, 32)  # [px of the input]
 PLUS_STRIDES: Final = (8, 16, 32, 64)  # of NanoDet-Plus

@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.inference.heads.candidates import Candidates, pairs_above
+from perception.inference.heads.candidates import Candidates, MaskGrid, input_extent, pairs_above
 from perception.inference.heads.dense import check_equal_length, prototype_masks
-from perception.inference.heads.masks import MaskGrid, input_extent
-from perception.inference.preprocessing import Fitted
+from perception.inference.session import Fitted
 
 Floats = NDArray[np.float32]
 

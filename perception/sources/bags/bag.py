@@ -20,10 +20,9 @@ from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import Pose, checked_pose
 from perception.sources.association import nearest_pairs
 from perception.sources.bags.bag_file import bag_path
-from perception.sources.bags.bag_gravity import up_of_camera
 from perception.sources.bags.bag_images import MessageSource, frame_id, images_of
 from perception.sources.bags.bag_index import BagIndex, Stream, read_index
-from perception.sources.bags.bag_poses import PoseSource, UnposedError, pose_source
+from perception.sources.bags.bag_poses import PoseSource, UnposedError, pose_source, up_of_camera
 from perception.sources.bags.bag_topics import (
     camera_topic,
     cameras,
@@ -38,8 +37,7 @@ from perception.sources.listing import (
     RecordingListing,
     Streams,
 )
-from perception.sources.ros.camera_info import intrinsics_of, is_calibrated, view_of
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS, intrinsics_of, is_calibrated, view_of
 from perception.sources.ros.transform_tree import TransformTree
 
 SUFFIXES: Final = ".bag, .mcap, .db3"

@@ -15,8 +15,7 @@ from kg.model.errors import RecordingError
 from perception.camera.image_decoding import metres
 from perception.sources.bags.bag_file import BagFile, RawMessage
 from perception.sources.bags.bag_index import Stream
-from perception.sources.ros.headers import NANOSECONDS
-from perception.sources.ros.image_messages import colour_image, depth_image
+from perception.sources.ros.image_messages import NANOSECONDS, colour_image, depth_image
 
 AHEAD: Final = 2 * NANOSECONDS  # [ns] further on in the bag is sought instead of read on to
 HELD: Final = 1 << 26  # [bytes] of messages passed on the way that are kept, for the other stream

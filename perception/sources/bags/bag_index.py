@@ -16,9 +16,14 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import BagFile, RawMessage
 from perception.sources.bags.librealsense import IMAGE, TEXT, LibrealsenseText
-from perception.sources.ros.camera_info import is_calibrated
-from perception.sources.ros.headers import NANOSECONDS, frame_name, nanoseconds
-from perception.sources.ros.image_messages import ImageKind, image_kind
+from perception.sources.ros.image_messages import (
+    NANOSECONDS,
+    ImageKind,
+    frame_name,
+    image_kind,
+    is_calibrated,
+    nanoseconds,
+)
 from perception.sources.ros.transform_tree import TransformTree, pose_numbers
 
 IMAGES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")

@@ -18,8 +18,7 @@ from kg.model.errors import RecordingError, did_you_mean
 from perception.sources.bags.bag_index import CAMERA, IMAGES, BagIndex, Stream
 from perception.sources.bags.bag_poses import POSE_TYPES, reaches
 from perception.sources.listing import Streams
-from perception.sources.ros.camera_info import is_calibrated
-from perception.sources.ros.headers import frame_name
+from perception.sources.ros.image_messages import frame_name, is_calibrated
 
 _TRANSPORTS: Final = ("compressed", "compressedDepth", "theora")
 _COLOUR: Final = re.compile("colou?r|rgb")

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS
 
 _SENSOR: Final = r"/device_\d+/sensor_\d+"
 IMAGE: Final = re.compile(rf"({_SENSOR}/[^/]+)/image/data(/compressed|/compressedDepth)?")

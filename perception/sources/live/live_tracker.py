@@ -17,8 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose
-from perception.camera.rigid_motions import inverse
+from perception.camera.poses import BODY_FROM_CAMERA, Pose, gridded_pose, inverse
 from perception.frames import Frame
 from perception.odometry.tracking import Odometry
 

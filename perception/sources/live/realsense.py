@@ -20,8 +20,8 @@ import numpy as np
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
 from perception.sources.bags.bag_file import MAX_FILE, RawMessage, message_types
-from perception.sources.bags.bag_gravity import IMU
 from perception.sources.bags.bag_index import CAMERA, IMAGES, TRANSFORMS
+from perception.sources.bags.bag_poses import IMU
 from perception.sources.live.connection import Inbox
 from perception.sources.ros.message_maker import MessageMaker
 

@@ -35,7 +35,6 @@ from perception.sources.bags.bag import (
     noted_transform,
 )
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.bags.bag_gravity import IMU, Reading, up_by_imu
 from perception.sources.bags.bag_index import (
     IMAGES,
     NOTE_TOPIC,
@@ -45,13 +44,13 @@ from perception.sources.bags.bag_index import (
     add_message,
     stamp_of,
 )
-from perception.sources.bags.bag_poses import add_poses
+from perception.sources.bags.bag_poses import IMU, Reading, add_poses, up_by_imu
 from perception.sources.listing import FrameEntry, RecordingListing
-from perception.sources.live.live_images import HeldImages, LiveDecoder, LiveImage
+from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
 from perception.sources.live.stream_counts import StreamCounts
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS
 
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
 SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen

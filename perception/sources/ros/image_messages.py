@@ -1,4 +1,4 @@
-"""Images of ROS messages as arrays: sensor_msgs/Image, CompressedImage, compressedDepth.
+"""ROS messages of cameras as arrays: Image, CompressedImage, RVL's depth, CameraInfo.
 
 Encodings: sensor_msgs/image_encodings.h. Depth is 16-bit in millimetres or 32-bit floats in metres,
 as REP 118 has it. compressedDepth (compressed_depth_image_transport) is a PNG, or width, height and
@@ -19,7 +19,54 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.image_decoding import MAX_PIXELS, decode_image
-from perception.sources.ros.rvl import decode_rvl
+from perception.camera.intrinsics import FISHEYE, FISHEYE_COEFFICIENTS, Intrinsics
+
+GROUPS: Final = 11  # of a number of 32 bits
+#: [bytes] a pixel: 6 groups for its difference, 2 for the lengths of runs as short as it
+MAX_BYTES_PER_PIXEL: Final = 4
+
+
+def decode_rvl(data: NDArray[np.uint8], pixels: int, where: str) -> NDArray[np.uint16]:
+    """(pixels,) depth of a stream (n,) of bytes.
+
+    Raises RecordingError, beginning with `where`, where it does not hold as many.
+    """
+    numbers = _numbers(data[: MAX_BYTES_PER_PIXEL * (pixels + 2)], where)
+    runs: list[tuple[int, int, int]] = []  # of pixels that are not 0: first, count, first's number
+    place, filled = 0, 0
+    while filled < pixels and place + 2 <= len(numbers):
+        zeros, count = int(numbers[place]), int(numbers[place + 1])
+        runs.append((filled + zeros, count, place + 2))
+        filled += zeros + count
+        place += 2 + count
+    if filled > pixels:
+        raise RecordingError(f"{where}: RVL depth does not end with its {pixels} pixels")
+    if filled < pixels or place > len(numbers):
+        raise RecordingError(f"{where}: RVL depth is cut short before its {pixels} pixels")
+    first, counts, at = np.array(runs, np.int64).reshape(-1, 3).T
+    along = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    coded = numbers[np.repeat(at, counts) + along]
+    depth = np.zeros(pixels, np.uint16)
+    depth[np.repeat(first, counts) + along] = np.cumsum((coded >> 1) ^ -(coded & 1)) & 0xFFFF
+    return depth
+
+
+def _numbers(data: NDArray[np.uint8], where: str) -> NDArray[np.int64]:
+    """All numbers of a stream; zeros may follow that fill its last word."""
+    pairs = data[: len(data) // 4 * 4].reshape(-1, 4)[:, ::-1].ravel()
+    groups = np.stack([pairs >> 4, pairs & 15], axis=1).ravel()
+    ends = np.flatnonzero(groups < 8)
+    if not len(ends):
+        return np.zeros(0, np.int64)
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    lengths = ends - starts + 1
+    if lengths.max() > GROUPS:
+        raise RecordingError(f"{where}: RVL depth holds a number of more than 32 bits")
+    digits = np.arange(ends[-1] + 1) - np.repeat(starts, lengths)
+    bits = (groups[: ends[-1] + 1] & 7).astype(np.int64) << 3 * digits
+    numbers: NDArray[np.int64] = np.add.reduceat(bits, starts)
+    return numbers
+
 
 #: by the colours of the first two rows' first two pixels; OpenCV calls a mosaic by its second row
 _MOSAICS: Final = {
@@ -242,3 +289,90 @@ def _one_channel(image: NDArray[Any], where: str) -> NDArray[np.uint16]:
             f"{where}: depth must be one 16-bit channel, got {image.dtype} of shape {image.shape}"
         )
     return image
+
+
+#: distortion models with OpenCV's coefficients (sensor_msgs/distortion_models.h)
+MODELS: Final = ("plumb_bob", "rational_polynomial", "")
+COEFFICIENTS: Final = (0, 4, 5, 8, 12, 14)
+
+
+def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intrinsics:
+    """Intrinsics of a CameraInfo of ROS 1 or ROS 2.
+
+    `rectified` says that the images are undistorted already (image_rect): they follow P instead of
+    K and D. A region of interest is taken into account; binning follows from the images' size.
+    Raises RecordingError, beginning with `where`, for a camera that is not calibrated or a model of
+    distortion that OpenCV does not have.
+    """
+    if not is_calibrated(message):
+        raise RecordingError(f"{where} is not calibrated (K is 0); --intrinsics FILE would work")
+    K = np.asarray(_field(message, "k"), np.float64)
+    P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
+    matrix = P.reshape(3, 4)[:, :3] if rectified and len(P) == 12 and P[0] else K.reshape(3, 3)
+    fisheye = not rectified and str(message.distortion_model) in FISHEYE
+    dist = () if rectified else _distortion(message, fisheye, where)
+    roi = message.roi
+    cropped = int(roi.width) > 0 and int(roi.height) > 0
+    left, top = (int(roi.x_offset), int(roi.y_offset)) if cropped else (0, 0)
+    width = int(roi.width if cropped else message.width) or None
+    height = int(roi.height if cropped else message.height) or None
+    return Intrinsics(
+        float(matrix[0, 0]),
+        float(matrix[1, 1]),
+        float(matrix[0, 2]) - left,
+        float(matrix[1, 2]) - top,
+        width,
+        height,
+        dist,
+        source=where,
+        fisheye=fisheye,
+    )
+
+
+def is_calibrated(message: Any) -> bool:
+    """Whether a CameraInfo has a camera matrix."""
+    K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
+    return len(K) == 9 and bool(K[0])
+
+
+def view_of(message: Any) -> NDArray[np.float64]:
+    """(2,) tangents of the field of view of a calibrated CameraInfo, across and down."""
+    K = np.asarray(_field(message, "k"), np.float64).reshape(3, 3)
+    return np.array([message.width / K[0, 0], message.height / K[1, 1]])
+
+
+def _distortion(message: Any, fisheye: bool, where: str) -> tuple[float, ...]:
+    dist = tuple(float(x) for x in _field(message, "d"))
+    if fisheye and (len(dist) == FISHEYE_COEFFICIENTS or not any(dist[FISHEYE_COEFFICIENTS:])):
+        # some drivers fill up to five; none at all is the bare equidistant projection
+        return (*dist, *(0.0,) * FISHEYE_COEFFICIENTS)[:FISHEYE_COEFFICIENTS]
+    if not any(dist):
+        return ()
+    model = str(message.distortion_model)
+    if model not in MODELS or len(dist) not in COEFFICIENTS:
+        raise RecordingError(
+            f"{where}: distortion {model!r} with {len(dist)} coefficients is not undone here; "
+            "rectified images (image_rect) would work"
+        )
+    return dist
+
+
+def _field(message: Any, name: str) -> Any:
+    """A field that ROS 1 calls by a capital letter."""
+    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+
+
+NANOSECONDS = 1_000_000_000
+
+
+def nanoseconds(header: Any) -> int:
+    """Stamp of a std_msgs/Header [ns]; 0 where it was not set."""
+    stamp = header.stamp
+    if hasattr(stamp, "nanosec"):
+        return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    return int(stamp.secs) * NANOSECONDS + int(stamp.nsecs)
+
+
+def frame_name(name: str) -> str:
+    """Name of a frame without the leading slash that ROS 1 sometimes has."""
+    return name.lstrip("/")

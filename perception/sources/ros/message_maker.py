@@ -17,7 +17,7 @@ from kg.model.errors import RecordingError
 from perception.camera.image_decoding import MILLIMETRES, metres
 from perception.camera.poses import Pose, quaternion_from_pose
 from perception.frames import Frame
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS
 
 _PNG: Final = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 

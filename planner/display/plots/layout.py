@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import ArrayLike, NDArray
 
 from kg.model.areas import Rectangle
-from planner.display.plots.label_text import TextMeasure, drawable
+from planner.display.plots.label_placement import TextMeasure, drawable
 from planner.display.plots.palette import FAINT, INK, OUTLINE, ROUTE
 
 DPI: Final = 160

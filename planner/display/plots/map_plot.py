@@ -37,8 +37,7 @@ from planner.display.plots.drawing import (
     draw_surface,
     mark,
 )
-from planner.display.plots.label_placement import WallsBelow, wall_cells
-from planner.display.plots.label_text import drawable
+from planner.display.plots.label_placement import WallsBelow, drawable, wall_cells
 from planner.display.plots.layout import Extent, Listing, Sheet
 from planner.display.plots.palette import (
     FAINT,

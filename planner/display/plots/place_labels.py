@@ -12,8 +12,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from kg.model.areas import Area
-from planner.display.plots.label_placement import Boxes, Covers, overlapping
-from planner.display.plots.label_text import TextMeasure
+from planner.display.plots.label_placement import Boxes, Covers, TextMeasure, overlapping
 from planner.display.plots.layout import Sheet
 from planner.display.plots.palette import FAINT, HALO, INK
 

@@ -11,14 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from planner.display.plots.drawing import SHOWN_EXISTENCE, GroundTruth, Shade, Stop
-from planner.display.plots.label_text import drawable
+from planner.display.plots.label_placement import drawable
 from planner.display.plots.layout import Listing, ListItem
 from planner.display.plots.map_plot import Legend, SearchDrawing, plot_map
 from planner.freespace.grid import visible_cells
 from planner.search.plans.report import direction, fact_chain, plan_lines, step_purpose
 from planner.search.plans.search_state import PlanningState
 from planner.search.plans.view_plan import ViewPlan, ViewStep, planned_route
-from planner.search.viewpoints.sensor import angle_between
+from planner.search.viewpoints.candidate_views import angle_between
 
 _SEEN: Final = "#f08c00"
 _MAX_SHADE: Final = 0.32

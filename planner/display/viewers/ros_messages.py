@@ -1,4 +1,4 @@
-"""Scenes, frames and poses as ROS messages: MarkerArray, OccupancyGrid, Path, and more.
+"""Scenes as ROS messages (MarkerArray, OccupancyGrid, Path, and more), and as ROS 1 bags.
 
 Messages are those of a `rosbags` typestore, of ROS 1 or ROS 2; no ROS is needed. A MarkerArray is
 a whole state that replaces the one before, since a player that jumps to a moment reads the last
@@ -8,11 +8,15 @@ message of each topic alone.
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.colors import to_rgb
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from kg.maps.surface.voxels import Surface
 from kg.model.records import FREE, LOW, TALL, UNKNOWN, RobotRecord
@@ -315,3 +319,28 @@ class RosMessages(MessageMaker):
 def nanoseconds_of(stamp: float) -> int:
     """`stamp` [s] as [ns], within the 31 bits of seconds that messages have."""
     return round(min(max(stamp, 0.0), _LATEST) * 1e9) if math.isfinite(stamp) else 0
+
+
+_LATCHED: Final = 1
+
+
+def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
+    """A ROS 1 bag of scenes, each with its time [s since 1970].
+
+    Topics are latched: a later subscriber gets the last message.
+    """
+    types = get_typestore(Stores.ROS1_NOETIC)
+    messages = RosMessages(types, is_ros1=True)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.bag"
+        with Writer(path) as bag:
+            connections = {
+                topic: bag.add_connection(topic, kind, typestore=types, latching=_LATCHED)
+                for topic, kind in TOPICS.items()
+            }
+            for scene, stamp in scenes:
+                at = max(nanoseconds_of(stamp), 1)  # ROS 1 has no time 0
+                for topic, message in messages.of(scene, at / 1e9):
+                    data = bytes(types.serialize_ros1(message, TOPICS[topic]))
+                    bag.write(connections[topic], at, data)
+        return path.read_bytes()

@@ -19,7 +19,7 @@ from perception.frames import Detector, Frame
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
-from perception.sources.ros.headers import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS
 from planner.execution.protocol import (
     MAX_COORDINATE,
     Arrived,
@@ -32,7 +32,7 @@ from planner.execution.protocol import (
     Message,
     RobotPose,
 )
-from planner.execution.stepwise_robot import Step, StepwiseRobot
+from planner.execution.robot import Step, StepwiseRobot
 from planner.execution.transports.move_base import MoveBase
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have

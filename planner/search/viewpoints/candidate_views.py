@@ -1,4 +1,4 @@
-"""Candidate views: viewpoints on the floor, headings, and the cells that each view shows.
+"""Candidate views: viewpoints that cover the floor, headings, and the cells that each view shows.
 
 A view is a sweep of the camera about a heading, from a viewpoint. Its footprint is the probability
 to detect an object in each cell of the belief; walls block it.
@@ -16,8 +16,211 @@ from numpy.typing import ArrayLike, NDArray
 from mapping.occupancy.mapped_floor import FloorView
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace, visible_cells
-from planner.search.viewpoints.coverage import covering_viewpoints
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between
+from planner.settings import LOOK_AROUND, SPEED
+
+_Seen = NDArray[np.bool_]
+
+SPACING: Final = 1.0  # [m] of the lattice of viewpoints
+COVER: Final = 0.995  # share of every room that covering viewpoints see
+COVERS: Final = 4  # times that they see it: the robot has a choice of positions
+
+
+def covering_viewpoints(
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    covers: int = COVERS,
+    besides: ArrayLike = (),
+) -> Cells:
+    """Viewpoints that together see at least the share `COVER` of every room, `covers` times.
+
+    The covers of `room_viewpoints` have no viewpoint in common, nor with `besides`, so that another
+    viewpoint can see an object that one view missed. Where they leave too much of a room unseen, a
+    closet for example, any floor cell that sees it can be a viewpoint.
+    """
+    found = room_viewpoints(space, reach, near=near, cover=COVER, covers=covers, besides=besides)
+    chosen = {int(cell) for cells in found.values() for cell in cells}
+    known = chosen.union(np.asarray(besides, np.intp).tolist())
+    chosen.update(_peepholes(space, sorted(known), near, reach))
+    return np.array(sorted(chosen), np.intp)
+
+
+def room_viewpoints(
+    space: FreeSpace,
+    reach: float,
+    *,
+    near: float = 0.0,
+    cover: float = 0.98,
+    covers: int = 1,
+    besides: ArrayLike = (),
+) -> dict[int, Cells]:
+    """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
+
+    Candidates are a lattice with the middle of every room. Greedy set cover takes the candidate
+    that sees the most unseen cells first, from the room itself, then from other rooms. Cells nearer
+    than `near` metres are not seen. `besides` are not taken.
+    """
+    rooms = np.unique(space.room[space.free])
+    lattice = {int(room): _lattice(space, space.floor(int(room))) for room in rooms}
+    candidates = np.concatenate(list(lattice.values()))
+    seen = np.zeros((len(candidates), space.room.size), np.bool_)
+    for row, viewpoint in zip(seen, candidates, strict=True):
+        row[_shown(space, int(viewpoint), near, reach)] = True
+    owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
+    taken = set(np.flatnonzero(np.isin(candidates, np.asarray(besides, np.intp))).tolist())
+    found: dict[int, Cells] = {}
+    for room in lattice:
+        inside = seen[:, space.inside(room)]
+        chosen: list[int] = []
+        for _ in range(covers):
+            unseen = np.ones(inside.shape[1], np.bool_)
+            for among in (owner == room, owner != room):
+                left = [int(i) for i in np.flatnonzero(among) if i not in taken]
+                picked = _greedy_cover(inside, left, unseen, cover)
+                chosen += picked
+                taken.update(picked)
+        found[room] = candidates[chosen]
+    return found
+
+
+def _peepholes(space: FreeSpace, viewpoints: Sequence[int], near: float, reach: float) -> list[int]:
+    """Further viewpoints for rooms that `viewpoints` see less than the share `COVER` of.
+
+    A room without free floor, full of tables for example, is seen from the floor of other rooms.
+    """
+    unseen = np.zeros(space.room.size, np.bool_)
+    unseen[space.inside()] = True
+    free = space.free.reshape(-1)
+    for viewpoint in viewpoints:
+        unseen[_shown(space, viewpoint, near, reach)] = False
+    taken: list[int] = []
+    for room in np.unique(space.room[space.open]):
+        cells = space.inside(int(room))
+        if unseen[cells].mean() <= 1 - COVER:
+            continue
+        views = {int(cell): _shown(space, int(cell), near, reach) for cell in cells[unseen[cells]]}
+        while unseen[cells].mean() > 1 - COVER:
+            left = [views[int(cell)] for cell in cells[unseen[cells]]]
+            count = np.bincount(np.concatenate(left), minlength=unseen.size) * free
+            best = int(np.argmax(count))  # lines of sight are symmetric
+            if not count[best]:
+                break
+            taken.append(best)
+            unseen[_shown(space, best, near, reach)] = False
+    return taken
+
+
+def _shown(space: FreeSpace, viewpoint: int, near: float, reach: float) -> Cells:
+    """The cells seen from `viewpoint`, none nearer than `near` [m]."""
+    cells, offset = visible_cells(space, viewpoint, reach)
+    return np.asarray(cells[(offset**2).sum(axis=1) >= near**2], np.intp)
+
+
+def _lattice(space: FreeSpace, cells: Cells) -> Cells:
+    step = max(1, round(SPACING / space.cell))
+    ix, iy = np.divmod(cells, space.shape[1])
+    on = cells[((ix - ix.min()) % step == step // 2) & ((iy - iy.min()) % step == step // 2)]
+    middle = space.centres(cells).mean(axis=0)
+    offset = space.centres(cells) - middle
+    centre = cells[int(np.argmin((offset**2).sum(axis=1)))]
+    return np.unique(np.append(on, centre))
+
+
+def _greedy_cover(seen: _Seen, left: Sequence[int], unseen: _Seen, cover: float) -> list[int]:
+    """Rows of `seen` (n, c) among `left` that leave little unseen; updates `unseen` (c,)."""
+    rows = seen[list(left)]
+    taken: list[int] = []
+    while len(rows) and unseen.mean() > 1 - cover:
+        gains = (rows & unseen).sum(axis=1)
+        best = int(np.argmax(gains))
+        if not gains[best]:
+            break
+        taken.append(left[best])
+        unseen &= ~rows[best]
+    return taken
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Sensor model of an RGB-D camera with a detector.
+
+    A view detects an object with the probability `recall`, and with half of it at the distance
+    `half_fade`. A second view from the same square keeps the share 1 - `rho` of its probability,
+    since misses are correlated. Raises ValueError for impossible values.
+    """
+
+    near: float = 0.8  # [m] depth gate, thesis section 3.2.2
+    far: float = 4.6  # [m] depth gate, thesis section 3.2.2
+    field_of_view: float = 1.0123  # [rad] 58 degrees, across
+    recall: float = 0.7  # probability to detect an object in view, from near
+    half_fade: float = np.inf  # [m]
+    rho: float = 0.8  # correlation of repeated views
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.near < self.far or not 0 < self.field_of_view <= 2 * np.pi:
+            raise ValueError(f"needs 0 <= near < far and a field of view in 0..2 pi, got {self}")
+        if not 0 < self.recall <= 1 or not 0 <= self.rho <= 1 or not self.half_fade > 0:
+            raise ValueError(f"recall and rho must lie in 0..1 and half_fade above 0, got {self}")
+
+    def chance(self, metres: ArrayLike) -> NDArray[np.float64]:
+        """Chance to detect at each distance [m]: recall / (1 + (d / half_fade)^4) within range."""
+        d = np.asarray(metres, np.float64)
+        seen = self.recall / (1.0 + (d / self.half_fade) ** 4)
+        return np.where((d >= self.near) & (d <= self.far), seen, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Time that moving and taking views cost. Defaults are those of the thesis' robot."""
+
+    speed: float = SPEED  # [m/s]
+    turn_rate: float = 2 * np.pi / LOOK_AROUND  # [rad/s]: a whole turn is the thesis' look
+    picture: float = 1.0  # [s] to stand still for one picture
+
+    def __post_init__(self) -> None:
+        if not self.speed > 0 or not self.turn_rate > 0 or not self.picture >= 0:
+            raise ValueError(f"speed and turn rate must be > 0 and picture >= 0, got {self}")
+
+    def sweep_seconds(self, extent: ArrayLike, field_of_view: float) -> NDArray[np.float64]:
+        """[s] of a sweep over `extent` [rad]: a picture, and the turn beyond its field of view."""
+        turned = np.maximum(np.asarray(extent, np.float64) - field_of_view, 0.0)
+        whole = np.asarray(extent) >= 2 * np.pi - 1e-9
+        return self.picture + np.where(whole, 2 * np.pi, turned) / self.turn_rate
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """Sweep of the camera: the robot turns on the spot and looks all the way."""
+
+    start: float  # [rad] heading to begin with
+    turn: float  # [rad] to turn from there, to the left
+    middle: float  # [rad] heading in the middle of all that is in view
+    extent: float  # [rad] in view altogether
+
+
+def sweep_over(at: float, heading: float, extent: float, field_of_view: float) -> Sweep:
+    """The shortest sweep that shows `extent` [rad] about `heading`, for a robot that heads `at`.
+
+    It begins at once where the robot has to turn there anyway, and shows what it turns past.
+    """
+    whole = 2 * np.pi - 1e-9
+    if extent >= whole:
+        return Sweep(at, 2 * np.pi, heading, extent)
+    half = max(extent - field_of_view, 0.0) / 2
+    off = float(np.remainder(heading - at + np.pi, 2 * np.pi) - np.pi)
+    side = -1.0 if off < 0 else 1.0
+    if abs(off) <= half:  # it stands within the sweep: from the nearer end to the other
+        return Sweep(heading - side * half, side * 2 * half, heading, extent)
+    turn = side * (abs(off) + half)
+    return Sweep(at, turn, at + turn / 2, min(abs(turn) + field_of_view, whole))
+
+
+def angle_between(a: ArrayLike, b: ArrayLike) -> NDArray[np.float64]:
+    """[rad] the smaller angle between headings, 0..pi."""
+    off = (np.asarray(a) - np.asarray(b) + np.pi) % (2 * np.pi) - np.pi
+    return np.asarray(np.abs(off), np.float64)
+
 
 HEADINGS: Final = 8
 #: [m] Side of a square; views from one square show much the same.

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.freespace.geodesic import cells_before, distance_fields
-from planner.search.viewpoints.candidate_views import CandidateViews, square
-from planner.search.viewpoints.sensor import angle_between
+from planner.search.viewpoints.candidate_views import CandidateViews, angle_between, square
 
 LAST_STEPS: Final = 3  # cells before the end of a way by which the robot's heading is known
 

@@ -36,8 +36,12 @@ from planner.execution.options import Event
 from planner.search.plans.report import plan_json
 from planner.simulation.demo.demo_search import DrivenSearch, PlannedSearch, carry_out, plan_for
 from planner.simulation.houses.house import House, Item, furnished_house
-from planner.simulation.robot.house_robot import SimulatedHouseRobot, simulated_robot
-from planner.simulation.robot.mapping_tour import DEMO_RECORDING, SimulatedTour
+from planner.simulation.robot.house_robot import (
+    DEMO_RECORDING,
+    SimulatedHouseRobot,
+    SimulatedTour,
+    simulated_robot,
+)
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
 

@@ -1,4 +1,4 @@
-"""Houses as data: rooms, walls with doorways, and items; and the demo's house.
+"""Houses as data: rooms, walls with doorways, furniture of simple shapes, and the free floor.
 
 Map frame: x east, y north, z up, metres, the floor at z = 0. Nothing here is random;
 `lab.houses.random_house` draws houses.
@@ -8,15 +8,116 @@ from __future__ import annotations
 
 import colorsys
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Final, cast
+from typing import Final, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, RGB, Facing, Solid, SolidPart
+from planner.freespace.geodesic import distance_fields, shortest_path
+from planner.freespace.grid import NO_ROOM, FreeSpace
+
+Shape = Literal["box", "cylinder", "ellipsoid"]
+Surface = Literal["opaque", "screen", "glass"]
+Facing = Literal["north", "west", "south", "east"]
+RGB = tuple[float, float, float]
+
+_FILE: Final = Path(__file__).with_name("furniture.csv")
+
+FACINGS: Final[tuple[Facing, ...]] = ("north", "west", "south", "east")
+QUARTER_TURNS: Final[Mapping[Facing, int]] = {facing: k for k, facing in enumerate(FACINGS)}
+
+
+def turned(x: float, y: float, facing: Facing) -> tuple[float, float]:
+    """(x, y) of a thing that faces north, turned with it to `facing`."""
+    return ((x, y), (-y, x), (-x, -y), (y, -x))[QUARTER_TURNS[facing]]
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """An axis-aligned box, or the upright elliptic cylinder or ellipsoid that fills it."""
+
+    shape: Shape
+    lo: NDArray[np.float64]  # (3,) [m] map frame
+    hi: NDArray[np.float64]  # (3,) [m]
+    colour: RGB  # 0..1
+    depth_return: bool = True  # False: a depth camera gets nothing back (lit screens, glass)
+
+    def shifted(self, offset: NDArray[np.float64]) -> Solid:
+        """The same solid, moved by `offset` (3,) [m]."""
+        return replace(self, lo=self.lo + offset, hi=self.hi + offset)
+
+
+@dataclass(frozen=True, slots=True)
+class SolidPart:
+    """One solid of a thing, in the thing's own coordinates."""
+
+    x: float  # centre [m]
+    y: float
+    z: float  # underside [m]
+    width: float  # along x [m]
+    depth: float  # along y
+    height: float
+    colour: RGB
+    shape: Shape = "box"
+    surface: Surface = "opaque"
+
+    def scaled(self, scale: tuple[float, float, float]) -> SolidPart:
+        """The part of a thing that is `scale` times as wide, deep and high."""
+        sx, sy, sz = scale
+        return replace(
+            self,
+            x=self.x * sx,
+            y=self.y * sy,
+            z=self.z * sz,
+            width=self.width * sx,
+            depth=self.depth * sy,
+            height=self.height * sz,
+        )
+
+    def placed(self, at: tuple[float, float, float], facing: Facing) -> Solid:
+        """The part as a solid of the house, its front turned to `facing`."""
+        half = np.array([self.width, self.depth]) / 2
+        half = half[::-1] if QUARTER_TURNS[facing] % 2 else half
+        centre = np.array(at[:2]) + turned(self.x, self.y, facing)
+        lo = np.append(centre - half, at[2] + self.z)
+        hi = np.append(centre + half, at[2] + self.z + self.height)
+        return Solid(self.shape, lo, hi, self.colour)
+
+
+def _shapes(kind: str) -> Mapping[str, tuple[SolidPart, ...]]:
+    """The parts of each class of that kind, by its label, in the order of the file."""
+    shapes = dict[str, tuple[SolidPart, ...]]()
+    with _FILE.open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if row["kind"] == kind:
+                shapes[row["label"]] = (*shapes.get(row["label"], ()), _part(row))
+    return shapes
+
+
+def _part(row: Mapping[str, str]) -> SolidPart:
+    red, green, blue = map(float, row["colour"].split())
+    return SolidPart(
+        x=float(row["x"]),
+        y=float(row["y"]),
+        z=float(row["z"]),
+        width=float(row["width"]),
+        depth=float(row["depth"]),
+        height=float(row["height"]),
+        colour=(red, green, blue),
+        shape=cast("Shape", row["shape"]),
+        surface=cast("Surface", row["surface"]),
+    )
+
+
+#: COCO classes the house can hold.
+OBJECTS: Final = _shapes("object")
+
+#: Furnishings no detector of COCO classes names. They hide things and carry them.
+FURNISHINGS: Final = _shapes("furnishing")
+
 
 #: items of the demo's house
 _ITEMS: Final = Path(__file__).with_name("furnished_house.csv")
@@ -206,3 +307,70 @@ WALLS = (
     Wall((4, 5.4), (4, 9.2), doors=((6.5, 7.7),)),
     Wall((7.4, 5.4), (7.4, 9.2)),
 )
+
+
+CELL = 0.10  # [m]
+ROBOT_RADIUS = 0.24  # [m]
+ROBOT_HEIGHT = 1.30  # [m] solids above do not stop the robot
+STEP_HEIGHT = 0.02  # [m] the robot drives over lower solids
+
+
+class FloorGrid:
+    """Occupancy grid of a house, inflated by the robot's radius."""
+
+    def __init__(self, house: House) -> None:
+        xmin, xmax, ymin, ymax = house.extent
+        self._origin = np.array([xmin, ymin])
+        columns, rows = round((xmax - xmin) / CELL), round((ymax - ymin) / CELL)
+        x, y = xmin + (np.arange(columns) + 0.5) * CELL, ymin + (np.arange(rows) + 0.5) * CELL
+        self.clearance = np.full((columns, rows), np.inf)  # (x, y) [m] to the nearest obstacle
+        items = [s for item in (*house.objects, *house.furnishings) for s in item.solids()]
+        for solid in [*items, *(s for wall in house.walls for s in wall.solids())]:
+            if solid.lo[2] > ROBOT_HEIGHT or solid.hi[2] < STEP_HEIGHT:
+                continue
+            dx = np.maximum(np.maximum(solid.lo[0] - x, x - solid.hi[0]), 0)
+            dy = np.maximum(np.maximum(solid.lo[1] - y, y - solid.hi[1]), 0)
+            np.minimum(self.clearance, np.hypot(dx[:, None], dy[None, :]), out=self.clearance)
+        self.free = self.clearance > ROBOT_RADIUS  # (x, y)
+
+    def path(self, start: NDArray[np.float64], goal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) [m] corners of the shortest path from `start` to the free floor nearest to `goal`.
+
+        Raises LayoutError where no free floor is reachable.
+        """
+        space = self._space()
+        source = space.nearest(start)
+        reached = np.flatnonzero(space.reachable(source))
+        away = np.linalg.norm(space.centres(reached) - goal, axis=1)
+        field = distance_fields(space, [int(reached[np.argmin(away)])])[0]
+        cells = shortest_path(space, field, source)
+        corners = space.centres(self._straightened([divmod(int(c), space.shape[1]) for c in cells]))
+        return np.array([np.asarray(start, np.float64), *corners[1:]])
+
+    def reachable(self, start: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(x, y) whether the robot can drive to each cell from the floor nearest to `start` [m]."""
+        space = self._space()
+        return space.reachable(space.nearest(start)).reshape(self.free.shape)
+
+    def centres(self, cells: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """(n, 2) [m] centres of the marked cells (x, y)."""
+        return np.asarray(self._origin + (np.argwhere(cells) + 0.5) * CELL, np.float64)
+
+    def _space(self) -> FreeSpace:
+        return FreeSpace(self._origin, CELL, np.where(self.free, 0, NO_ROOM).astype(np.int32))
+
+    def _straightened(self, cells: list[tuple[int, int]]) -> NDArray[np.intp]:
+        """Numbers (n,) of the cells of `cells` (ix, iy) that no free straight line skips."""
+        kept, k = [cells[0]], 0
+        while k < len(cells) - 1:
+            reach = len(cells) - 1
+            while reach > k + 1 and not self._clear(cells[k], cells[reach]):
+                reach -= 1
+            k = reach
+            kept.append(cells[k])
+        return np.array([i * self.free.shape[1] + j for i, j in kept], np.intp)
+
+    def _clear(self, a: tuple[int, int], b: tuple[int, int]) -> bool:
+        n = 3 * max(abs(a[0] - b[0]), abs(a[1] - b[1]), 1)
+        line = np.rint(np.linspace(a, b, n + 1)).astype(int)
+        return bool(self.free[line[:, 0], line[:, 1]].all())

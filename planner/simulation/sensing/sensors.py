@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Detections, Frame, SceneScores
-from perception.inference.heads.masks import MaskGrid
+from perception.inference.heads.candidates import MaskGrid
 from planner.simulation.houses.house import HouseRoom
 from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
 

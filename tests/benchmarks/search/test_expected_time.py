@@ -11,7 +11,7 @@ from benchmarks.search.homes import Home, HomeRoom
 from benchmarks.search.room_beliefs import RoomChances
 from benchmarks.search.view_policy import Ablation, ViewPolicy, initial_state
 from planner.freespace.grid import Room
-from planner.search.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.candidate_views import Motion, Sensor
 
 
 def test_the_expected_time_is_the_mean_over_hiding_places_and_luck() -> None:

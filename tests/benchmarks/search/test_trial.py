@@ -25,7 +25,7 @@ from benchmarks.search.scores import HORIZON, score
 from benchmarks.search.view_policy import Ablation, ours
 from kg.model.errors import InvalidFactError
 from planner.freespace.grid import Room
-from planner.search.viewpoints.sensor import Motion, Sensor
+from planner.search.viewpoints.candidate_views import Motion, Sensor
 
 Shared = Callable[[str], Path]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import LayoutError
-from mapping.alignment.transform_file import load_transform
+from mapping.alignment.recording_fit import load_transform
 
 
 def test_the_building_of_two_recordings_is_read(shared):

@@ -16,7 +16,7 @@ from perception.frames import Detections, Frame, SceneScores
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import SimulatedCamera
 from tests.perception.box_room import pose, room_frame, round_tour

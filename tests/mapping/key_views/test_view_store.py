@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from kg.serving.opening import create_map, open_map
-from mapping.key_views import view_keeper, view_store
-from mapping.key_views.view_keeper import ViewKeeper
-from mapping.key_views.view_store import FILE, ViewStore, stored_views
+from mapping.key_views import view_store
+from mapping.key_views.view_store import FILE, ViewKeeper, ViewStore, stored_views
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
@@ -71,7 +70,7 @@ def test_a_view_without_its_transaction_is_dropped(tmp_path, textured):
 
 
 def test_the_number_of_views_is_bounded(tmp_path, textured, nothing, monkeypatch):
-    monkeypatch.setattr(view_keeper, "MAX_VIEWS", 3)
+    monkeypatch.setattr(view_store, "MAX_VIEWS", 3)
     with create_map(tmp_path / "a.map") as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
         for number in (0, 1, 5, 9):
             mapper.add(textured(number), nothing)

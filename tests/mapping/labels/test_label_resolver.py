@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.model.errors import LabelsError
-from mapping.labels.label_table import LabelTable, load_label_table
+from mapping.labels.label_resolver import LabelTable, load_label_table
 from mapping.mapping_options import MappingOptions
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_mapper import PlaceMapper

@@ -16,8 +16,7 @@ from mapping.looks.known_things import (
     remember_named,
     taught,
 )
-from mapping.looks.likeness import likeness
-from mapping.looks.object_looks import Looks
+from mapping.looks.object_looks import Looks, likeness
 from mapping.mapper import Mapper
 from perception.inference.markers import marker_name
 from tests.mapping.looks.conftest import add_things

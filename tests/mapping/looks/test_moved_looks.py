@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from mapping.looks.moved_looks import MovedLooks
+from mapping.looks.known_things import MovedLooks
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import track_of
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from mapping.frames.sighting import ThingSighting
+from mapping.objects.existence import SizeOf, UsualSize
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
-from mapping.objects.usual_sizes import SizeOf, UsualSize
 
 SETTINGS = ObjectSettings()
 USUAL = {

@@ -9,9 +9,9 @@ import pytest
 
 from mapping.frames.sighting import Sighting
 from mapping.labels.label_resolver import LabelResolver
+from mapping.objects.existence import usual_sizes
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, intersection_over_union
-from mapping.objects.usual_sizes import usual_sizes
 from perception.frames import Detections
 
 SETTINGS = ObjectSettings()

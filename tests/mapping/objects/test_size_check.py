@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mapping.objects.usual_sizes import unusual_scale, usual_sizes
+from mapping.objects.existence import unusual_scale, usual_sizes
 
 #: as the bundled detectors measured a real kitchen, in usual sizes
 KITCHEN = {

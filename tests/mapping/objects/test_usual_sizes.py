@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from mapping.objects.usual_sizes import WORST, UsualSize, size_log_likelihood, usual_sizes
+from mapping.objects.existence import WORST, UsualSize, size_log_likelihood, usual_sizes
 from perception.inference.model_zoo import NETWORKS
 
 size = st.floats(0.01, 20)

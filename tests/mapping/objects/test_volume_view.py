@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mapping.objects.existence import VolumeView, in_front, ray_test
 from mapping.objects.settings import ObjectSettings
-from mapping.objects.volume_view import VolumeView, in_front, ray_test
 
 SETTINGS = ObjectSettings()
 AHEAD = np.array([2.0, 0.0, 1.0])  # on the optical axis

@@ -8,7 +8,7 @@ import numpy as np
 
 from kg.model.records import FREE, LOW, TALL, MapUpdate
 from kg.serving.opening import in_memory_map
-from mapping.alignment.transform_file import load_transform
+from mapping.alignment.recording_fit import load_transform
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.occupancy_map import OccupancyMap
 from perception.sources.recording import open_recording

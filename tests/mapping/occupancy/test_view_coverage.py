@@ -13,10 +13,9 @@ from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
-from mapping.occupancy.occupancy_map import OccupancyMap
+from mapping.occupancy.occupancy_map import OccupancyMap, view_coverage
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.tiles import Key, ViewTimes
-from mapping.occupancy.view_coverage import view_coverage
 from mapping.places.layout import Layout, LayoutPlace
 from perception.frames import Detections
 from tests.mapping.occupancy.test_occupancy_map import WALL, look

@@ -11,8 +11,8 @@ from kg.model.areas import Rectangle
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
-from mapping.places.evidence_from_objects import ObjectEvidence, presence
 from mapping.places.layout import Layout, LayoutPlace
+from mapping.places.place_mapper import ObjectEvidence, presence
 from mapping.places.place_registry import PlaceRegistry
 from mapping.recording_mapper import map_recording
 from mapping.reference.settings import ReferenceSettings

@@ -13,8 +13,8 @@ from mapping.frames.projection import map_points
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
+from mapping.reference.belief_filters import main_owner, repeats_view, unknown_share
 from mapping.reference.settings import ReferenceSettings
-from mapping.reference.viewpoint_gate import main_owner, repeats_view, unknown_share
 from perception.camera.poses import motion
 from perception.frames import SceneScores
 

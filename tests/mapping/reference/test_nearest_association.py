@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from kg.model.records import ObjectRecord
 from mapping.frames.sighting import Sighting
-from mapping.reference.nearest_association import associate, most_confident
+from mapping.reference.object_update import associate, most_confident
 
 KAPPA = 0.75
 

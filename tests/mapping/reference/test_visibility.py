@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapping.frames.projection import project, to_map
+from mapping.reference.object_update import in_field_of_view, missed, occluded, window
 from mapping.reference.settings import ReferenceSettings
-from mapping.reference.visibility import in_field_of_view, missed, occluded, window
 
 K = np.array([[50.0, 0.0, 32.0], [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]])
 

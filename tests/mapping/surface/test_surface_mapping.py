@@ -22,7 +22,7 @@ from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 
 OPTIONS = MappingOptions(occupancy=False, check_poses=False)

@@ -10,8 +10,7 @@ from kg.maps.surface.voxels import Surface
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from mapping.places.place_registry import PlaceRegistry
-from mapping.things.thing_finder import FoundThing, ThingFinder
-from mapping.things.thing_mapper import ThingMapper
+from mapping.things.thing_mapper import FoundThing, ThingFinder, ThingMapper
 from perception.frames import Frame
 from tests.perception.conftest import look_at
 

@@ -13,13 +13,14 @@ import pytest
 
 from kg.model.errors import ModelError
 from perception.inference import model_zoo as models
-from perception.inference.download import git_blob_of, sha256_of
 from perception.inference.model_zoo import (
     ModelCard,
     fetch_model,
     find_model,
+    git_blob_of,
     known_models,
     model_path,
+    sha256_of,
 )
 from perception.inference.scene_classifier import load_scene_classifier
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perception.frames import Frame
-from perception.odometry.frame_size import MAX_SIDE, shrunk
+from perception.odometry.features import MAX_SIDE, shrunk
 from tests.perception.conftest import look_at, room_depth
 
 T = look_at((0, 0, 1.4), (2, 0.5, 0.7))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from perception.frames import Frame
-from perception.odometry.frozen_images import FrozenImages
+from perception.odometry.features import FrozenImages
 
 RANDOM = np.random.default_rng(0)
 

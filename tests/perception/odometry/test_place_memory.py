@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from perception.odometry.features import FeatureDetector, Features, Image
-from perception.odometry.place_memory import PlaceMemory
+from perception.odometry.key_graph import PlaceMemory
 from tests.perception.box_room import papered_frame, pose
 
 HEADINGS = (0.0, 1.6, 3.1, 4.7)

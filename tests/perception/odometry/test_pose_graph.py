@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.camera.poses import motion
-from perception.camera.rigid_motions import inverse, motion_of
-from perception.odometry.block_elimination import BlockSystem
-from perception.odometry.pose_graph import PoseConstraint, adjusted, needs_adjustment
+from perception.camera.poses import inverse, motion, motion_of
+from perception.odometry.pose_graph import BlockSystem, PoseConstraint, adjusted, needs_adjustment
 
 SURE = np.diag([1e4, 1e4, 1e4, 1e4, 1e4, 1e4])
 

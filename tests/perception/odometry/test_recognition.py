@@ -12,8 +12,15 @@ import pytest
 from perception.camera.poses import motion
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
-from perception.odometry.recognition import Doubt, KeyView, Recogniser, Recognition, view_of
-from perception.odometry.view_encoding import decoded, encoded
+from perception.odometry.recognition import (
+    Doubt,
+    KeyView,
+    Recogniser,
+    Recognition,
+    decoded,
+    encoded,
+    view_of,
+)
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from perception.camera.poses import motion
-from perception.camera.rigid_motions import inverse, motion_of
+from perception.camera.poses import inverse, motion, motion_of
 from perception.odometry.features import FeatureDetector, Features, Image
 from perception.odometry.relative_motion import (
     depth_agreement,

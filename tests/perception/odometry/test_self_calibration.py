@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.camera.rigid_motions import inverse, motion_of
+from perception.camera.poses import inverse, motion_of
 from perception.odometry.self_calibration import CalibrationFit, MatchedPair, self_calibrated
 
 K = np.array([[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]])

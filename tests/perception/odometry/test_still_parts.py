@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from perception.odometry.still_parts import StillParts
+from perception.odometry.features import StillParts
 from tests.perception.box_room import papered_frame, pose
 
 #: in the hand: the floor's depth changes as the camera nods

@@ -13,8 +13,7 @@ from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from perception.frames import Detections
-from planner.execution.detection_verification import DetectionVerifier
-from planner.execution.object_updates import DetectionUpdate, ObjectUpdates
+from planner.execution.object_updates import DetectionUpdate, DetectionVerifier, ObjectUpdates
 from planner.execution.protocol import Detected, DetectedFrame, DetectionsMessage, RobotPose
 from planner.search.goals.targets import resolve
 from planner.simulation.demo.house_demo import HIDDEN, layout_of

@@ -16,9 +16,15 @@ from kg.model.records import MapUpdate, PlaceRecord
 from kg.serving.opening import in_memory_map
 from perception.binary_masks import connected_components
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
+from planner.freespace.grid import (
+    NO_ROOM,
+    FreeSpace,
+    Occupancy,
+    Room,
+    space_of_occupancy,
+    visible_cells,
+)
 from planner.freespace.map_server import places_file, read_grid, space_of_grid
-from planner.freespace.occupancy_grid import Occupancy, space_of_occupancy
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import plan
 from tests.planner.freespace.distances import metres_between

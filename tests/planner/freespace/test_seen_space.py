@@ -24,16 +24,14 @@ from kg.model.records import (
 from kg.serving.opening import create_map, in_memory_map
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.cli import main
-from planner.freespace.floor_plan import free_space
+from planner.freespace.floor_plan import SeenSpace, free_space, seen_space, with_frontiers
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
-from planner.freespace.seen_space import SeenSpace, seen_space, with_frontiers
 from planner.search.plans.report import step_lines
 from planner.search.plans.search_state import PlanningState, _viewpoints, build_search
 from planner.search.plans.view_plan import plan
-from planner.search.viewpoints.coverage import covering_viewpoints
-from planner.search.viewpoints.sensor import Sensor
+from planner.search.viewpoints.candidate_views import Sensor, covering_viewpoints
 from planner.settings import BELIEF, MAX_ROOMS
 
 SIDE = 64

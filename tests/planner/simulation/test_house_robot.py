@@ -20,8 +20,7 @@ from planner.search.goals.targets import resolve
 from planner.simulation.demo.demo_search import plan_for
 from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
-from planner.simulation.robot.house_robot import simulated_robot
-from planner.simulation.robot.mapping_tour import DEMO_RECORDING, START
+from planner.simulation.robot.house_robot import DEMO_RECORDING, START, simulated_robot
 
 
 def _mapped(semantic_map: SemanticMap, house: House) -> None:

@@ -13,10 +13,19 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import in_memory_map
 from perception.frames import Frame
-from planner.simulation.houses.floor_grid import FloorGrid
-from planner.simulation.houses.furniture import FURNISHINGS, OBJECTS, Solid, SolidPart
-from planner.simulation.houses.house import House, HouseRoom, Item, Wall, furnished_house
-from planner.simulation.robot.mapping_tour import START, SimulatedTour
+from planner.simulation.houses.house import (
+    FURNISHINGS,
+    OBJECTS,
+    FloorGrid,
+    House,
+    HouseRoom,
+    Item,
+    Solid,
+    SolidPart,
+    Wall,
+    furnished_house,
+)
+from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around, turn
 from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of

@@ -20,8 +20,7 @@ from planner.execution.search_loop import search
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import plan
 from planner.simulation.houses.house import House, HouseRoom, Item, Wall
-from planner.simulation.robot.house_robot import SimulatedHouseRobot
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedHouseRobot, SimulatedTour
 from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier

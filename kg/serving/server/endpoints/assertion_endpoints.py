@@ -28,12 +28,11 @@ from kg.serving.client.record_codec import assertion_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
-from kg.serving.server.http.client_departure import completed
 from kg.serving.server.http.conditions import state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS, document
+from kg.serving.server.http.media_types import document, negotiated
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.linked_data.resource_description import local_path
-from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.content_negotiation import GRAPH_TYPES
 
 _KIND: Final = NamedNode(v.ASSERTION)
 _AGENT: Final = NamedNode(v.PROV_ATTRIBUTED_TO)
@@ -50,8 +49,8 @@ async def assertions(serving: AppState, request: Request) -> Response:
 
 
 async def _list(serving: AppState, request: Request) -> Response:
-    media_type = negotiate(request.headers.get("accept"), (JSON, *GRAPH_FORMATS))
     given = query_parameters(request)
+    media_type = negotiated(request, given, (JSON, *GRAPH_TYPES))
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
         iri = full_iri(serving.semantic_map.base, iri)
@@ -101,7 +100,7 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
             return change, assertions["category" if prop == NAME else prop]
 
-    change, assertion = await completed(write)
+    change, assertion = await serving.write(request, write)
     answer = written(serving, change, request, assertion=assertion_to_json(assertion))
     if change is not None and any(quad.object == _KIND for quad in change.added):
         answer.status_code = 201
@@ -120,7 +119,9 @@ async def _retract(serving: AppState, request: Request, by: str) -> Response:
         raise Problem(400, "a retraction needs ?iri= and &property=, as in iri=object/17")
     thing = full_iri(serving.semantic_map.base, iri)
     _property(prop)
-    change = await completed(partial(serving.semantic_map.assertions.retract, thing, prop, by=by))
+    change = await serving.write(
+        request, partial(serving.semantic_map.assertions.retract, thing, prop, by=by)
+    )
     return written(serving, change, request)
 
 

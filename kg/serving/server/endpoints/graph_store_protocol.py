@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import closing
 from dataclasses import asdict
 from functools import partial
-from typing import Final
+from typing import Final, cast
 
 from pyoxigraph import NamedNode, Quad, RdfFormat, Triple, serialize
 from starlette.concurrency import run_in_threadpool
@@ -32,22 +32,23 @@ from kg.rdf.xml_characters import in_xml
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
-from kg.serving.server.http.client_departure import completed
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.conditions import State, check_preconditions, state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS
+from kg.serving.server.http.media_types import negotiated
 from kg.serving.server.http.problems import Problem, problem_of, problem_response
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.content_negotiation import ALIASES, GRAPH_TYPES
 from kg.serving.workers.dumps import Dump
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.updates import parsed_document
 from kg.store.sparql_client import SEQUENCE
 
 _DUMPS: Final = {"trig": RdfFormat.TRIG, "nq": RdfFormat.N_QUADS}
-_MEDIA: Final = {form: media_type for media_type, form in GRAPH_FORMATS.items()}
-#: formats of a single graph
-_FORMATS: Final = {name: form for form, name in _MEDIA.items() if form not in _DUMPS.values()}
+#: media types of a single graph, of those that have no names of graphs
+_TYPES: Final = tuple(
+    name for name in GRAPH_TYPES if RdfFormat.from_media_type(name) not in _DUMPS.values()
+)
+_BODIES: Final = tuple(name for name in _TYPES if name not in ALIASES)
 
 log = logging.getLogger("hereabouts.server")
 
@@ -89,13 +90,15 @@ def _replace(
     confirmed: bool,
 ) -> ChangeSet | None:
     """Replace the triples of a graph; None deletes them."""
-    semantic_map = serving.semantic_map
-    with semantic_map.hold():
-        check()
-        held = tuple(semantic_map.engine.quads_for_pattern(None, None, None, graph))
-        steps = (QuadChange(held, ()), *([] if triples is None else [_insertion(graph, triples)]))
-        note = f"{'DELETE' if triples is None else 'PUT'} {graph}"
-        return semantic_map.apply_ground(GroundUpdate(steps), note, by=by, confirmed=confirmed)
+    steps = () if triples is None else (_insertion(graph, triples),)
+    return serving.semantic_map.apply_ground(
+        GroundUpdate(steps),
+        f"{'DELETE' if triples is None else 'PUT'} {graph}",
+        by=by,
+        confirmed=confirmed,
+        replaced=graph,
+        check=check,
+    )
 
 
 def _extend(
@@ -106,10 +109,8 @@ def _extend(
     check: Callable[[], None],
 ) -> ChangeSet | None:
     """Add triples to a graph."""
-    with serving.semantic_map.hold():
-        check()
-        update = GroundUpdate((_insertion(graph, triples),))
-        return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by)
+    update = GroundUpdate((_insertion(graph, triples),))
+    return serving.semantic_map.apply_ground(update, f"POST {graph}", by=by, check=check)
 
 
 def _insertion(graph: NamedNode, triples: list[Triple]) -> QuadChange:
@@ -128,13 +129,14 @@ async def _take_ontology(
     client = asker_of(request).client
     document = OntologyDocument(*given, serving.semantic_map.base, whole, client)
     work = serving.pool.ontologies, serving.semantic_map, document
-    taken = await completed(partial(replace_ontology, *work, by=by, check=check))
+    taken = await serving.write(request, partial(replace_ontology, *work, by=by, check=check))
     return written(
         serving,
         taken.commit,
         request,
         changes=[asdict(change) for change in taken.changes],
         kept=list(taken.kept),
+        warnings=[asdict(warning) for warning in taken.warnings],
     )
 
 
@@ -144,7 +146,7 @@ async def dump(serving: AppState, request: Request) -> ASGIApp:
     if ending not in _DUMPS:
         known = " and ".join(f"/dump.{name}" for name in _DUMPS)
         raise Problem(404, f"no dump ends in {ending[:40]!r}; there are {known}")
-    media_type = _MEDIA[_DUMPS[ending]]
+    media_type = _DUMPS[ending].media_type
     headers = {"Content-Type": media_type}
     if request.method == "HEAD":
         return Response(headers=headers)
@@ -153,15 +155,16 @@ async def dump(serving: AppState, request: Request) -> ASGIApp:
 
 
 async def _read(serving: AppState, request: Request, graph: NamedNode | None) -> Response:
-    media_type = negotiate(request.headers.get("accept"), tuple(_FORMATS))
+    media_type = negotiated(request, bodies.query_parameters(request), _TYPES)
+    form = cast(RdfFormat, RdfFormat.from_media_type(media_type))
     if graph is not None and not _has(serving, graph):
         raise _unknown(graph)
     sequence = serving.semantic_map.sequence
-    state = _state(serving, graph, _FORMATS[media_type].file_extension)
+    state = _state(serving, graph, form.file_extension)
     headers = {"Vary": "Accept", SEQUENCE: str(sequence), **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
-    body = await serving.read(request, partial(_serialised, serving, graph, _FORMATS[media_type]))
+    body = await serving.read(request, partial(_serialised, serving, graph, form))
     return Response(body, media_type=media_type, headers=headers)
 
 
@@ -225,7 +228,7 @@ def _graph(request: Request) -> NamedNode | None:
     given = bodies.query_parameters(request)
     iri = given.one("graph")
     if path:
-        if any(key != "whole" for key, _ in given.pairs):
+        if "graph" in given or "default" in given:
             raise Problem(400, "the path names the graph; leave out ?graph and ?default")
         iri = v.GRAPH + path
     elif (iri is None) == ("default" not in given):
@@ -248,10 +251,10 @@ def _unknown(graph: NamedNode) -> Problem:
 async def _body(serving: AppState, request: Request) -> tuple[bytes, RdfFormat]:
     """The body of a request, and its format."""
     kind = bodies.media_type(request)
-    form = _FORMATS.get(kind)
-    if form is None:
-        known = ", ".join(_FORMATS)
+    if kind not in _BODIES:
+        known = ", ".join(_BODIES)
         raise Problem(415, f"a body of type {kind[:100] or '(none)'}; there are: {known}")
+    form = cast(RdfFormat, RdfFormat.from_media_type(kind))
     return await bodies.read_body(request, serving.settings.limits), form
 
 

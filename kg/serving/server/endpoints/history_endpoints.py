@@ -1,4 +1,4 @@
-"""`/log`, `/diff`, `/why`, `/timeline`: history of a thing, comparison, explanation, axis of time.
+"""`/log`, `/diff`, `/why`: history of a thing, comparison of two states, explanation.
 
 Workers compute them within the limits of queries, since a history can be long.
 """
@@ -18,21 +18,17 @@ from kg.history.reports.comparison import FAR
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
-from kg.serving.server.http.client_departure import unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import MAX_DIGITS, sequence_at
+from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.time_parameters import MAX_DIGITS, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
-from kg.serving.workers.pool import QueryPool
-from kg.serving.workers.process import Answer
-from kg.serving.workers.request import ANYONE, Asker
 from kg.store.sparql_client import SEQUENCE
 
 #: media types of the responses
 TYPES: Final[dict[str, tuple[str, ...]]] = {
     "log": (JSON, "text/plain"),
     "diff": (JSON, "text/plain"),
-    "timeline": (JSON,),
     "why": (JSON, "text/plain", "text/turtle"),
 }
 
@@ -50,38 +46,20 @@ async def diff(serving: AppState, request: Request) -> Response:
     return await _response(serving, request, "diff")
 
 
-async def timeline(serving: AppState, request: Request) -> Response:
-    """The times at which things changed."""
-    return await _response(serving, request, "timeline")
-
-
 async def why(serving: AppState, request: Request) -> Response:
     """Explanation of the resource ``?iri=``, or of the resource or fact ``?what=``."""
     return await _response(serving, request, "why")
 
 
-async def history_report(
-    pool: QueryPool,
-    semantic_map: SemanticMap,
-    what: str,
-    given: RequestParameters,
-    media_type: str,
-    asker: Asker = ANYONE,
-) -> Answer:
-    """The log, diff or explanation of a request, from a worker; Problem 400 for an invalid one."""
-    arguments = await _arguments(semantic_map, what, given)
-    # the snapshot must not be older than the history
-    least = semantic_map.sequence if what == "why" else 0
-    return await pool.history_report_async(
-        what, media_type, at_least=least, asker=asker, **arguments
-    )
-
-
 async def _response(serving: AppState, request: Request, what: str) -> Response:
     given = query_parameters(request)
     media_type = negotiate(request.headers.get("accept"), TYPES[what])
-    asker = asker_of(request)
-    report = history_report(serving.pool, serving.semantic_map, what, given, media_type, asker)
+    arguments = await _arguments(serving.semantic_map, what, given)
+    # the snapshot must not be older than the history
+    least = serving.semantic_map.sequence if what == "why" else 0
+    report = serving.pool.history_report_async(
+        what, media_type, at_least=least, asker=asker_of(request), **arguments
+    )
     answer = await unless_gone(request, asyncio.ensure_future(report))
     return Response(
         answer.body,
@@ -102,8 +80,6 @@ async def _arguments(
         facts, far = given.flag("facts"), _far(given.one("far"))
         areas = await run_in_threadpool(_areas, semantic_map, before, after)
         return {"before": before, "after": after, "facts": facts, "far": far, "surface": areas}
-    if what == "timeline":
-        return {}
     if ("iri" in given) == ("what" in given):
         raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
     return {"about": given.one("iri") or _needed(given, "what")}

@@ -17,18 +17,21 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
-from kg.serving.server.http.client_departure import completed, unless_gone
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import sequence_at
+from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.server.http.time_parameters import sequence_at
 from kg.serving.server.linked_data.description import service_description
+from kg.serving.workers.process import Answer
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import SEQUENCE
 
 QUERY: Final = "application/sparql-query"
 UPDATE: Final = "application/sparql-update"
+NOTE: Final = "Here-Note"  # header of an answer: terms of the query that the map lacks
+MAX_NOTE: Final = 1000  # characters
 
 
 async def sparql(serving: AppState, request: Request) -> Response:
@@ -96,8 +99,14 @@ async def _query(serving: AppState, request: Request, given: RequestParameters) 
     return Response(
         answer.body,
         media_type=answer.media_type,
-        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
+        headers={"Vary": "Accept", SEQUENCE: str(answer.sequence), **_notes(answer)},
     )
+
+
+def _notes(answer: Answer) -> dict[str, str]:
+    """A header that names the terms of a query that the map lacks."""
+    text = "; ".join(answer.details.get("notes", ()))
+    return {NOTE: text[:MAX_NOTE].encode("ascii", "backslashreplace").decode()} if text else {}
 
 
 def _least(serving: AppState, request: Request) -> int:
@@ -121,20 +130,24 @@ async def _update(
         graphs_of(given, "using-graph-uri"),
         graphs_of(given, "using-named-graph-uri"),
     )
+    notes: list[str] = []
     act = partial(
         update_map,
         *(serving.pool, serving.semantic_map, update),
         by=by,
         confirmed=is_confirmed(request),
+        explain=notes.append,
     )
-    return await write(serving, request, act)
+    change = await completed(act)
+    told = {"note": notes[0]} if any(notes) else {}
+    return written(serving, change, request, **told)
 
 
 async def write(
     serving: AppState, request: Request, act: Callable[[], ChangeSet | None]
 ) -> Response:
     """Execute an update; the response has counts and the number of the transaction."""
-    return written(serving, await completed(act), request)
+    return written(serving, await serving.write(request, act), request)
 
 
 def written(

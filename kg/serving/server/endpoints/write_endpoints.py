@@ -26,11 +26,10 @@ from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import json_response, read_json
-from kg.serving.server.http.client_departure import completed
-from kg.serving.server.http.client_sessions import asker_of
+from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.conditions import sequence_at
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.server.http.time_parameters import sequence_at
 from kg.store.sparql_client import SEQUENCE
 
 #: kinds of causes: frames of a mapper, a search of a robot, an import
@@ -58,14 +57,14 @@ async def records(serving: AppState, request: Request) -> Response:
             serving.semantic_map, update, cause, known_sequence=known, own=own
         )
 
-    return written(serving, await completed(apply), request)
+    return written(serving, await serving.write(request, apply), request)
 
 
 async def numbers(serving: AppState, request: Request) -> Response:
     """Reserve the IRI of a new object."""
     serving.author_of(request)
     await read_json(request, serving.settings.limits, ())
-    return json_response({"iri": await completed(serving.semantic_map.new_object_iri)})
+    return json_response({"iri": await serving.write(request, serving.semantic_map.new_object_iri)})
 
 
 async def labels(serving: AppState, request: Request) -> Response:
@@ -83,7 +82,7 @@ async def labels(serving: AppState, request: Request) -> Response:
         raise Problem(400, f"'model' must be the name of the network, of up to {_MAX_TEXT}")
 
     learn = partial(serving.semantic_map.ontology.learn, names, kind, model=content["model"])
-    found = await completed(learn)
+    found = await serving.write(request, learn)
     serving.sessions.saw(asker_of(request).client, serving.semantic_map.sequence)
     return json_response({"categories": found, "sequence": serving.semantic_map.sequence})
 
@@ -135,7 +134,7 @@ async def rooms(serving: AppState, request: Request) -> Response:
     """Apply the edit in the body: a JSON object with the members of `RoomEdit`."""
     by = serving.author_of(request)
     edit = _edit(**await read_json(request, serving.settings.limits, _MEMBERS))
-    change = await completed(partial(serving.semantic_map.rooms.edit, edit, by=by))
+    change = await serving.write(request, partial(serving.semantic_map.rooms.edit, edit, by=by))
     return written(serving, change, request)
 
 
@@ -180,7 +179,7 @@ async def restore(serving: AppState, request: Request) -> Response:
         confirmed=is_confirmed(request),
         dry_run=given["dry_run"],
     )
-    done = await completed(restoration)
+    done = await serving.write(request, restoration)
     sequence = done.sequence or serving.semantic_map.sequence
     serving.sessions.saw(asker_of(request).client, sequence)
     return json_response(asdict(done), {SEQUENCE: str(sequence)})

@@ -10,6 +10,7 @@ from typing import Self
 
 from kg.model.errors import ServerError
 from kg.serving.server.http.problems import Problem
+from kg.store.credentials import read_token_file
 
 MIN_LENGTH = 16  # characters of a token
 _TOKEN = re.compile(r"[A-Za-z0-9._~+/-]+=*")  # RFC 6750, section 2.1
@@ -29,11 +30,7 @@ class BearerTokens:
         Raises ServerError, which quotes no token, if the file cannot be read, holds no token, or
         holds one that is too short to be safe.
         """
-        try:
-            lines = Path(path).read_text(encoding="utf-8").splitlines()
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-            raise ServerError(f"cannot read the token file {path}: {reason}") from error
+        lines = read_token_file(path).splitlines()
         secrets = tuple(
             _secret(line, f"{path}, line {number}")
             for number, line in enumerate(lines, start=1)

@@ -15,16 +15,17 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
+from kg.model.iris import whole_number
+from kg.serving.server.http.clients import ReadingThreads, Upload
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
-from kg.serving.server.http.uploads import Upload
 
 FORM = "application/x-www-form-urlencoded"
 JSON = "application/json"
 MAX_FIELDS = 200  # parameters of one request
 MAX_LEVELS = 32  # levels of JSON
 MAX_MEMBERS = 100  # of a body of gzip
-DECOMPRESSED_AT_ONCE = 1 << 20  # [bytes]
+MAX_RATIO = 1032  # of the sizes of what DEFLATE expands to and of what it is given
 _ENCODINGS = ("identity", "gzip", "x-gzip", "deflate")
 
 
@@ -127,7 +128,7 @@ async def read_body(request: Request, limits: Limits) -> bytes:
     encoding than gzip and deflate, 503 if bodies of others fill the memory.
     """
     length = request.headers.get("content-length", "0")
-    if length.isdigit() and int(length) > limits.body:
+    if length.isdigit() and (whole_number(length) or 0) > limits.body:
         raise _too_long(limits)
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
     if encoding not in _ENCODINGS:
@@ -145,9 +146,12 @@ async def read_body(request: Request, limits: Limits) -> bytes:
         ) from error
     except ClientDisconnect as error:
         raise Problem(400, "the client left before the body was complete") from error
-    if encoding != "identity":
-        body = await _decompressed(body, upload, limits)
-    upload.complete = True
+    if encoding == "identity":
+        return body
+    upload.hold(len(body) + min(limits.body, MAX_RATIO * len(body)))
+    threads: ReadingThreads = request.state.threads
+    body = await threads.run(request.state.client, partial(_decompressed, body, limits))
+    upload.hold(len(body))
     return body
 
 
@@ -156,33 +160,28 @@ async def _collect(request: Request, upload: Upload, limits: Limits) -> bytes:
     async for chunk in request.stream():
         if len(body) + len(chunk) > limits.body:
             raise _too_long(limits)
-        upload.take(len(chunk))
+        upload.hold(len(body) + len(chunk))
         body += chunk
     return bytes(body)
 
 
-async def _decompressed(rest: bytes, upload: Upload, limits: Limits) -> bytes:
+def _decompressed(rest: bytes, limits: Limits) -> bytes:
     """A body of one or more members of gzip (RFC 1952), or of zlib (RFC 1950)."""
-    body, compressed, members = bytearray(), len(rest), 0
+    body, members = bytearray(), 0
     try:
         while rest:
             members += 1
             if members > MAX_MEMBERS:
                 raise Problem(413, f"a compressed body may have {MAX_MEMBERS} members")
             inflate = zlib.decompressobj(wbits=zlib.MAX_WBITS + 32)  # detects gzip and zlib
-            while not inflate.eof:
-                part = await upload.run(partial(inflate.decompress, rest, DECOMPRESSED_AT_ONCE))
-                rest = inflate.unconsumed_tail
-                if not (part or rest or inflate.eof):
-                    raise Problem(400, "the compressed body is incomplete")
-                if len(body) + len(part) > limits.body:
-                    raise _too_long(limits)
-                upload.take(len(part))
-                body += part
+            body += inflate.decompress(rest, limits.body - len(body) + 1)
+            if len(body) > limits.body:
+                raise _too_long(limits)
+            if not inflate.eof:
+                raise Problem(400, "the compressed body is incomplete")
             rest = inflate.unused_data
     except zlib.error as error:
         raise Problem(400, f"the body is not compressed as it says: {error}") from error
-    upload.take(-compressed)
     return bytes(body)
 
 

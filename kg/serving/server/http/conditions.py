@@ -1,4 +1,4 @@
-"""Conditional requests (RFC 9110, section 13).
+"""Conditional requests (RFC 9110, section 13), and moments in requests.
 
 A client that has the current state gets 304 Not Modified. A write that names another state than the
 current one gets 412 Precondition Failed.
@@ -12,12 +12,19 @@ import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.utils import format_datetime, parsedate_to_datetime
+from functools import partial
+from typing import Final
 
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
+from kg.history.timestamps import moment, sequence_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HistoryError
 from kg.serving.server.http.problems import Problem
+
+MAX_DIGITS: Final = 18  # of a transaction's number
+MAX_DATE: Final = 60  # letters
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,8 +114,38 @@ def state_of(semantic_map: SemanticMap) -> State:
     return State(sequence, modified, past=modified <= time.time())
 
 
+async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
+    """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
+
+    Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
+    """
+    text = text.strip()
+    if re.fullmatch(rf"#?[0-9]{{1,{MAX_DIGITS}}}", text):
+        when: int | str = int(text.removeprefix("#"))
+    else:
+        when = text
+        try:
+            moment(text)
+        except HistoryError as error:
+            raise Problem(
+                400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
+            ) from error
+    return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))
+
+
+def http_date(text: str) -> float:
+    """A date of HTTP (RFC 9110, section 5.6.7) in seconds since 1970; raises ValueError."""
+    if len(text) > MAX_DATE:
+        raise ValueError(f"a date of {len(text)} letters")
+    try:
+        given = parsedate_to_datetime(text)
+        return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+    except OverflowError as error:
+        raise ValueError(str(error)) from error
+
+
 def _moment(text: str | None) -> float | None:
     try:
-        return parsedate_to_datetime(text).timestamp() if text else None
-    except (ValueError, OverflowError):
+        return http_date(text) if text else None
+    except ValueError:
         return None

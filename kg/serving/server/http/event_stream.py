@@ -1,16 +1,23 @@
-"""Server-sent events (WHATWG HTML, section 9.2) that the client or the server may end."""
+"""Responses that outlast their clients or not: server-sent events, writes, queries.
+
+Server-sent events (WHATWG HTML, section 9.2) end with the client or the server. If a client leaves
+before its response, a write completes, and a query is cancelled.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
 from collections.abc import AsyncIterator, Callable
+from typing import Any, TypeVar
 
+from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 
-from kg.serving.server.http.client_departure import disconnected
-from kg.serving.server.http.limits.connection import PatientConnection
+from kg.serving.server.http.connection import LimitedConnection
+from kg.serving.server.http.problems import Problem
 
+T = TypeVar("T")
 _HEADERS = [
     (b"content-type", b"text/event-stream; charset=utf-8"),
     (b"cache-control", b"no-store"),
@@ -51,7 +58,7 @@ class EventStream:
         finally:
             self._on_end()
 
-    async def _stream(self, connection: PatientConnection, receive: Receive, send: Send) -> None:
+    async def _stream(self, connection: LimitedConnection, receive: Receive, send: Send) -> None:
         parts = self._ended.wait(), self._send_events(send), _send_heartbeats(send)
         tasks = [asyncio.ensure_future(part) for part in parts]
         left = asyncio.ensure_future(disconnected(receive))
@@ -80,3 +87,25 @@ async def _send_heartbeats(send: Send) -> None:
 
 def _part(body: bytes) -> dict[str, object]:
     return {"type": "http.response.body", "body": body, "more_body": True}
+
+
+async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
+    """The answer to a query, which is cancelled if the client leaves."""
+    gone = asyncio.ensure_future(disconnected(request.receive))
+    try:
+        waiting: set[asyncio.Future[Any]] = {query, gone}
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        if not query.done():
+            query.cancel()
+            await asyncio.gather(query, return_exceptions=True)
+            raise Problem(400, "the client left before its answer was ready")
+        return query.result()
+    finally:
+        gone.cancel()
+        query.cancel()
+
+
+async def disconnected(receive: Receive) -> None:
+    """Return once the client has left; the rest of its request is ignored."""
+    while (await receive())["type"] != "http.disconnect":
+        pass

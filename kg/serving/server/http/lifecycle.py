@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import resource
 import socket
 import sys
 import threading
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Self
+from types import FrameType
+from typing import Any, Self, cast
 
 import uvicorn
 from starlette.types import ASGIApp
 
 from kg.model.errors import ServerError
-from kg.serving.server.http.limits.connection import PatientConnection
-from kg.serving.server.http.limits.shares import Shares
-from kg.serving.server.http.limits.turns_to_read import TurnsToRead
-from kg.serving.server.http.request_checks import holder
+from kg.serving.server.http.connection import ConnectionTable, LimitedConnection
 from kg.serving.server.http.settings import Settings
 
 START_WITHIN = 60.0  # [s]
@@ -48,8 +47,12 @@ class ServerLifecycle:
         host, port = self._address
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/"
 
-    def run(self) -> None:
-        """Serve until interrupted, or until `stop` is called from another thread."""
+    def run(self, on_signal: Callable[[], None] = lambda: None) -> None:
+        """Serve until interrupted, or until `stop` is called from another thread.
+
+        `on_signal` is called when a signal that ends the server arrives.
+        """
+        self._server.on_signal = on_signal
         try:
             self._server.run(sockets=[self._socket])
         finally:
@@ -83,7 +86,12 @@ class _Uvicorn(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, end_streams: Callable[[], None]) -> None:
         super().__init__(config)
         self.ready = threading.Event()
+        self.on_signal: Callable[[], None] = lambda: None
         self._end_streams = end_streams
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.on_signal()
+        super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -97,27 +105,20 @@ class _Uvicorn(uvicorn.Server):
 
 
 def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
-    limits = settings.limits
-    bounds = {
-        "idle_seconds": limits.idle_seconds,
-        "max_connections": min(limits.connections, _max_files() // 2),
-        "max_unread": limits.unread,
-        "turns": TurnsToRead(),
-        "shares": Shares(),
-        "holder": staticmethod(partial(holder, settings)),
-    }
-    patient = type("Connection", (PatientConnection,), bounds)
+    table = ConnectionTable(settings, min(settings.limits.connections, _max_files() // 2))
     return uvicorn.Config(
         app,
-        http=patient,
+        http=cast(Any, partial(LimitedConnection, table)),
         ws="none",
+        loop="asyncio",
         lifespan="on",
         log_config=None,
         log_level="error",
         access_log=False,
         server_header=False,
         proxy_headers=False,
-        h11_max_incomplete_event_size=limits.url,
+        h11_max_incomplete_event_size=settings.limits.head,
+        timeout_keep_alive=math.ceil(settings.limits.idle_seconds),
         backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=END_WITHIN,
     )
@@ -129,30 +130,16 @@ def _max_files() -> int:
     return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
-class _Listener(socket.socket):
-    """Accepts clients, but for those that have reset their connection already."""
-
-    def accept(self) -> tuple[socket.socket, Any]:
-        """Accept the next connection; raises BlockingIOError if there is none."""
-        for _ in range(QUEUE):
-            accepted, address = super().accept()
-            try:
-                accepted.getpeername()
-            except OSError:
-                accepted.close()
-            else:
-                return accepted, address
-        raise BlockingIOError("each of the connections was reset")
-
-
 def listen(host: str, port: int) -> socket.socket:
     """Socket that listens at an address; raises ServerError where it cannot."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         plain = socket.create_server((host, port), family=family, backlog=QUEUE)
-        return _Listener(fileno=plain.detach())
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ServerError(
             f"cannot listen at {host}, port {port}: {reason}; try another port (0 takes a free one)"
         ) from error
+    # names the protocol, so that asyncio sends the second part of a response without the 40 ms of a
+    # delayed acknowledgement (TCP_NODELAY)
+    return socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=plain.detach())

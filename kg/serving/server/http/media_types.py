@@ -1,4 +1,4 @@
-"""Media types and serialisation of documents of triples."""
+"""Media types of a request, and serialisation of documents of triples."""
 
 from __future__ import annotations
 
@@ -13,26 +13,17 @@ from kg.export.serialization import serialised
 from kg.rdf.jsonld import to_jsonld
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.problems import Problem
+from kg.serving.workers.content_negotiation import GRAPH_TYPES, negotiate
 
 HTML: Final = "text/html"
 EVENTS: Final = "text/event-stream"
+MAX_NAMES: Final = 8  # of formats in one request
+MAX_LETTERS: Final = 400  # of one, which may be a list of media types
 SOLUTIONS: Final = "application/sparql-results+json"
-
-#: media type -> format, for documents of triples; the first is the default
-GRAPH_FORMATS: Final[dict[str, RdfFormat]] = {
-    "text/turtle": RdfFormat.TURTLE,
-    "application/ld+json": RdfFormat.JSON_LD,
-    "application/n-triples": RdfFormat.N_TRIPLES,
-    "application/rdf+xml": RdfFormat.RDF_XML,
-    "text/n3": RdfFormat.N3,
-    "application/trig": RdfFormat.TRIG,
-    "application/n-quads": RdfFormat.N_QUADS,
-}
-
 
 #: names of formats in the parameter `format` (or `output`), as in other SPARQL endpoints
 _NAMES: Final[dict[str, tuple[str, ...]]] = {
-    "json": (SOLUTIONS, "application/ld+json;q=0.9", "application/json;q=0.8"),
+    "json": (SOLUTIONS, "application/ld+json", "application/json"),
     "xml": ("application/sparql-results+xml", "application/rdf+xml"),
     "csv": ("text/csv",),
     "tsv": ("text/tab-separated-values",),
@@ -49,26 +40,46 @@ _SHORT: Final = {"ttl": "turtle", "nt": "ntriples", "rdf": "rdfxml", "nq": "nqua
 
 
 def accept_of(request: Request, given: RequestParameters) -> str | None:
-    """The media types that a client accepts: its parameter `format`, else its header Accept.
+    """The media types that a client accepts: its parameters `format`, else its header Accept.
 
-    A format is a name (csv, json, ttl, ...) or a media type. Raises Problem 400 for another.
+    A format is a name (csv, json, ttl, ...) or media types. The parameter may be repeated, also as
+    `output`, as clients do that know several endpoints: the first that can be written counts.
+    Raises Problem 400 if none is known.
     """
-    name = given.one("format") or given.one("output")
-    if not name:
+    names = [name for key in ("format", "output") for name in given.all(key) if name]
+    if not names:
         return request.headers.get("accept")
+    if len(names) > MAX_NAMES or any(len(name) > MAX_LETTERS for name in names):
+        raise Problem(400, f"give up to {MAX_NAMES} formats, of up to {MAX_LETTERS} letters")
+    types = dict.fromkeys(media_type for name in names for media_type in _types_of(name))
+    if not types:
+        known = ", ".join([*_NAMES, *_SHORT])
+        raise Problem(400, f"no format {names[0][:40]!r}; there are: {known}, or a media type")
+    return ", ".join(f"{name};q={1 / (n + 1):.3f}" for n, name in enumerate(types))
+
+
+def _types_of(name: str) -> Iterable[str]:
+    """The media types that a name of a format stands for; empty for an unknown name."""
     key = re.sub(r"[-_./+ ]", "", name.lower())
-    types = _NAMES.get(_SHORT.get(key, key))
-    if types is not None:
-        return ", ".join(types)
-    if "/" in name:
-        return name.replace(" ", "+")  # an unescaped +
-    names = ", ".join([*_NAMES, *_SHORT])
-    raise Problem(400, f"no format {name[:40]!r}; there are: {names}, or a media type")
+    known = _NAMES.get(_SHORT.get(key, key))
+    if known is not None or "/" not in name:
+        return known or ()
+    # a media type, or several; an unescaped + is a space
+    parts = (part.partition(";")[0].strip() for part in name.lower().split(","))
+    return (part.replace(" ", "+") for part in parts if part)
+
+
+def negotiated(
+    request: Request, given: RequestParameters, offered: tuple[str, ...] = (*GRAPH_TYPES, HTML)
+) -> str:
+    """The media type of a document, of those offered; raises NotAcceptableError, or as above."""
+    return negotiate(accept_of(request, given), offered)
 
 
 def document(triples: Iterable[Triple], media_type: str, prefixes: dict[str, str]) -> bytes:
-    """Triples as a document in one of `GRAPH_FORMATS`; JSON-LD with its context."""
-    form = GRAPH_FORMATS[media_type]
+    """Triples as a document in one of `GRAPH_TYPES`; JSON-LD with its context."""
+    form = RdfFormat.from_media_type(media_type)
+    assert form is not None
     if form == RdfFormat.JSON_LD:
         return to_jsonld(triples, prefixes).encode()
     statements: Iterable[Triple] | Iterable[Quad] = triples

@@ -1,27 +1,24 @@
-"""Request guard: checks of host, rate, origin and token; security headers; metrics."""
+"""Request guard: checks of host, origin and token; limits of clients; headers; metrics."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
 import time
-from collections.abc import Iterable
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from kg.serving.server.http.limits.rate_limit import RateLimiter
+from kg.serving.server.http.clients import ReadingThreads, Uploads, client_of
 from kg.serving.server.http.problems import Problem, problem_response
 from kg.serving.server.http.request_checks import (
-    check_framing,
-    check_host,
-    check_site,
+    check_origin,
+    check_request,
     check_token,
-    client_of,
+    is_trusted,
 )
-from kg.serving.server.http.settings import Settings
-from kg.serving.server.http.uploads import Uploads
+from kg.serving.server.http.settings import ANY_ORIGIN, Settings
 from kg.serving.server.metrics import Metrics
 
 log = logging.getLogger("hereabouts.server")
@@ -45,18 +42,33 @@ _ROUTES = frozenset(
 )
 _METHODS = frozenset(("GET", "HEAD", "POST", "PUT", "DELETE", "OPTIONS", "PATCH"))
 
+#: headers of requests that scripts of other origins may set, and those that only trusted ones may
+_READING = (
+    *("Content-Type", "Accept", "Accept-Language", "Accept-Datetime", "Last-Event-ID"),
+    *("If-None-Match", "Here-Sequence"),
+)
+_WRITING = ("Authorization", "Prefer", "If-Match", "Here-Confirm")
+_EXPOSED = (
+    *("Here-Sequence", "Here-Missing", "Retry-After", "ETag", "Link", "Location"),
+    *("Memento-Datetime", "Preference-Applied"),
+)
+
 _ENDING = problem_response(
     Problem(503, "the server is shutting down; try again later", {"Retry-After": "10"}), None
 )
 
 
 class RequestGuard:
-    """Outermost ASGI middleware of the application."""
+    """Outermost ASGI middleware of every HTTP server of this package.
 
-    def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
+    The state of a request gets its `client`, `threads` for reading, and its `upload`.
+    """
+
+    def __init__(
+        self, app: ASGIApp, settings: Settings, metrics: Metrics, threads: ReadingThreads
+    ) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
-        self._rates = RateLimiter(settings.limits.rate, settings.limits.burst)
-        self._uploads = Uploads(settings.limits)
+        self._threads, self._uploads = threads, Uploads(settings.limits)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Guard a request; pass lifespan messages on."""
@@ -97,11 +109,9 @@ class RequestGuard:
 
     async def _with_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"]
-        upload = state["upload"] = self._uploads.begin(state["connection"], state["client"])
-        try:
+        with self._uploads.of(state["client"]) as upload:
+            state |= {"upload": upload, "threads": self._threads}
             await self._app(scope, receive, send)
-        finally:
-            self._uploads.end(upload)
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:
@@ -113,42 +123,31 @@ class RequestGuard:
         return None
 
     def _check(self, scope: Scope, headers: Headers) -> None:
-        check_framing(scope["http_version"], headers)
-        check_host(self._settings, headers)
+        check_request(self._settings, scope["http_version"], headers)
         address = scope["client"][0] if scope.get("client") else ""
-        client = client_of(self._settings, headers, address)
-        scope["state"]["client"] = scope["state"]["connection"].client_name = client
-        # a state comes from a cache, and is made at a cost with a bound
-        wait = 0 if scope["path"] == "/state" else self._rates.take(client)
-        if wait:
-            # closes the connection, on which a thousand further requests may wait
-            later = {"Retry-After": str(wait), "Connection": "close"}
-            raise Problem(429, "too many requests; slow down", later)
+        client = scope["state"]["client"] = client_of(self._settings, headers, address)
+        scope["state"]["connection"].admit(client)
         if scope["method"] != "OPTIONS":  # a preflight has no token, and gets no data
-            check_site(self._settings, scope["path"], scope["method"], headers)
+            check_origin(self._settings, scope["path"], scope["method"], headers)
             check_token(self._settings, scope["path"], headers)
 
     def _add_headers(self, answer: MutableHeaders, origin: str | None) -> None:
         for name, value in _SAFE_HEADERS.items():
             answer.setdefault(name, value)
-        if self._settings.allow_origins:
+        allowed = self._settings.allow_origins
+        if allowed:
             answer.add_vary_header("Origin")
-        if origin is None or origin not in self._settings.allow_origins:
+        if origin is None or not {origin, ANY_ORIGIN} & {*allowed}:
             return
-        answer["Access-Control-Allow-Origin"] = origin
-        answer["Access-Control-Allow-Methods"] = "GET, HEAD, POST, PUT, DELETE"
-        answer["Access-Control-Allow-Headers"] = _join(
-            (
-                *("Authorization", "Content-Type", "Accept", "Accept-Datetime", "Prefer"),
-                *("Last-Event-ID", "If-Match", "If-None-Match", "Here-Sequence", "Here-Confirm"),
-            )
+        trusted = is_trusted(self._settings, origin)
+        answer["Access-Control-Allow-Origin"] = origin if trusted else ANY_ORIGIN
+        answer["Access-Control-Allow-Methods"] = ", ".join(
+            ("GET", "HEAD", "POST", *(("PUT", "DELETE") if trusted else ()))
         )
-        answer["Access-Control-Expose-Headers"] = _join(
-            (
-                *("Here-Sequence", "Here-Missing", "Retry-After", "ETag", "Link", "Location"),
-                *("Memento-Datetime", "Preference-Applied"),
-            )
+        answer["Access-Control-Allow-Headers"] = ", ".join(
+            (*_READING, *(_WRITING if trusted else ()))
         )
+        answer["Access-Control-Expose-Headers"] = ", ".join(_EXPOSED)
         answer["Access-Control-Max-Age"] = "600"
         answer["Cross-Origin-Resource-Policy"] = "cross-origin"
 
@@ -159,7 +158,3 @@ class RequestGuard:
         self._metrics.request(route, method, status, seconds)
         # without query string and headers, which may hold secrets
         log.info("%s %r %s %.1f ms", method, scope["path"][:200], status, seconds * 1000)
-
-
-def _join(names: Iterable[str]) -> str:
-    return ", ".join(names)

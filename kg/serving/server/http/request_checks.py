@@ -1,7 +1,8 @@
 """Checks of the headers of a request.
 
+- the length of headers, since each of them is parsed
 - Host, against DNS rebinding
-- fetch metadata of browsers (W3C), against web pages of other sites
+- fetch metadata of browsers (W3C), or the Origin, against web pages of other sites
 - the token, where the map is private
 - the confirmation of a large deletion
 """
@@ -16,30 +17,35 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 
 from kg.serving.server.http.bearer_tokens import unauthorised
-from kg.serving.server.http.client_sessions import client_of_address
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.settings import Settings
+from kg.serving.server.http.settings import ANY_ORIGIN, Settings
 from kg.store.sparql_client import CONFIRM, CONFIRMED
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")
 #: paths that links of other sites may not open, since opening them runs a query
 _NO_LINKS: Final = frozenset(
-    ("sparql", "subscribe", "changes", "log", "diff", "why", "state", "timeline")
+    (
+        *("sparql", "subscribe", "changes", "log", "diff", "why", "state", "timeline"),
+        *("find", "mcp"),
+    )
 )
+MAX_HEADER: Final = 4000  # [bytes] of a value
+_UNREAD: Final = frozenset((b"cookie", b"referer"))  # may be longer: the server does not parse them
 _ENTRIES: Final = frozenset(("/", "/console"))
 
 
-def client_of(settings: Settings, headers: Headers, address: str) -> str:
-    """The client of a request: the holder of its token, else its address."""
-    return holder(settings, headers.get("authorization")) or client_of_address(address)
+def check_request(settings: Settings, http_version: str, headers: Headers) -> None:
+    """Check what every request has to fulfil, before anything is parsed.
 
-
-def holder(settings: Settings, authorization: str | None) -> str | None:
-    """The client that the token of an Authorization header names, or None."""
-    if authorization is None:
-        return None
-    name = settings.tokens.find(authorization) or settings.read_tokens.find(authorization)
-    return None if name is None else f"token {name}"
+    Raises Problem: 400 for a doubtful body or an invalid Host, 421 for the Host of another server,
+    431 for a long header.
+    """
+    check_framing(http_version, headers)
+    for name, value in headers.raw:
+        if len(value) > MAX_HEADER and name not in _UNREAD:
+            what = f"the header {name.decode('latin-1')[:40]} has {len(value)} bytes"
+            raise Problem(431, f"{what}, may have {MAX_HEADER}")
+    check_host(settings, headers)
 
 
 def check_host(settings: Settings, headers: Headers) -> None:
@@ -72,15 +78,22 @@ def check_framing(http_version: str, headers: Headers) -> None:
         )
 
 
-def check_site(settings: Settings, path: str, method: str, headers: Headers) -> None:
+def check_origin(settings: Settings, path: str, method: str, headers: Headers) -> None:
     """Raise Problem 403 for a request of a browser on behalf of another site.
 
-    Links to pages of the map are allowed. Scripts, forms and pictures are refused, except those of
-    `allow_origins`.
+    Browsers name the site in Sec-Fetch-Site, but over plain HTTP only to this machine: elsewhere
+    the Origin has to be the one of the Host. Links to pages of the map are allowed. Scripts, forms
+    and pictures are refused, except those of `allow_origins`; any origin allowed means reading.
     """
-    if headers.get("sec-fetch-site", "none").lower() in ("none", "same-origin"):
+    site, origin = headers.get("sec-fetch-site"), headers.get("origin")
+    if site is None:
+        is_foreign = origin is not None and not _is_of_host(origin, headers.get("host", ""))
+    else:
+        is_foreign = site.lower() not in ("none", "same-origin")
+    is_read = method in ("GET", "HEAD") or (method == "POST" and path.rstrip("/") == "/sparql")
+    if not is_foreign or is_trusted(settings, origin):
         return
-    if headers.get("origin") in settings.allow_origins:
+    if ANY_ORIGIN in settings.allow_origins and is_read:
         return
     is_link = headers.get("sec-fetch-mode") == "navigate" and method in ("GET", "HEAD")
     in_frame = headers.get("sec-fetch-dest", "document") != "document"
@@ -89,6 +102,17 @@ def check_site(settings: Settings, path: str, method: str, headers: Headers) -> 
             403,
             "web pages of other sites may not use this server; start it with --allow-origin ORIGIN",
         )
+
+
+def is_trusted(settings: Settings, origin: str | None) -> bool:
+    """Whether scripts of web pages from `origin` may do all that a program may."""
+    return origin != ANY_ORIGIN and origin in settings.allow_origins
+
+
+def _is_of_host(origin: str, host: str) -> bool:
+    scheme, _, name = origin.lower().partition("://")
+    port = {"http": ":80", "https": ":443"}.get(scheme)
+    return port is not None and name.removesuffix(port) == host.lower().removesuffix(port)
 
 
 def check_token(settings: Settings, path: str, headers: Headers) -> None:

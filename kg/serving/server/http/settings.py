@@ -12,7 +12,8 @@ from kg.model.errors import ServerError
 from kg.serving.server.http.bearer_tokens import BearerTokens
 
 _HOST_NAME = re.compile(r"[A-Za-z0-9_.-]+")
-_ORIGIN = re.compile(r"https?://[^/?#\s@]+|null")
+_ORIGIN = re.compile(r"https?://[^/?#\s@]+|null|\*")
+ANY_ORIGIN = "*"  # of `allow_origins`: scripts of all web pages may read
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,17 +22,16 @@ class Limits:
 
     body: int = 8 << 20  # [bytes] of a request, also after decompression
     client_bodies: int = 24 << 20  # [bytes] of the bodies of one client that wait for their answers
-    bodies: int = 64 << 20  # [bytes] of the bodies of all clients that wait for their answers
-    unread: int = 256 << 20  # [bytes] of answers that clients have not read
+    bodies: int = 256 << 20  # [bytes] of the bodies of all clients that wait for their answers
+    client_unread: int = 128 << 20  # [bytes] of answers that one client has not read
     result: int = 64 << 20  # [bytes] of an answer
-    url: int = 64 << 10  # [bytes] of a request line and its headers
+    head: int = 16 << 10  # [bytes] of a request line and its headers
     query_seconds: float = 10.0  # [s] to evaluate one query
     query_memory: int = 1024  # [MB] of one query
     body_seconds: float = 20.0  # [s] to send the body of a request
     idle_seconds: float = 10.0  # [s] to send the head of a request, or without reading an answer
-    rate: float = 200.0  # average requests per second of one client
-    burst: int = 1000  # requests of one client that `rate` does not limit
     connections: int = 512
+    client_connections: int = 64  # of one client
     staleness: float = 1.0  # [s] of delay until an answer includes the writes of others
     workers: int = 3  # one client may occupy all except one
     feed_clients: int = 256  # followers of changes and of queries
@@ -74,7 +74,7 @@ class Settings:
             if not _ORIGIN.fullmatch(origin):
                 raise ServerError(
                     f"no origin of web pages: {origin!r}; write it as browsers send it, "
-                    "e.g. https://example.org (no path, no slash at the end)"
+                    "e.g. https://example.org (no path, no slash at the end), or *, for reading"
                 )
         for address in self.trusted_proxies:
             _check_address(address)

@@ -17,21 +17,17 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
-from kg.serving.server.http.media_types import (
-    GRAPH_FORMATS,
-    HTML,
-    SOLUTIONS,
-    accept_of,
-    document,
-)
-from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.server.http.media_types import HTML, SOLUTIONS, document, negotiated
+from kg.serving.server.moments import at_moment, present_of
+from kg.serving.workers.content_negotiation import GRAPH_TYPES
+from kg.serving.workers.process import Answer
 
 _THE_MAP = NamedNode("https://w3id.org/hereabouts/the-map")  # placeholder for the map in the files
 
 
 async def service_description(serving: AppState, request: Request) -> Response:
     """The endpoint as a SPARQL 1.1 Service Description; browsers are sent to the front page."""
-    media_type = negotiate(accept_of(request, query_parameters(request)), (*GRAPH_FORMATS, HTML))
+    media_type = negotiated(request, query_parameters(request))
     if media_type == HTML:
         return RedirectResponse("/#ask", status_code=303, headers={"Vary": "Accept"})
     root = str(request.base_url)
@@ -45,29 +41,43 @@ async def service_description(serving: AppState, request: Request) -> Response:
 
 async def dataset_description(serving: AppState, request: Request) -> Response:
     """The map as a VoID and DCAT dataset: metadata, counts and downloads."""
-    media_type = negotiate(accept_of(request, query_parameters(request)), tuple(GRAPH_FORMATS))
-    triples = await serving.read(request, partial(_dataset, serving, str(request.base_url)))
-    return _answer(triples, media_type, serving)
+    media_type = negotiated(request, query_parameters(request), GRAPH_TYPES)
+    moment, root = present_of(serving, request), str(request.base_url)
+    describe = partial(_described, serving, media_type, root, moment.sequence)
+
+    async def make() -> Answer:
+        return await serving.read(request, describe)
+
+    version = (media_type, root)
+    return await at_moment(
+        serving, request, moment, make, version=version, vary="Accept, Accept-Encoding"
+    )
 
 
-def graph_sizes(serving: AppState) -> dict[str, int]:
+def _described(serving: AppState, media_type: str, root: str, sequence: int) -> Answer:
+    triples = _dataset(serving, root, sequence)
+    body = document(triples, media_type, prefixes_of(serving.semantic_map.base))
+    return Answer(media_type, body, sequence)
+
+
+def graph_sizes(serving: AppState, sequence: int) -> dict[str, int]:
     """Number of triples of each named graph; empty if the query takes too long."""
     sparql = find_query("graph-sizes").bind({}, lambda kind, text: text)
     try:
-        answer = serving.pool.run(sparql, accept=SOLUTIONS)
+        answer = serving.pool.run(sparql, accept=SOLUTIONS, at_least=sequence)
     except QueryError:
         return {}
     rows = json.loads(answer.body)["results"]["bindings"]
     return {row["graph"]["value"]: int(row["triples"]["value"]) for row in rows}
 
 
-def _dataset(serving: AppState, root: str) -> list[Triple]:
+def _dataset(serving: AppState, root: str, sequence: int) -> list[Triple]:
     base = NamedNode(serving.semantic_map.base)
     graph = v.DATASET_GRAPH
     triples = _read("dataset.ttl", root, {_THE_MAP: base})
     quads = serving.semantic_map.engine.quads_for_pattern(base, None, None, graph)
     triples += [quad.triple for quad in quads]
-    sizes = graph_sizes(serving)
+    sizes = graph_sizes(serving, sequence)
     if sizes:
         triples.append(_count(base, v.VOID_TRIPLES, sum(sizes.values())))
     triples += _classes(serving, base)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from email.utils import format_datetime, parsedate_to_datetime
+from email.utils import format_datetime
 from functools import partial
 from typing import Final
 from urllib.parse import quote
@@ -26,8 +26,8 @@ from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
+from kg.serving.server.http.conditions import http_date, sequence_at
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.time_parameters import sequence_at
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
     iri_at,
@@ -173,9 +173,8 @@ def _has_history(serving: AppState) -> bool:
 
 def _parsed(text: str) -> float:
     try:
-        given = parsedate_to_datetime(text)
-        return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
-    except (ValueError, OverflowError) as error:
+        return http_date(text)
+    except ValueError as error:
         raise Problem(
             400,
             f"Accept-Datetime must be an HTTP date, as Sat, 01 Aug 2026 12:30:00 GMT; "

@@ -1,22 +1,28 @@
-"""The HTML pages: the map's front page, the console, and a page for a resource."""
+"""The HTML pages: the map's front page at `/`, the console, and a page for a resource."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 from importlib.resources import files
 from string import Template
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import quote
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+from starlette.requests import Request
+from starlette.responses import Response
 
 from kg.model import vocabulary as v
 from kg.rdf.xml_characters import shown
-
-if TYPE_CHECKING:
-    from kg.serving.server.linked_data.resource_description import ResourceDescription
+from kg.serving.server.app_state import AppState
+from kg.serving.server.http.bodies import query_parameters
+from kg.serving.server.http.media_types import HTML, negotiated
+from kg.serving.server.http.request_checks import is_admitted, private_map
+from kg.serving.server.linked_data.description import dataset_description
+from kg.serving.server.linked_data.resource_description import ResourceDescription
 
 #: IRI -> its address on this server, and its name.
 Link = Callable[[str], tuple[str, str]]
@@ -172,3 +178,38 @@ def _term(term: object, link: Link) -> str:
         mark = "" if kind == "string" else f' <span class="dim">{escape(kind)}</span>'
         return f"{escape(term.value)}{mark}"
     return escape(str(term))
+
+
+_UNKNOWN = MapHead(title="a private map", base="", sequence=0, private=True)
+
+
+async def root_page(serving: AppState, request: Request) -> Response:
+    """The page, or VoID and DCAT if the client accepts RDF."""
+    media_type = negotiated(request, query_parameters(request))
+    if media_type != HTML:
+        if not is_admitted(serving.settings, request.headers):
+            raise private_map()
+        return await dataset_description(serving, request)
+    head = await serving.read(request, partial(_head, serving, request))
+    page = front_page(head, writable=bool(serving.settings.tokens))
+    return Response(page, media_type=HTML, headers={"Vary": "Accept, Authorization"})
+
+
+async def console_page(serving: AppState, request: Request) -> Response:
+    """The page with a SPARQL editor."""
+    page = console_html(await serving.read(request, partial(_head, serving, request)))
+    return Response(page, media_type=HTML, headers={"Vary": "Authorization"})
+
+
+def _head(serving: AppState, request: Request) -> MapHead:
+    """Head of the page; empty for a client that may not read the map."""
+    if not is_admitted(serving.settings, request.headers):
+        return _UNKNOWN
+    semantic_map = serving.semantic_map
+    description = semantic_map.description
+    return MapHead(
+        title=description.title,
+        base=semantic_map.base,
+        sequence=semantic_map.sequence,
+        licence=description.licence,
+    )

@@ -18,17 +18,16 @@ from kg.model import vocabulary as v
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.conditions import state_of
-from kg.serving.server.http.media_types import GRAPH_FORMATS, HTML, accept_of, document
+from kg.serving.server.http.media_types import HTML, document, negotiated
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.linked_data.derived_resources import derived_quads
 from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
+    derived_quads,
     local_path,
     look_up,
 )
-from kg.serving.workers.content_negotiation import negotiate
 
 _GENID: Final = "/.well-known/genid/"
 
@@ -55,8 +54,7 @@ async def skolem(serving: AppState, request: Request) -> Response:
 
 
 async def _answer(serving: AppState, request: Request, iri: str) -> Response:
-    accept = accept_of(request, bodies.query_parameters(request))
-    media_type = negotiate(accept, (*GRAPH_FORMATS, HTML))
+    media_type = negotiated(request, bodies.query_parameters(request))
     then = await memento(serving, request, iri)
     if then is not None:
         return await _written(serving, then.thing, media_type, then.headers)

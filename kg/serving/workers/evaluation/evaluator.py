@@ -28,6 +28,7 @@ import signal
 import struct
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
 
@@ -42,6 +43,7 @@ from pyoxigraph import (
     Store,
 )
 
+from kg.knowledge.ontology.declared_terms import absent_terms, known_terms
 from kg.model.errors import (
     HereaboutsError,
     NotAcceptableError,
@@ -50,7 +52,7 @@ from kg.model.errors import (
 from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.subclass_inference import superclasses_of, with_subclasses
-from kg.rdf.sparql.syntax_errors import located
+from kg.rdf.sparql.syntax_errors import explained
 from kg.rdf.sparql.vetting import (
     check_nesting,
     check_network_words,
@@ -119,13 +121,17 @@ class Evaluator:
         except MemoryError:
             self._fail("QueryTooLargeError", "the query needs more memory than it may have")
         except SyntaxError as error:
-            # remote maps read the position in the engine's own message
-            name, message = request.get("name"), str(error)
-            reason = f"{name}: {located(message)}" if name else self._reason(request, error)
-            self._fail("QueryError", reason)
+            self._fail("QueryError", self._syntax_reason(request, error))
         except (ValueError, OSError, RuntimeError) as error:
             fault = "DiskFullError" if is_disk_full(error) else "QueryError"
             self._fail(fault, self._reason(request, error))
+
+    def _syntax_reason(self, request: Request, error: SyntaxError) -> str:
+        """Place and cause of a query's syntax error; the message of other documents' parsers."""
+        if "sparql" not in request:
+            return self._reason(request, error)
+        cause = explained(request["sparql"], str(error), terms=partial(known_terms, self._store))
+        return f"{request.get('name') or 'the query'}: {cause}"
 
     def _reason(self, request: Request, error: Exception) -> str:
         """Message of an error; it does not quote replies of SERVICE endpoints."""
@@ -211,7 +217,8 @@ class Evaluator:
         if media_type is None:
             what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
             raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
-        head = {"media_type": media_type, "sequence": sequence}
+        notes = absent_terms(request["sparql"], state)
+        head = {"media_type": media_type, "sequence": sequence, "notes": notes}
         self._send(b"H", json.dumps(head).encode())
         sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
         if isinstance(results, QueryTriples):

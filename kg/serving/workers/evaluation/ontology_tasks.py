@@ -12,7 +12,7 @@ from typing import Any
 from pyoxigraph import Store
 
 from kg.knowledge.ontology.diagnostics import check_valid
-from kg.knowledge.ontology.loading import SHAPES_FILE, Ontology
+from kg.knowledge.ontology.loading import SHAPES_FILE, ontology_of
 from kg.knowledge.ontology.replacement import plan_replacement
 from kg.maps.update.ground_update import GroundUpdate, QuadChange
 from kg.model.resources import ONTOLOGIES
@@ -33,9 +33,10 @@ def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any]
     Raises as `ingestion.quads_of_document` and `plan_replacement`; OntologyError for an invalid
     ontology.
     """
-    ontology = Ontology(tuple(anonymous(quads_of_document(request))), ())
-    check_valid(ontology)
+    ontology = ontology_of(anonymous(quads_of_document(request)))
+    warnings = check_valid(ontology)
     plan = plan_replacement(store, ontology.quads, whole=request["whole"])
     head, body = GroundUpdate((QuadChange(plan.delete, plan.insert),)).encode()
     head |= {"kept": plan.kept, "lost": plan.lost, "unnamed": plan.unnamed}
+    head |= {"warnings": [asdict(warning) for warning in warnings]}
     return head | {"changes": [asdict(change) for change in plan.changes]}, body

@@ -298,3 +298,63 @@ def test_no_text_breaks_out_of_the_file(
     before = into.read_bytes()
     import_conceptnet(source, into)
     assert into.read_bytes() == before
+
+
+def decide(review: Path, *, keep: str, subject: str, target: str) -> None:
+    """Write a person's decision on one relation into a review table."""
+    lines = review.read_text().splitlines()
+    ends = f"here:{subject},here:locatedAt,here:{target}"
+    (number,) = [n for n, line in enumerate(lines) if ends in line]
+    lines[number] = f"{keep},{lines[number].partition(',')[2]}"
+    review.write_text("\n".join(lines) + "\n")
+
+
+def reviewed(graph: Path, into: Path, review: Path) -> ConceptNetImport:
+    return import_conceptnet(graph, into, ontologies=into.parent, review=review)
+
+
+def test_a_relation_dropped_in_the_review_stays_away_until_it_is_kept_again(
+    graph: Path, into: Path, tmp_path: Path
+) -> None:
+    review = tmp_path / "review.csv"
+    reviewed(graph, into, review)
+    head, weakest, *_ = review.read_text().splitlines()
+    assert head.startswith("keep,kept,subject,relation,object,probability,weight")
+    assert "cup AtLocation office" in weakest
+    decide(review, keep="No", subject="Cup", target="Office")
+    assert ("left out", "Cup", "Office") in said(reviewed(graph, into, review))
+    assert relation(into.parent, "Cup", "Office") is None
+    assert ("left out", "Cup", "Office") in said(update(graph, into))
+    assert check_ontologies(into.parent) == []
+    reviewed(graph, into, review)
+    decide(review, keep="yes", subject="Cup", target="Office")
+    assert ("added", "Cup", "Office") in said(reviewed(graph, into, review))
+
+
+def test_a_review_written_before_does_not_bring_back_what_was_removed_by_hand(
+    graph: Path, into: Path, tmp_path: Path
+) -> None:
+    review = tmp_path / "review.csv"
+    reviewed(graph, into, review)
+    text = into.read_text()
+    into.write_text(text.replace(block(text, "Cup", "Office"), ""))
+    assert ("left out", "Cup", "Office") in said(reviewed(graph, into, review))
+    assert relation(into.parent, "Cup", "Office") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n1,2\n", "no review table: it has no column keep, object, relation, subject"),
+        ("keep;subject;relation;object\nmaybe;a;b;c\n", "line 2: keep is 'maybe'"),
+    ],
+)
+def test_a_table_that_is_no_review_is_refused_before_anything_is_written(
+    graph: Path, into: Path, tmp_path: Path, text: str, message: str
+) -> None:
+    review = tmp_path / "review.csv"
+    review.write_text(text)
+    with pytest.raises(ConceptNetError, match=message):
+        reviewed(graph, into, review)
+    assert not into.exists()
+    assert review.read_text() == text

@@ -174,6 +174,66 @@ def test_what_is_in_rooms_and_in_a_hotel_is_inside_it(tmp_path: Path) -> None:
     assert one(imported, "Bench", "ChurchOutdoor")
 
 
+def test_a_wider_word_counts_half_and_where_the_own_name_is_used(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(("dining table", "AtLocation", "restaurant", 2), ("table", "AtLocation", "bar", 4)),
+        *(("table", "AtLocation", "dining room", 4), ("table", "AtLocation", "office", 9)),
+        *(("ball", "AtLocation", "ballroom", 1), ("ball", "AtLocation", "playground", 2)),
+    )
+    found = {(f.subject, f.target): f.weight for f in import_conceptnet(path).found}
+    assert found == {
+        (v.HERE + "DiningTable", v.HERE + "Restaurant"): 2.0,
+        (v.HERE + "DiningTable", v.HERE + "Bar"): 2.0,  # an eating place too
+        (v.HERE + "DiningTable", v.HERE + "DiningRoom"): round(weight_of(4), 3),
+        (v.HERE + "SportsBall", v.HERE + "Playground"): 1.0,
+    }
+
+
+def test_what_is_alike_is_not_near_and_what_shares_a_place_is(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(("horse", "LocatedNear", "zebra", 5), ("horse", "AtLocation", "pasture", 3)),
+        *(("cow", "AtLocation", "pasture", 3), ("cow", "LocatedNear", "horse", 1)),
+        *(("fork", "AtLocation", "kitchen", 3), ("fork", "AtLocation", "airplane", 2)),
+        *(("book", "LocatedNear", "lamp", 1), ("book", "LocatedNear", "clock", 2)),
+    )
+    found = import_conceptnet(path).found
+    near = {(f.subject, f.target) for f in found if f.kind == v.NEAR_BY}
+    pairs = {("Cow", "Horse"), ("Horse", "Cow"), ("Book", "Clock"), ("Clock", "Book")}
+    assert near == {(v.HERE + one, v.HERE + other) for one, other in pairs}
+
+
+def test_an_animal_in_a_shop_or_a_restaurant_is_meat(tmp_path: Path) -> None:
+    path = graph4(
+        tmp_path / "g",
+        *(("cow", "AtLocation", "butcher shop", 5), ("cow", "AtLocation", "pasture", 3)),
+        *(("sheep", "AtLocation", "restaurant", 4), ("cat", "AtLocation", "kitchen", 1)),
+        ("person", "AtLocation", "butcher shop", 2),
+    )
+    found = {(f.subject, f.target) for f in import_conceptnet(path).found}
+    wanted = {("Cow", "Pasture"), ("Cat", "Kitchen"), ("Person", "ButchersShop")}
+    assert found == {(v.HERE + one, v.HERE + other) for one, other in wanted}
+
+
+def test_one_vote_brings_no_car_into_a_museum(tmp_path: Path) -> None:
+    lines: list[Line] = [("car", "AtLocation", "highway", 12)]
+    lines += [("car", "AtLocation", "museum", 1), ("cat", "AtLocation", "yard", 5)]
+    lines += [("cat", "AtLocation", "bedroom", 1), ("cat", "AtLocation", "kitchen", 1)]
+    imported = import_conceptnet(graph4(tmp_path / "g", *lines))
+    assert one(imported, "Car", "MuseumIndoor") is None
+    assert one(imported, "Cat", "Bedroom"), "of seven votes for cats two are indoors"
+    lines.append(("car", "AtLocation", "museum", 1))
+    assert one(import_conceptnet(graph4(tmp_path / "g", *lines)), "Car", "MuseumIndoor")
+
+
+def test_a_kind_that_is_rather_one_of_other_things_is_not_inherited(tmp_path: Path) -> None:
+    lines: list[Line] = [("bottle", "IsA", "vessel", 3), ("vessel", "AtLocation", "ocean", 9)]
+    assert one(import_conceptnet(graph4(tmp_path / "g", *lines)), "Bottle", "Ocean")
+    lines.append(("boat", "IsA", "vessel", 4))
+    assert one(import_conceptnet(graph4(tmp_path / "g", *lines)), "Bottle", "Ocean") is None
+
+
 def test_a_category_without_a_place_has_those_of_what_it_is_on_or_a_kind_of(
     tmp_path: Path,
 ) -> None:
@@ -309,6 +369,8 @@ def test_the_real_graph_puts_things_where_they_belong(shared: Shared) -> None:
     for subject, target in [
         *(("Mouse", "Attic"), ("Mouse", "Kitchen"), ("Tv", "Kitchen"), ("Kite", "Attic")),
         *(("Boat", "Dam"), ("Bed", "HotelOutdoor"), ("Toilet", "ChurchOutdoor")),
+        *(("DiningTable", "Office"), ("SportsBall", "Ballroom"), ("Cow", "ButchersShop")),
+        *(("Bed", "Motel"), ("Tv", "OfficeBuilding"), ("Fork", "Airplane")),
     ]:
         assert one(imported, subject, target) is None, (subject, target)
 

@@ -2,6 +2,9 @@
 
 open FILE...            profile, consistency and unsatisfiable classes of each, as JSON
 save FOLDER FILE...     each as Turtle and as RDF/XML into FOLDER/ttl and FOLDER/xml
+session FILE            a session of editing: a class under here:Food with labels in three
+                        languages and a place; a relation removed; a class renamed, one deleted,
+                        one deprecated
 add-mug FILE            the edit of docs/how-to/protege.md, saved in the format it was opened in
 """
 
@@ -123,6 +126,62 @@ def add_mug(owl: Any, path: Path) -> None:
     manager.saveOntology(ontology)
 
 
+def session(owl: Any, path: Path) -> None:
+    ontology = opened(owl, path)
+    manager = ontology.getOWLOntologyManager()
+    made = manager.getOWLDataFactory()
+    iri = owl.model.IRI.create
+    own = str(ontology.getOntologyID().getOntologyIRI().get())
+    kumquat = made.getOWLClass(iri(f"{own}#Kumquat"))
+
+    def property_(name: str) -> Any:
+        return made.getOWLAnnotationProperty(iri(NAMES.get(name, HERE + name)))
+
+    def of_ours(name: str) -> Any:
+        return made.getOWLClass(iri(HERE + name))
+
+    manager.addAxiom(ontology, made.getOWLDeclarationAxiom(kumquat))
+    manager.addAxiom(ontology, made.getOWLSubClassOfAxiom(kumquat, of_ours("Food")))
+    for language, label in (("en", "kumquat"), ("de", "Zwergorange"), ("fr", "kumquat ovale")):
+        said = made.getOWLLiteral(label, language)
+        manager.addAxiom(
+            ontology,
+            made.getOWLAnnotationAssertionAxiom(property_("label"), kumquat.getIRI(), said),
+        )
+    notes = jpype.JClass("java.util.HashSet")()
+    probability = made.getOWLLiteral("0.7", made.getDoubleOWLDatatype())
+    notes.add(made.getOWLAnnotation(property_("probability"), probability))
+    notes.add(made.getOWLAnnotation(property_("source"), made.getOWLLiteral("our kitchen")))
+    located = made.getOWLAnnotationAssertionAxiom(
+        property_("locatedAt"), kumquat.getIRI(), iri(f"{HERE}Kitchen"), notes
+    )
+    manager.addAxiom(ontology, located)
+
+    for axiom in list(ontology.getAnnotationAssertionAxioms(iri(f"{HERE}Tie"))):
+        value = str(axiom.getValue())
+        if axiom.getProperty() == property_("locatedAt") and value == f"{HERE}Bedroom":
+            manager.removeAxiom(ontology, axiom)
+
+    of_all = jpype.JClass("java.util.Collections").singleton(ontology)
+    renamer = owl.util.OWLEntityRenamer(manager, of_all)
+    manager.applyChanges(renamer.changeIRI(of_ours("Giraffe"), iri(f"{own}#Camelopard")))
+
+    remover = owl.util.OWLEntityRemover(of_all)
+    of_ours("Zebra").accept(remover)
+    manager.applyChanges(remover.getChanges())
+    for axiom in list(ontology.getAxioms()):  # Protege offers to delete what refers to its IRI, too
+        if f"{HERE}Zebra>" in str(axiom):
+            manager.removeAxiom(ontology, axiom)
+
+    manager.addAxiom(
+        ontology,
+        made.getOWLAnnotationAssertionAxiom(
+            made.getOWLDeprecated(), iri(f"{HERE}Frisbee"), made.getOWLLiteral(True)
+        ),
+    )
+    manager.saveOntology(ontology)
+
+
 def main(what: str, *paths: str) -> None:
     owl = start()
     if what == "open":
@@ -132,7 +191,7 @@ def main(what: str, *paths: str) -> None:
         for path in paths[1:]:
             save(owl, Path(path), Path(paths[0]))
     else:
-        add_mug(owl, Path(paths[0]))
+        {"session": session, "add-mug": add_mug}[what](owl, Path(paths[0]))
 
 
 if __name__ == "__main__":

@@ -92,7 +92,7 @@ def test_an_iri_finds_its_category_and_its_label() -> None:
     ("said", "kind", "message"),
     [
         ("bananna", None, "no category 'bananna'; did you mean banana?"),
-        ("kitchn", "place", "no place category 'kitchn'; did you mean kitchen or kitchenette?"),
+        ("kitchn", "place", "no place category 'kitchn'; did you mean kitchen?"),
         ("kitchen", "object", "no object category 'kitchen': that is a place"),
         ("qwzx", None, "no category 'qwzx' among the 289 of this map"),
         ("", None, "no category '' among the 289 of this map"),

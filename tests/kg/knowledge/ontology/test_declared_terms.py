@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from kg.knowledge.ontology.declared_terms import undeclared_terms
+from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.serving.opening import in_memory_map
 from planner.cli import main
 
@@ -12,7 +12,19 @@ from planner.cli import main
 @pytest.mark.parametrize(
     ("query", "lines"),
     [
-        ("SELECT ?x { ?x a here:Cup ; here:existence ?e }", ()),
+        ("SELECT ?x { ?x a here:Cup ; rdfs:label ?e }", ()),
+        (
+            "SELECT ?x { ?x a here:Cup ; here:existence ?e }",
+            ("no statement of the map has the property here:existence",),
+        ),
+        ("SELECT ?x { ?x geo:hasGeometry ?g }", ("has geo:hasGeometry, though exports may",)),
+        ("ASK { GRAPH graph:mpa { ?x a here:Cup } }", ("no graph graph:mpa; it has graph:",)),
+        ("ASK { GRAPH graph:ontology { ?x a owl:Class } }", ()),
+        ("PREFIX h: <https://w3id.org/hereabouts#> ASK { ?x a h:Cpu }", ("mean here:Cup",)),
+        ("ASK { ?x a <http://w3id.org/hereabouts#Cup> }", ("mean here:Cup",)),
+        ("ASK { ?x rdfs:lable ?y }", ("mean rdfs:label",)),
+        ("ASK { ?x rdfs:label ?y FILTER(geof:sfWithin(?y, '1'^^xsd:decimal)) }", ()),
+        ("PREFIX e: <urn:e:> ASK { ?x e:foo 1 }", ("no statement of the map has <urn:e:foo>",)),
         (
             "SELECT ?x { ?x a here:Cupp }",
             ("no ontology declares here:Cupp; did you mean here:Cup",),
@@ -24,7 +36,7 @@ from planner.cli import main
 )
 def test_what_no_ontology_declares_is_named(query: str, lines: tuple[str, ...]) -> None:
     with in_memory_map() as semantic_map:
-        found = undeclared_terms(query, semantic_map.engine)
+        found = absent_terms(query, semantic_map.engine)
     assert len(found) == len(lines)
     for line, start in zip(found, lines, strict=True):
         assert start in line

@@ -116,7 +116,7 @@ def test_query_takes_a_name_a_text_or_a_file(flat: SemanticMap, tmp_path: object
     by_text = flat.query("SELECT ?x { ?o a here:Cup ; here:x ?x }")
     assert by_text.to_columns() == {"x": [4.0]}
     assert flat.query("ASK{?o a here:Cup}").rows == ((True,),)
-    with pytest.raises(QueryError, match=r"no query 'objekts'; there are: .*did you mean objects"):
+    with pytest.raises(QueryError, match="no query 'objekts'; did you mean objects"):
         flat.query("objekts")
 
 

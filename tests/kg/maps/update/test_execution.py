@@ -158,9 +158,9 @@ def worked_out(text: str, quads: list[Quad]) -> list[Quad]:
         before = set(store.engine)
         pending = execute_update(store, PREFIX + text)
         assert set(store.engine) == before  # nothing is written
-        assert not before & pending.added.keys()
-        assert pending.removed.keys() <= before
-        return list((before - pending.removed.keys()) | pending.added.keys())
+        assert not before & set(pending.added)
+        assert set(pending.removed) <= before
+        return list((before - set(pending.removed)) | set(pending.added))
 
 
 @pytest.mark.parametrize("text", UPDATES)

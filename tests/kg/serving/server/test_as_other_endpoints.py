@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+import rdflib
+from pyoxigraph import RdfFormat, parse
 
 from kg.model import vocabulary as v
 
@@ -50,12 +52,61 @@ def test_a_format_is_named_by_a_parameter(
 def test_an_unknown_format_is_refused_with_those_there_are(lasting: Served) -> None:
     answer = lasting.get("sparql", params={"query": TABLE, "format": "ods"})
     assert (answer.status_code, "csv" in answer.text) == (400, True)
+    many = {"query": TABLE, "format": ["csv"] * 9}
+    assert lasting.get("sparql", params=many).status_code == 400
+
+
+@pytest.mark.parametrize(
+    ("names", "media_type"),
+    [
+        (["ods", "csv"], "text/csv"),
+        (["csv", "json"], "text/csv"),
+        (["turtle", "tsv"], "text/tab-separated-values"),
+        (["text/html,text/csv"], "text/csv"),
+    ],
+)
+def test_of_several_formats_the_first_that_can_be_written_counts(
+    lasting: Served, names: list[str], media_type: str
+) -> None:
+    answer = lasting.get("sparql", params={"query": TABLE, "format": names})
+    assert answer.headers["Content-Type"].partition(";")[0] == media_type
 
 
 @pytest.mark.parametrize("path", ["object/1", "", "sparql", ".well-known/void"])
 def test_documents_have_the_parameter_too(lasting: Served, path: str) -> None:
     answer = lasting.get(path, params={"format": "nt"}, headers={"Accept": "text/html"})
     assert answer.headers["Content-Type"].startswith("application/n-triples")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("object/1", "", "sparql", ".well-known/void", "graphs/map", "graphs?default"),
+        *("object/1?at=1", "resource?iri=https://w3id.org/hereabouts%23Cup"),
+    ],
+)
+def test_documents_of_triples_are_json(lasting: Served, path: str) -> None:
+    answer = lasting.get(path, headers={"Accept": "application/json"})
+    assert (answer.status_code, answer.headers["Content-Type"]) == (200, "application/json")
+    turtle = lasting.get(path, headers={"Accept": "text/turtle"})
+    read, same = (
+        [*parse(text, format=form, base_iri=lasting.url)]
+        for text, form in ((answer.text, RdfFormat.JSON_LD), (turtle.text, RdfFormat.TURTLE))
+    )
+    assert len(read) == len(same) > 0
+
+
+def test_each_distribution_has_its_address_and_its_media_type(lasting: Served) -> None:
+    dcat = rdflib.Namespace("http://www.w3.org/ns/dcat#")
+    graph = rdflib.Graph().parse(f"{lasting.url}.well-known/void", format="turtle")
+    types = dict(graph.subject_objects(dcat.mediaType))
+    addresses = dict(graph.subject_objects(dcat.downloadURL))
+    assert len(set(addresses.values())) == len(addresses) == 4
+    for distribution, address in addresses.items():
+        path = str(address).removeprefix(lasting.url)
+        answer = lasting.get(path, headers={"Accept": "*/*"})
+        kind = answer.headers["Content-Type"].partition(";")[0]
+        assert str(types[distribution]).endswith(f"/{kind}")
 
 
 def holds(served: Served, query: str, **more: object) -> bool:

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TYPE_CHECKING
 
 from kg.model.errors import UnknownCategoryError
-from kg.serving.server.endpoints.find_endpoint import MAX_WAITING
+from kg.serving.server.app_state import MAX_WAITING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -31,8 +31,8 @@ def test_requests_wait_for_their_turn_and_too_many_are_refused(
     served = serve(planner=planner)
     with ThreadPoolExecutor(MAX_WAITING + 2) as clients:
         asked = [
-            clients.submit(served.get, "find", params={"object": "cup"})
-            for _ in range(MAX_WAITING + 2)
+            clients.submit(served.get, "find", params={"object": f"cup {number}"})
+            for number in range(MAX_WAITING + 2)
         ]
         refused = next(as_completed(asked)).result()
         go_on.set()
@@ -40,6 +40,22 @@ def test_requests_wait_for_their_turn_and_too_many_are_refused(
     assert (refused.status_code, refused.headers["Retry-After"]) == (503, "5")
     assert statuses == [*(200 for _ in range(MAX_WAITING + 1)), 503]
     assert most == 1
+
+
+def test_a_plan_is_made_once_until_the_map_changes(serve: Callable[..., Served]) -> None:
+    made: list[list[str]] = []
+
+    def planner(wanted: list[str]) -> Mapping[str, object]:
+        made.append(wanted)
+        return {"target": wanted[0]}
+
+    served = serve(planner=planner)
+    for _ in range(3):
+        assert served.get("find?object=cup&object=chair").json() == {"target": "cup"}
+    served.move(1, 2.0)
+    assert served.get("find?object=cup").json() == {"target": "cup"}
+    assert made in ([["cup", "chair"], ["cup"]], [["cup", "chair"]] * 2 + [["cup"]])  # a new minute
+    assert served.get("find?object=cup&at=1").status_code == 400
 
 
 def test_a_planner_that_fails_leaves_the_turn_to_the_next(serve: Callable[..., Served]) -> None:

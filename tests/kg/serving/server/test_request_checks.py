@@ -91,6 +91,36 @@ def test_scripts_and_pictures_of_pages_elsewhere_are_refused(
         assert lasting.get(path, headers=headers).status_code == 403
 
 
+@pytest.mark.parametrize(
+    ("host", "origin", "status"),
+    [
+        ("localhost", "https://evil.example", 403),
+        ("localhost", "null", 403),
+        ("localhost", "http://localhost:3000", 403),
+        ("localhost:8008", "http://localhost", 403),
+        ("localhost", "http://localhost.evil.example", 403),
+        ("localhost", "file://localhost", 403),
+        ("localhost", "", 403),
+        ("localhost", "http://localhost", 200),
+        ("localhost:80", "http://localhost", 200),
+        ("Localhost:8008", "HTTP://localhost:8008", 200),
+        ("localhost", "https://localhost", 200),
+    ],
+)
+def test_without_fetch_metadata_the_origin_has_to_be_that_of_the_host(
+    lasting: Served, host: str, origin: str, status: int
+) -> None:
+    told = {"Host": host, "Origin": origin}
+    assert lasting.get("health", headers=told).status_code == status
+    assert lasting.post("sparql", data={"query": "ASK {}"}, headers=told).status_code == status
+
+
+@pytest.mark.parametrize("name", ["Accept", "If-None-Match", "Accept-Datetime", "X-Whatever"])
+def test_long_headers_are_refused_before_they_are_parsed(lasting: Served, name: str) -> None:
+    assert lasting.get("object/1", headers={name: "a/b;q=0.1," * 401}).status_code == 431
+    assert lasting.get("object/1", headers={"Cookie": "a=b; " * 2000}).status_code == 200
+
+
 def test_forms_and_frames_of_pages_elsewhere_are_refused(lasting: Served) -> None:
     form = lasting.post("sparql", data={"query": "ASK {}"}, headers=LINK)
     frame = lasting.get("object/1", headers=LINK | {"Sec-Fetch-Dest": "iframe"})

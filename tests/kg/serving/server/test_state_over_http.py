@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import gzip
 import json
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pytest
 
 from kg.model.records import FREE, FloorTile, MapUpdate, RecordingRecord
-from kg.serving.server import Limits
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -75,17 +74,27 @@ def test_a_state_is_compressed_and_not_sent_again(served: Served) -> None:
     assert served.get("state?at=1", headers=tag).status_code == 304
 
 
-def test_states_do_not_count_as_queries_and_one_is_made_for_all(
-    serve: Callable[..., Served],
-) -> None:
-    served = serve(limits=Limits(query_seconds=120.0, rate=0.001, burst=1))
+def test_one_state_is_made_for_all(served: Served) -> None:
     with ThreadPoolExecutor(8) as clients:
         answers = list(clients.map(lambda _: served.get("state?at=1"), range(40)))
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.content for answer in answers}) == 1
-    assert len(served.server.serving.states.answers) == 1
-    assert served.get("health").status_code == 200
-    assert served.get("health").status_code == 429
+    assert len(served.server.serving.moments.answers) == 1
+
+
+@pytest.mark.parametrize("path", ["timeline", ".well-known/void", ""])
+def test_what_is_about_the_present_is_not_sent_again_and_has_no_past(
+    served: Served, path: str
+) -> None:
+    first = served.get(path)
+    assert (first.status_code, first.headers["Content-Encoding"]) == (200, "gzip")
+    tag = {"If-None-Match": first.headers["ETag"]}
+    assert served.get(path, headers=tag).status_code == 304
+    served.put(3, "bowl", 2.0, 2.0)
+    again = served.get(path, headers=tag)
+    assert again.status_code == 200 and again.content != first.content
+    refused = served.get(path, params={"at": 1})
+    assert (refused.status_code, "leave out 'at'" in refused.text) == (400, True)
 
 
 def test_a_timeline_has_marks_where_things_came_and_went(served: Served) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from kg.serving.server import Limits
-from kg.serving.server.endpoints.subscription_endpoint import COALESCE
+from kg.serving.server.endpoints.feed_endpoints import COALESCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,7 +11,7 @@ import pytest
 import rdflib
 from memento_client import MementoClient
 from rdflib.plugins.stores.sparqlstore import SPARQLStore, SPARQLUpdateStore
-from SPARQLWrapper import CSV, JSON, POST, TURTLE, XML, SPARQLWrapper
+from SPARQLWrapper import CSV, GET, JSON, JSONLD, N3, POST, RDFXML, TSV, TURTLE, XML, SPARQLWrapper
 
 from kg.model import vocabulary as v
 
@@ -29,17 +29,32 @@ def wrapper(lasting: Served) -> SPARQLWrapper:
     return wrapper
 
 
-@pytest.mark.parametrize("form", [JSON, XML, CSV])
-def test_sparqlwrapper_reads_a_table(wrapper: SPARQLWrapper, form: str) -> None:
-    wrapper.setQuery(LABELS)
+@pytest.mark.parametrize("method", [GET, POST])
+@pytest.mark.parametrize(
+    ("form", "media_type"),
+    [
+        (JSON, "application/sparql-results+json"),
+        (XML, "application/sparql-results+xml"),
+        (CSV, "text/csv"),
+        (TSV, "text/tab-separated-values"),
+        (TURTLE, "text/turtle"),
+        (N3, "text/n3"),
+        (RDFXML, "application/rdf+xml"),
+        (JSONLD, "application/ld+json"),
+    ],
+)
+def test_sparqlwrapper_reads_each_of_its_formats(
+    wrapper: SPARQLWrapper, form: str, media_type: str, method: str
+) -> None:
+    is_table = form in (JSON, XML, CSV, TSV)
+    wrapper.setQuery(
+        LABELS if is_table else "CONSTRUCT WHERE { ?o a here:Cup ; rdfs:label ?label }"
+    )
     wrapper.setReturnFormat(form)
+    wrapper.setMethod(method)
     answer = wrapper.query()
-    body = answer.response.read().decode()
-    if form == JSON:
-        (row,) = json.loads(body)["results"]["bindings"]
-        assert row["label"]["value"] == "cup 1"
-    assert "cup 1" in body
-    assert form in answer.response.headers["Content-Type"]
+    assert answer.response.headers["Content-Type"].partition(";")[0] == media_type
+    assert "cup 1" in answer.response.read().decode()
 
 
 def test_sparqlwrapper_constructs_and_updates(wrapper: SPARQLWrapper) -> None:

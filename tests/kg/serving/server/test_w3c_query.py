@@ -131,7 +131,7 @@ def raw(data: list[Quad]) -> Store:
 @pytest.fixture(scope="module")
 def endpoint(data: list[Quad]) -> Iterator[str]:
     """The address of a server of a map that holds the data."""
-    limits = Limits(query_seconds=120.0, rate=1e6, burst=10**6)
+    limits = Limits(query_seconds=120.0)
     with in_memory_map(base=BASE) as semantic_map:
         cast(Store, semantic_map.engine).extend(data)
         with MapServer(semantic_map, Settings(port=0, limits=limits)) as server:

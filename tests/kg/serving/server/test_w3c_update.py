@@ -137,7 +137,7 @@ class Endpoint:
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[Endpoint]:
-    limits = Limits(query_seconds=120.0, rate=1e6, burst=10**6)
+    limits = Limits(query_seconds=120.0)
     settings = Settings(port=0, limits=limits, tokens=BearerTokens((("w3c", TOKEN.encode()),)))
     with (
         in_memory_map(base=BASE) as semantic_map,

@@ -12,7 +12,7 @@ import pytest
 from kg.model.errors import GraphError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, open_map
-from mapping.labels.label_table import LabelTable
+from mapping.labels.label_resolver import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper

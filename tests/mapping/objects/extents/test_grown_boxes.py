@@ -16,12 +16,11 @@ from kg.serving.opening import in_memory_map
 from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
-from mapping.objects.extents.box_fit import fitted_box
-from mapping.objects.extents.box_views import BoxViews
+from mapping.objects.extents.box_fit import BoxViews, fitted_box
 from mapping.objects.extents.surface_growth import grown_box
 from perception.frames import Detections, Frame
 from planner.simulation.houses.house import House
-from planner.simulation.robot.mapping_tour import SimulatedTour
+from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from kg.model.oriented_boxes import OrientedBox
-from mapping.objects.extents.box_views import BoxViews
-from mapping.objects.extents.surface_growth import grown_box
-from mapping.objects.extents.walls import Walls
+from mapping.objects.extents.box_fit import BoxViews
+from mapping.objects.extents.surface_growth import Walls, grown_box
 from tests.mapping.objects.extents.test_grown_boxes import (
     VOXEL,
     Surface,

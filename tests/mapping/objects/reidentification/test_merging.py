@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from mapping.objects.reidentification.merging import duplicates, same_thing
+from mapping.objects.reidentification.identity import duplicates, same_thing
 from mapping.objects.settings import ObjectSettings
 
 SETTINGS = ObjectSettings()

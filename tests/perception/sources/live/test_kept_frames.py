@@ -10,8 +10,8 @@ import pytest
 
 pytest.importorskip("rosbags")
 from perception.frames import Frame
-from perception.sources.live import kept_frames
-from perception.sources.live.kept_frames import KeptFrames
+from perception.sources.live import live_recording
+from perception.sources.live.live_recording import KeptFrames
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
 
@@ -45,7 +45,7 @@ def test_kept_frames_come_back_by_the_poses_that_are_asked_for(room):
 
 
 def test_no_more_than_some_frames_are_kept_and_none_after_the_run(room, monkeypatch, tmp_path):
-    monkeypatch.setattr(kept_frames, "MAX_FRAMES", 4)
+    monkeypatch.setattr(live_recording, "MAX_FRAMES", 4)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with KeptFrames() as kept:
         for number, frame in enumerate(room):

@@ -12,7 +12,7 @@ pytest.importorskip("rosbags")
 from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, NOTE_TOPIC
 from perception.sources.bags.bag_file import RawMessage, message_types
 from perception.sources.listing import Streams
-from perception.sources.live import live_images, stream
+from perception.sources.live import connection, stream
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
@@ -71,7 +71,7 @@ def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(
 
 
 def test_what_waits_is_bounded(messages: Messages, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_images, "HELD", 3)
+    monkeypatch.setattr(connection, "HELD", 3)
     raws = messages(".bag")
     made = offered(FrameStream("peer"), raws)
     colours = [raw for raw in raws if raw.topic == COLOUR]

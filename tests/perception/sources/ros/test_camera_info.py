@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import RecordingError
-from perception.sources.ros.camera_info import intrinsics_of
+from perception.sources.ros.image_messages import intrinsics_of
 from tests.perception.sources.ros.messages import camera_info
 
 

@@ -12,8 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
-from planner.display.viewers.ros_bag import scenes_as_bag
-from planner.display.viewers.ros_messages import TOPICS, RosMessages
+from planner.display.viewers.ros_messages import TOPICS, RosMessages, scenes_as_bag
 from planner.display.viewers.scene import ScenePlan, SceneReader, SceneStop
 
 

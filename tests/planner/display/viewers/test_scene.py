@@ -10,8 +10,7 @@ from kg.model.areas import area_of
 from kg.model.records import MapUpdate
 from kg.serving.opening import in_memory_map
 from planner.display.plots.palette import object_groups
-from planner.display.viewers.scene import Scene, SceneReader, triangles
-from planner.display.viewers.search_plan import planned_search
+from planner.display.viewers.scene import Scene, SceneReader, planned_search, triangles
 
 
 def covered(outline: object) -> float:

@@ -16,10 +16,15 @@ from planner.freespace.planning_map import PlanningMap
 from planner.search.belief import TargetBelief, site_weights
 from planner.search.goals.targets import Target
 from planner.search.plans.search_state import PlanningState
-from planner.search.viewpoints.candidate_views import CandidateViews, candidate_views
-from planner.search.viewpoints.coverage import COVER, covering_viewpoints, room_viewpoints
+from planner.search.viewpoints.candidate_views import (
+    COVER,
+    CandidateViews,
+    Sensor,
+    candidate_views,
+    covering_viewpoints,
+    room_viewpoints,
+)
 from planner.search.viewpoints.next_best_view import RevisitModel, RobotState
-from planner.search.viewpoints.sensor import Sensor
 from planner.settings import MAX_ROUNDS, BeliefSettings
 
 quick = settings(max_examples=30, deadline=None)

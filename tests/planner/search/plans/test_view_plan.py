@@ -25,7 +25,7 @@ from planner.search.plans.report import plan_json
 from planner.search.plans.rollout import PlanEvaluator
 from planner.search.plans.search_state import PlanningState, build_search
 from planner.search.plans.view_plan import plan
-from planner.search.viewpoints.sensor import Sensor
+from planner.search.viewpoints.candidate_views import Sensor
 from tests.planner.flat import fill, thing
 
 DAY = 86400.0

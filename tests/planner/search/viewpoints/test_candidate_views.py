@@ -13,13 +13,14 @@ from planner.freespace.grid import FreeSpace, Room
 from planner.search.viewpoints import next_best_view
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
+    Motion,
+    Sensor,
     belief_cells,
     candidate_views,
     floor_in_view,
     square,
 )
 from planner.search.viewpoints.next_best_view import NextBestView, RobotState
-from planner.search.viewpoints.sensor import Motion, Sensor
 
 SENSOR = Sensor(near=0.5, far=2.5, field_of_view=1.0)
 MOTION = Motion(speed=0.5, turn_rate=0.8, picture=2.0)

@@ -14,13 +14,16 @@ from planner.freespace.floor_plan import free_space
 from planner.freespace.grid import FreeSpace, Room, visible_cells
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
+    Motion,
+    Sensor,
+    angle_between,
     candidate_views,
+    room_viewpoints,
     square,
     sweep_chance,
+    sweep_over,
 )
-from planner.search.viewpoints.coverage import room_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
-from planner.search.viewpoints.sensor import Motion, Sensor, angle_between, sweep_over
 
 quick = settings(max_examples=30, deadline=None)
 angles = st.floats(-10.0, 10.0)

@@ -95,7 +95,7 @@ def test_a_worker_reports_how_it_is_denied_and_inherits_no_descriptor() -> None:
 
 
 def test_nothing_a_server_is_sent_reaches_the_network(listener: Listener) -> None:
-    limits = Limits(query_seconds=60, rate=1e6, burst=1_000_000)
+    limits = Limits(query_seconds=60)
     settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)), limits=limits)
     bearer = {"Authorization": f"Bearer {TOKEN}"}
     asked, written = queries(listener.address, 100), updates(listener.address)

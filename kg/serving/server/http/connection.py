@@ -1,0 +1,239 @@
+"""HTTP connections with plain limits: of an address, in all, of a head, of waiting for a client.
+
+uvicorn accepts any number of connections, waits for their clients without a limit, and parses what
+arrived at once. A reverse proxy does all of this better (docs/how-to/serve.md); these limits keep a
+server without one alive. RFC 9110, section 15.6.4, is the status of what is refused.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+import sys
+from collections.abc import Collection
+from typing import Any, Final
+
+import h11
+from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
+
+from kg.serving.server.http.clients import client_of_address
+from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.settings import Settings
+
+MAX_LINES: Final = 100  # of a request's head; h11 takes 2 ms for a thousand
+#: [bytes] of a connection that are parsed before others have their turn; if they are chunks of one
+#: byte, it takes 7 ms
+AT_ONCE: Final = 4 << 10
+#: connections of an address with no room that may wait for a head, which may have a token
+NEWCOMERS: Final = 32
+_FULL = b"too many connections; come back in a second\n"
+_REFUSAL = (
+    b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain; charset=utf-8\r\n"
+    b"Retry-After: 1\r\nConnection: close\r\nContent-Length: %d\r\n\r\n%s" % (len(_FULL), _FULL)
+)
+
+
+class ConnectionTable:
+    """The open connections of one server, oldest first; used on its event loop."""
+
+    def __init__(self, settings: Settings, most: int) -> None:
+        self.limits, self._most = settings.limits, most
+        self._proxies = frozenset(map(client_of_address, settings.trusted_proxies))
+        self._all: dict[LimitedConnection, None] = {}
+        self._of: dict[str, dict[LimitedConnection, None]] = {}
+
+    def add(self, one: LimitedConnection) -> None:
+        """Take in a new connection; close another, or this one, where there is no room for it."""
+        self._all[one] = None
+        self._of.setdefault(one.client_name, {})[one] = None
+        self.make_room(one.client_name)
+        if len(self._all) > self._most:
+            next((other for other in self._all if not other.is_busy), one).refuse()
+
+    def make_room(self, client_name: str) -> None:
+        """Close the oldest connection of a client that waits for it, if the client has too many."""
+        own = self.of(client_name)
+        waiting = [one for one in own if not one.is_busy]
+        room = max(self.limits.client_connections - len(own) + len(waiting), NEWCOMERS)
+        if len(waiting) > room and client_name not in self._proxies:
+            waiting[0].refuse()
+
+    def rename(self, one: LimitedConnection, client_name: str) -> None:
+        """Count a connection as one of another client."""
+        if one in self._all and one.client_name != client_name:
+            self.remove(one)
+            self._all[one] = None
+            self._of.setdefault(client_name, {})[one] = None
+
+    def remove(self, one: LimitedConnection) -> None:
+        """Forget a connection."""
+        self._all.pop(one, None)
+        own = self._of.get(one.client_name, {})
+        own.pop(one, None)
+        if not own:
+            self._of.pop(one.client_name, None)
+
+    def of(self, client_name: str) -> Collection[LimitedConnection]:
+        """The connections of a client."""
+        return self._of.get(client_name, ())
+
+
+class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
+    """Closes if a head stays incomplete, or the client reads nothing, for `idle_seconds`."""
+
+    def __init__(self, table: ConnectionTable, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.conn = _LimitedHead(h11.SERVER, table.limits.head)
+        # lets an endpoint end the connection, even while a write is blocked
+        self.app_state = {**self.app_state, "connection": self}
+        self.client_name = ""  # its address; from the first request on its token if it has one
+        self._table, self._limits = table, table.limits
+        self._received = bytearray(AT_ONCE)
+        self._head_timer: asyncio.TimerHandle | None = None
+        self._reader_timer: asyncio.TimerHandle | None = None
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a request is being answered; else the client has to send one."""
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Start the time limit for the first head, and make room."""
+        super().connection_made(transport)
+        self.client_name = client_of_address(self.client[0] if self.client else "")
+        self._table.add(self)
+        self._time_head()
+
+    def admit(self, client_name: str) -> None:
+        """Count the connection for the client of its request.
+
+        Raises Problem 503 if the client has as many others with requests as allowed.
+        """
+        self._table.rename(self, client_name)
+        self.client_name = client_name
+        busy = sum(one.is_busy for one in self._table.of(client_name))
+        if busy > self._limits.client_connections:
+            raise Problem(
+                503,
+                f"you have {busy - 1} connections with requests; close some",
+                {"Retry-After": "1", "Connection": "close"},
+            )
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Cancel the time limits of a lost connection."""
+        for timer in (self._head_timer, self._reader_timer):
+            if timer is not None:
+                timer.cancel()
+        self._table.remove(self)
+        super().connection_lost(exc)
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """The buffer into which asyncio receives."""
+        return self._received
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Parse what was received."""
+        self.data_received(bytes(self._received[:nbytes]))
+        self._time_head()
+
+    def on_response_complete(self) -> None:
+        """Continue with the next request; the rest of an unread body has to arrive in time."""
+        super().on_response_complete()
+        self._time_head()
+        self._table.make_room(self.client_name)
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is not HTTP; after the begin of a response, hang up."""
+        if self.conn.our_state not in (h11.IDLE, h11.SEND_RESPONSE):
+            self.abort()
+            return
+        error = sys.exc_info()[1]
+        hint = error.error_status_hint if isinstance(error, h11.RemoteProtocolError) else 400
+        body = f"not a valid request: {str(error or msg)[:200]}\n".encode("ascii", "replace")
+        headers = [
+            ("Content-Type", "text/plain; charset=utf-8"),
+            ("Content-Length", str(len(body))),
+            ("Connection", "close"),
+        ]
+        head = h11.Response(status_code=hint, headers=headers, reason=STATUS_PHRASES[hint])
+        for event in (head, h11.Data(data=body), h11.EndOfMessage()):
+            self.transport.write(self.conn.send(event) or b"")
+        self.transport.close()
+
+    def pause_writing(self) -> None:
+        """Start the time limit of a client that reads too slowly; drop what is too much."""
+        super().pause_writing()
+        self._time_reader()
+        own = self._table.of(self.client_name)
+        if sum(one.unread for one in own) > self._limits.client_unread:
+            self._reset()
+
+    def resume_writing(self) -> None:
+        """Stop the time limit of the reading client."""
+        if self._reader_timer is not None:
+            self._reader_timer.cancel()
+            self._reader_timer = None
+        super().resume_writing()
+
+    @property
+    def unread(self) -> int:
+        """Bytes of the response that wait for the client."""
+        return self.transport.get_write_buffer_size()
+
+    def refuse(self) -> None:
+        """Close a connection that waits for its client's request, with 503."""
+        self._table.remove(self)
+        if self.unread:
+            self.abort()
+            return
+        self.transport.write(_REFUSAL)
+        self.transport.close()
+
+    def abort(self) -> None:
+        """Close the connection at once, without sending the rest."""
+        self._table.remove(self)
+        self.transport.abort()
+
+    def _reset(self) -> None:
+        """Close the connection, and free what the kernel still holds for the client."""
+        accepted = self.transport.get_extra_info("socket")
+        accepted.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        self.abort()
+
+    def _time_head(self) -> None:
+        if self.is_busy and self._head_timer is not None:
+            self._head_timer.cancel()
+            self._head_timer = None
+        elif not self.is_busy and self._head_timer is None:
+            self._head_timer = self.loop.call_later(self._limits.idle_seconds, self.abort)
+
+    def _time_reader(self) -> None:
+        self._reader_timer = self.loop.call_later(
+            self._limits.idle_seconds, self._reader_is_late, self.unread
+        )
+
+    def _reader_is_late(self, before: int) -> None:
+        if self.unread >= before:
+            self._reset()
+        else:
+            self._time_reader()
+
+
+class _LimitedHead(h11.Connection):
+    """Refuses heads that are long or have many lines before h11 parses them."""
+
+    def __init__(self, role: type[h11.SERVER], max_head: int) -> None:
+        super().__init__(role, max_head)
+        self._max_head = max_head
+
+    def next_event(self) -> Any:
+        """The next event; raises RemoteProtocolError 431 for such a head."""
+        if self.their_state is h11.IDLE:
+            head, _, _ = self.trailing_data[0].partition(b"\r\n\r\n")
+            if len(head) > self._max_head or head.count(b"\n") > MAX_LINES:
+                raise h11.RemoteProtocolError(
+                    f"a head may have {self._max_head} bytes and {MAX_LINES} headers",
+                    error_status_hint=431,
+                )
+        return super().next_event()

@@ -1,1 +1,0 @@
-"""Limits of connections: time, number, memory and rate, shared among clients."""

@@ -1,0 +1,44 @@
+"""A limit of what a map holds stands at every door by which it is written."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.doors.doors import ASSERTING, UPDATING, House, RefusedError
+
+#: updates beyond a limit, and what the refusal says
+BEYOND = {
+    "the number of an object": (
+        f"INSERT DATA {{ <object/{'9' * 5000}> a here:Cup ; here:x 1.0 ; here:y 1.0 }}",
+        "15 digits",
+    ),
+    "the number of an object, of 64 bits": (
+        f"INSERT DATA {{ <object/{'9' * 19}> a here:Cup ; here:x 1.0 ; here:y 1.0 }}",
+        "15 digits",
+    ),
+    "a label": (f"INSERT DATA {{ <object/1> rdfs:label '{'x' * 501}' }}", "501 characters"),
+    "a text": (f"INSERT DATA {{ <object/1> rdfs:comment '{'x' * 100_001}' }}", "100,001"),
+    "an IRI": (f"INSERT DATA {{ <object/1> rdfs:seeAlso <urn:{'x' * 8000}> }}", "8,004"),
+    "the name of a thing": (
+        f"INSERT DATA {{ <urn:{'x' * 8000}> rdfs:comment 'x' }}",
+        "8,004 characters",
+    ),
+}
+
+
+@pytest.mark.parametrize("door", UPDATING)
+@pytest.mark.parametrize("what", BEYOND)
+def test_an_update_beyond_a_limit_is_refused(house: House, door: str, what: str) -> None:
+    text, message = BEYOND[what]
+    before = house.map.sequence
+    with pytest.raises(RefusedError, match=message):
+        UPDATING[door](house, text)
+    assert house.map.sequence == before
+
+
+@pytest.mark.parametrize("door", ASSERTING)
+def test_an_asserted_label_beyond_the_limit_is_refused(house: House, door: str) -> None:
+    before = house.map.sequence
+    with pytest.raises(RefusedError, match="characters"):
+        ASSERTING[door](house, "object/1", "label", "x" * 501)
+    assert house.map.sequence == before

@@ -1,0 +1,291 @@
+"""Clients that take more connections, memory or time than their share, over raw sockets."""
+
+from __future__ import annotations
+
+import gzip
+import select
+import socket
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+import pytest
+import requests
+
+from kg.serving.server import Limits
+from kg.serving.server.http.connection import NEWCOMERS
+from tests.kg.serving.server.conftest import TOKEN
+from tests.kg.serving.server.raw_answers import whole_answer
+
+if TYPE_CHECKING:
+    from tests.kg.serving.server.conftest import Served
+
+PATIENCE = 40.0  # [s]
+GREEDY, OTHER = "127.0.0.66", "127.0.0.2"
+HEAD = b"GET /health HTTP/1.1\r\nHost: localhost\r\n"
+POST = b"POST /sparql HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/sparql-query\r\n"
+BEARER = f"Authorization: Bearer {TOKEN}\r\n".encode()
+ASK = "sparql?query=ASK%20%7B%7D"
+MOST = 20
+LONG = Limits(client_connections=MOST, idle_seconds=PATIENCE, body_seconds=PATIENCE)
+
+
+class Sockets:
+    """Open sockets of the addresses of this machine; a context manager."""
+
+    def __init__(self, served: Served) -> None:
+        address = urlsplit(served.url)
+        self._server = address.hostname, address.port
+        self._stack = ExitStack()
+
+    def open(self, sent: bytes = b"", address: str = GREEDY) -> socket.socket:
+        made = self._stack.enter_context(socket.socket())
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+        made.settimeout(PATIENCE)
+        made.bind((address, 0))
+        made.connect(self._server)
+        made.sendall(sent)
+        return made
+
+    def __enter__(self) -> Sockets:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+
+@pytest.fixture
+def sockets() -> Iterator[Callable[[Served], Sockets]]:
+    with ExitStack() as stack:
+        yield lambda served: stack.enter_context(Sockets(served))
+
+
+def status(client: socket.socket, sent: bytes = HEAD + b"\r\n") -> bytes:
+    """The status of the next response on a connection that stays open."""
+    client.sendall(sent)
+    with client.makefile("rb") as told:
+        first, length = told.readline(), 0
+        while (line := told.readline().lower()) not in (b"\r\n", b""):
+            if line.startswith(b"content-length:"):
+                length = int(line.partition(b":")[2])
+        told.read(length)
+    return first.split(b" ")[1]
+
+
+SILENT, HALF, IDLE = b"", b"GET /hea", HEAD + b"\r\n"
+BODY = POST + b"Content-Length: 9\r\n\r\nA"
+
+
+def open_ones(crowd: list[socket.socket]) -> int:
+    """How many of these the server has not closed."""
+    return sum(not has_ended(client) for client in crowd)
+
+
+def has_ended(client: socket.socket) -> bool:
+    client.setblocking(False)
+    try:
+        while client.recv(1 << 16):
+            pass
+    except BlockingIOError:
+        return False
+    except OSError:
+        pass
+    return True
+
+
+@pytest.mark.parametrize("begun", [SILENT, HALF, IDLE, BODY])
+def test_an_address_has_a_number_of_connections_and_others_are_answered(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets], begun: bytes
+) -> None:
+    served = serve(limits=LONG)
+    open_ = sockets(served).open
+    kept = open_(address=OTHER)
+    assert status(kept) == b"200"
+    robot = open_()
+    assert status(robot, HEAD + BEARER + b"\r\n") == b"200"
+    crowd = [open_(begun) for _ in range(MOST + NEWCOMERS + 10)]
+    assert status(open_(address="127.0.0.3")) == b"200"
+    assert status(kept) == b"200"
+    assert status(robot, HEAD + BEARER + b"\r\n") == b"200"
+    assert status(open_(), HEAD + BEARER + b"\r\n") == b"200"  # a new one beside the crowd
+    assert 0 < open_ones(crowd) <= max(MOST, NEWCOMERS)
+
+
+def test_beyond_the_connections_of_an_address_a_request_without_token_is_refused(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    open_ = sockets(serve(limits=LONG)).open
+    busy = [open_(BODY) for _ in range(MOST)]
+    assert status(open_(address=OTHER)) == b"200"  # by now the others are being answered
+    told = whole_answer(open_(HEAD + b"\r\n"))
+    assert told.startswith(b"HTTP/1.1 503 ")
+    assert b"retry-after: 1\r\n" in told.lower() and b"connection: close\r\n" in told.lower()
+    assert told.endswith(b"connections with requests; close some\n")
+    busy.pop().close()
+    assert status(busy[0], b"SK {}   ") == b"200"
+    assert status(open_()) == b"200"
+
+
+def test_who_is_closed_for_others_is_told_so(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    open_ = sockets(serve(limits=Limits(connections=20, idle_seconds=PATIENCE))).open
+    crowd = [open_(b"GET /hea", f"127.0.0.{n + 1}") for n in range(21)]
+    told = whole_answer(crowd[0])
+    assert told.startswith(b"HTTP/1.1 503 ")
+    assert b"Retry-After: 1\r\n" in told and b"Connection: close\r\n" in told
+
+
+def test_behind_a_trusted_proxy_clients_have_connections_of_their_own(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    served = serve(limits=LONG, trusted_proxies=(GREEDY,))
+    open_ = sockets(served).open
+
+    def begin(forwarded: bytes) -> socket.socket:
+        return open_(BODY.replace(b"\r\n\r\n", b"\r\nX-Forwarded-For: " + forwarded + b"\r\n\r\n"))
+
+    greedy = [begin(b"192.0.2.1") for _ in range(MOST)]
+    # the last address is the proxy's own word, and one IPv6 host may have all of a /64
+    others = [begin(b"192.0.2.1, 192.0.2.2"), *(begin(b"2001:db8::%x" % n) for n in range(MOST))]
+    assert whole_answer(begin(b"192.0.2.2, 192.0.2.1")).startswith(b"HTTP/1.1 503 ")
+    assert whole_answer(begin(b"2001:db8::ffff")).startswith(b"HTTP/1.1 503 ")
+    for client in (greedy[0], *others[:2]):
+        assert status(client, b"SK {}   ") == b"200"
+
+
+def test_bodies_have_a_budget_for_each_client_and_small_ones_pass(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    limits = Limits(client_bodies=300_000, bodies=500_000, body_seconds=PATIENCE)
+    served = serve(limits=limits)
+    open_ = sockets(served).open
+    begun = POST + b"Content-Length: 200000\r\n\r\n" + b" " * 190_000
+    held, newer = open_(begun), open_(begun)
+    assert whole_answer(newer).startswith(b"HTTP/1.1 503 ")
+    other = open_(begun, OTHER)
+    assert served.post("sparql", data={"query": "ASK {}"}).status_code == 200
+    query = b"ASK {}".rjust(10_000)
+    for client in (held, other):
+        assert status(client, query) == b"200"  # the older ones were not lost
+        assert status(client, begun + query) == b"200"  # and their room is free again
+
+
+def test_a_client_that_reads_nothing_loses_its_answer_when_they_fill_the_memory(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    limits = Limits(client_unread=0, idle_seconds=PATIENCE)
+    head = b"GET /graphs/ontology HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    client = sockets(serve(limits=limits)).open(head * 100)
+    hung_up = select.poll()
+    hung_up.register(client, 0)  # POLLERR and POLLHUP are always reported
+    assert hung_up.poll(PATIENCE * 1000)
+
+
+def test_a_body_that_nobody_asked_for_has_to_arrive_in_time(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    served = serve(limits=Limits(idle_seconds=0.5))
+    client = sockets(served).open(HEAD + b"Content-Length: 1000\r\n\r\n")
+    with pytest.raises((BrokenPipeError, ConnectionResetError)):
+        while True:
+            client.sendall(b"x")
+            threading.Event().wait(0.1)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        POST + b"Content-Length: 6\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\nG",
+        POST.replace(b"1.1", b"1.0") + b"Transfer-Encoding: chunked\r\n\r\n0\r\n\r\n",
+        POST + b"Content-Length: 5\r\nContent-Length: 6\r\n\r\nASK {}",
+        POST + b"Content-Length: 5, 6\r\n\r\nASK {}",
+        POST + b"Content-Length: +6\r\n\r\nASK {}",
+        POST + b"Content-Length: 0x6\r\n\r\nASK {}",
+        POST + b"Content-Length : 6\r\n\r\nASK {}",
+        POST + b"Transfer-Encoding: chunked\r\n\r\nzz\r\nASK {}\r\n0\r\n\r\n",
+        POST + b"Transfer-Encoding: chunked\r\n\r\n-6\r\nASK {}\r\n0\r\n\r\n",
+        POST + b"Transfer-Encoding: chunked\r\n\r\n6\r\nASK {}xx0\r\n\r\n",
+        POST + b"Transfer-Encoding: chunked\r\n\r\n6" + b"0" * 30 + b"\r\nASK {}\r\n0\r\n\r\n",
+    ],
+)
+def test_a_body_of_doubtful_length_ends_the_connection(
+    lasting: Served, sockets: Callable[[Served], Sockets], head: bytes
+) -> None:
+    hidden = HEAD + b"\r\n"
+    told = whole_answer(sockets(lasting).open(head + hidden))
+    assert told.startswith(b"HTTP/1.1 400 ")
+    assert told.count(b"HTTP/1.1 ") == 1
+    assert b"connection: close" in told.lower()
+
+
+def test_chunks_and_pipelined_requests_are_read(
+    lasting: Served, sockets: Callable[[Served], Sockets]
+) -> None:
+    chunks = b"Transfer-Encoding: chunked\r\n\r\n1;a=b\r\nA\r\n5\r\nSK {}\r\n0\r\nx: y\r\n\r\n"
+    last = HEAD + b"Connection: close\r\n\r\n"
+    told = whole_answer(sockets(lasting).open((POST + chunks) * 20 + last))
+    assert told.count(b"HTTP/1.1 200 ") == 21
+
+
+@pytest.mark.parametrize("head", [b"a:\r\n" * 101, b"a: " + b"b" * 17_000 + b"\r\n"])
+def test_a_head_of_many_or_long_lines_is_refused(
+    lasting: Served, sockets: Callable[[Served], Sockets], head: bytes
+) -> None:
+    told = whole_answer(sockets(lasting).open(HEAD + head + b"\r\n"))
+    assert told == b"" or told.startswith(b"HTTP/1.1 431 ")
+
+
+def test_an_upgrade_is_ignored(lasting: Served, sockets: Callable[[Served], Sockets]) -> None:
+    upgrade = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    assert status(sockets(lasting).open(), HEAD + upgrade) == b"200"
+
+
+def send(served: Served, encoding: str, body: bytes) -> requests.Response:
+    kind = {"Content-Type": "application/sparql-query", "Content-Encoding": encoding}
+    return served.post("sparql", data=body, headers=kind)
+
+
+QUERY = b"ASK { FILTER(1 < 2) }"
+packed = partial(gzip.compress, mtime=0)  # the same name of a test in each second
+
+
+@pytest.mark.parametrize(
+    ("encoding", "body"),
+    [
+        ("gzip", packed(QUERY)),
+        ("x-gzip", packed(QUERY[:9]) + packed(QUERY[9:])),
+        ("deflate", zlib.compress(QUERY)),
+        ("identity", QUERY),
+    ],
+)
+def test_compressed_bodies_are_read(lasting: Served, encoding: str, body: bytes) -> None:
+    assert send(lasting, encoding, body).json()["boolean"] is True
+
+
+@pytest.mark.parametrize(
+    ("encoding", "body", "status_code", "words"),
+    [
+        ("br", QUERY, 415, "there are gzip, deflate"),
+        ("gzip, gzip", packed(packed(QUERY)), 415, "there are gzip, deflate"),
+        ("gzip", QUERY, 400, "not compressed as it says"),
+        ("gzip", packed(QUERY)[:-9], 400, "incomplete"),
+        ("gzip", packed(QUERY) + b"more", 400, "not compressed as it says"),
+        ("gzip", packed(b" " * (9 << 20)), 413, "a body may have 8388608 bytes"),
+        ("deflate", zlib.compress(b" " * (80 << 20)), 413, "a body may have 8388608 bytes"),
+        ("gzip", packed(b" " * (1 << 20)) * 9, 413, "a body may have 8388608 bytes"),
+        ("gzip", packed(b" ") * 101, 413, "a compressed body may have 100 members"),
+    ],
+)
+def test_other_encodings_and_bombs_are_refused(
+    lasting: Served, encoding: str, body: bytes, status_code: int, words: str
+) -> None:
+    refused = send(lasting, encoding, body)
+    assert refused.status_code == status_code
+    assert words in refused.text
+    if status_code == 415:
+        assert refused.headers["Accept-Encoding"] == "gzip, deflate"
