@@ -1,6 +1,6 @@
 """ConceptNet import: Table 6.1 of the thesis, the fit of the probability, and the cost.
 
-python -m benchmarks.conceptnet table GRAPH        docs/research/table_6_1.md, on stdout
+python -m benchmarks.conceptnet table GRAPH        lab/research/table_6_1.md, on stdout
 python -m benchmarks.conceptnet ship GRAPH         kg/knowledge/placement/tables/conceptnet.csv, on
 stdout python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
 python -m benchmarks.conceptnet judge GRAPH        share of sensible relations, by verdicts of hand
@@ -56,7 +56,7 @@ _BINS = (
 
 
 def table_6_1(graph: Path) -> str:
-    """`docs/research/table_6_1.md`: the thesis' weights beside those imported from `graph`."""
+    """`lab/research/table_6_1.md`: the thesis' weights beside those imported from `graph`."""
     catalogue = Catalogue.from_quads(load_ontologies().quads)
     weights = {
         (catalogue.label(f.subject), catalogue.label(f.target)): f

@@ -20,7 +20,7 @@ PROJECT = {
 }
 #: what the theme takes from elsewhere for a search that works from a file, and the copy of it
 SHIM = "https://unpkg.com/iframe-worker/shim", "assets/iframe-worker.js"
-_LINK = re.compile(r"\]\((?P<path>[^)#:\s]+)(?P<anchor>#[^)\s]*)?\)")
+_LINK = re.compile(r"\[(?P<title>[^\]]*)\]\((?P<path>[^)#:\s]+)(?P<anchor>#[^)\s]*)?\)")
 
 
 def on_config(config: Any) -> Any:
@@ -48,7 +48,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """Links between docs/ and the files beside it lead to their pages."""
+    """Links between docs/ and the files beside it lead to their pages; other files are named."""
     source = page.file.src_uri
     beside = {uri: name for name, uri in PROJECT.items()}
     folder = ROOT if source in beside else (ROOT / "docs" / source).parent
@@ -58,9 +58,11 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         if not target.is_relative_to(ROOT):
             return match[0]
         inside = target.relative_to(ROOT).as_posix()
+        if inside not in PROJECT and not inside.startswith("docs/"):
+            return f"{match['title']} (`{inside}`)"
         uri = PROJECT.get(inside, inside.removeprefix("docs/"))
         up = "../" * source.count("/")
-        return f"]({up}{uri}{match['anchor'] or ''})"
+        return f"[{match['title']}]({up}{uri}{match['anchor'] or ''})"
 
     return _LINK.sub(follow, markdown) if source in beside or "](../" in markdown else markdown
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+PAGES = sorted(p for glob in ("*.md", "docs/**/*.md", "lab/**/*.md") for p in ROOT.glob(glob))
 _LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
@@ -42,7 +42,7 @@ def test_files_of_the_documentation_that_code_names_exist() -> None:
         match
         for folder in ("kg", "perception", "mapping", "planner", "lab", "benchmarks", "tests")
         for source in (ROOT / folder).rglob("*.py")
-        for match in re.findall(r"docs/[\w./-]+\.md", source.read_text(encoding="utf-8"))
+        for match in re.findall(r"(?:docs|lab)/[\w./-]+\.md", source.read_text(encoding="utf-8"))
     }
     assert sorted(name for name in named if not (ROOT / name).exists()) == []
 

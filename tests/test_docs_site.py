@@ -63,7 +63,7 @@ def test_styles_and_scripts_name_no_other_host(site: Path) -> None:
 
 def test_every_page_of_the_shelves_is_in_the_navigation(site: Path) -> None:
     index = (site / "index.html").read_text(encoding="utf-8")
-    shelves = ("tutorial", "how-to", "reference", "explanation", "research")
+    shelves = ("tutorial", "how-to", "reference", "explanation")
     pages = [p for shelf in shelves for p in (ROOT / "docs" / shelf).glob("*.md")]
     assert [p for p in pages if f'href="{p.parent.name}/{p.stem}.html"' not in index] == []
     assert 'href="project/contributing.html"' in index

@@ -56,6 +56,17 @@ def test_the_citation_and_the_changelog_have_the_version() -> None:
     assert latest in ("Unreleased", f"{project['version']}, {date}")
 
 
+def test_a_version_of_the_changelog_has_at_most_60_changes_of_one_line() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    for version in re.split(r"^## ", changelog, flags=re.MULTILINE)[1:]:
+        assert version.count("\n- ") <= 60, version.partition("\n")[0]
+        kinds = re.findall(r"^### (.*)$", version, re.MULTILINE)
+        assert kinds == [k for k in ("Added", "Changed", "Fixed", "Removed") if k in kinds]
+        assert (
+            re.findall(r"^ +\S.*$", version, re.MULTILINE) == []
+        )  # no change goes on in a second line
+
+
 def test_wheel_has_the_public_module_and_the_four_packages(wheel_names: set[str]) -> None:
     tops = {name.split("/")[0] for name in wheel_names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"hereabouts.py", *PACKAGES}

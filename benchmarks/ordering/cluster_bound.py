@@ -10,7 +10,7 @@ cluster's price comes before its places: that is scheduling with precedence from
 exactly by joining a job with the best that follows it (Horn 1972; for `any`, the ratio of
 discounted cost to probability of an end). Where only the last place counts it is a 1-tree (Held,
 Karp 1970). The bound holds for any `in` and `out` and is concave in them, so steps along its
-supergradient raise it. docs/research/ordering.md compares it with other bounds.
+supergradient raise it. lab/research/ordering.md compares it with other bounds.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     plan = argparse.ArgumentParser(
         prog="python -m benchmarks.plan",
         description="Order the places of every query so that the expected time to find is least, "
-        "with a proven lower bound (docs/research/ordering.md).",
+        "with a proven lower bound (lab/research/ordering.md).",
         epilog="example: python -m benchmarks.plan problems.json -o plans.json",
     )
     plan.add_argument("problems", metavar="PROBLEMS", help="JSON file of worlds and queries")

@@ -1,6 +1,6 @@
 """Search problems in a JSON file: worlds of places, and what is sought there.
 
-See docs/research/ordering.md.
+See lab/research/ordering.md.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         prog="python -m benchmarks.search",
         description="Hide every object of every home, and search for it with the same robot, "
         "camera and luck: ours, the thesis' rule, brute force, and one that knows where it is "
-        "(docs/research/search_trials.md).",
+        "(lab/research/search_trials.md).",
         epilog="example: python -m benchmarks.search --homes homes --json",
     )
     parser.add_argument("--homes", required=True, metavar="DIR", help="homes, one JSON file each")

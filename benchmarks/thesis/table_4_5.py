@@ -2,7 +2,7 @@
 
 The building is Fig. 4.7, the searches Table 4.5 (section 4.4). Data and the corrections of rows
 that contradict themselves lie in `benchmarks/thesis/`. ``python -m benchmarks.thesis`` prints
-`docs/research/table_4_5.md`.
+`lab/research/table_4_5.md`.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ class ThesisTable:
         }
 
     def to_markdown(self) -> str:
-        """The whole of `docs/research/table_4_5.md`."""
+        """The whole of `lab/research/table_4_5.md`."""
         return markdown(self.rows, self.corrections, self.uncorrected)
 
 
@@ -192,7 +192,7 @@ def _equal(outcome: RuleOutcome, published: int) -> bool:
 def markdown(
     rows: Sequence[TableRow], fixes: Sequence[Correction], uncorrected: Sequence[Agreement]
 ) -> str:
-    """The whole of `docs/research/table_4_5.md`."""
+    """The whole of `lab/research/table_4_5.md`."""
     summary = summarise(rows)
     return "\n".join(
         [

@@ -41,7 +41,7 @@ from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 FILE: Final = "known_things.npz"  # in the folder of a map
 AUTHOR: Final = "looks"  # of the assertions; people are asked to confirm or retract them
 MAX_THINGS: Final = 1000
-#: likeness from which a thing may be the known one (docs/reference/benchmarks.md)
+#: likeness from which a thing may be the known one (lab/research/measurements.md)
 MIN_LIKENESS: Final = 0.4
 #: likeness, and how much greater it is than to any thing seen before, from which a thing is it
 MIN_DISTINCT: Final = 0.6
@@ -283,7 +283,7 @@ def taught(name: str, pictures: Iterable[bytes], marker: str = "") -> KnownThing
 
 #: log-likelihood ratio of one thing against two of a category, by how much more alike they look
 #: than the new thing and the most similar other one: its value at 0, and its slope. Fitted to the
-#: lounge and judged on the kitchen (docs/reference/benchmarks.md).
+#: lounge and judged on the kitchen (lab/research/measurements.md).
 EVEN: Final = 0.5
 SLOPE: Final = 6.9
 _MAX_LOG_RATIO: Final = 3.0  # of the log-likelihood ratio, either way
@@ -345,7 +345,7 @@ def _described(picture: bytes) -> Floats | None:
 
 
 #: likelihood ratio from which a thing is said to look like a word: in a room of 25 things one word
-#: in ten, of those that name none of them, then has a thing like it (docs/reference/benchmarks.md)
+#: in ten, of those that name none of them, then has a thing like it (lab/research/measurements.md)
 MIN_RATIO: Final = 10.0
 _RARE: Final = 0.001  # added to the background, so that no class is too rare to be a mistake
 _FOLDER: Final = Path(__file__).parent

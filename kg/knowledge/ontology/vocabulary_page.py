@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import Final
@@ -45,7 +46,7 @@ def vocabulary_page(quads: Iterable[Quad]) -> str:
     found = relations(quads)
     parts.append(_section("Supercategories of objects", _supercategories(catalogue, properties)))
     parts.append(_section("Object categories", _objects(catalogue, properties, found)))
-    parts.append(_section("Place categories", _places(catalogue, properties)))
+    parts.append(_places(catalogue))
     return "\n".join(parts)
 
 
@@ -124,19 +125,31 @@ def _objects(
 def _targets(
     category: Category, kind: str, found: tuple[CategoryRelation, ...], catalogue: Catalogue
 ) -> str:
-    edges = [r for r in found if (r.kind, r.subject) == (kind, category.iri)]
-    named = [(catalogue.by_iri(r.target), r) for r in edges]
-    return ", ".join(sorted(f"{c.label} ({r.probability:g})" for c, r in named if c is not None))
+    """Targets of the relations of a category, those of one probability together."""
+    labels: dict[float, list[str]] = defaultdict(list)
+    for relation in found:
+        target = catalogue.by_iri(relation.target)
+        if (relation.kind, relation.subject) == (kind, category.iri) and target is not None:
+            labels[relation.probability].append(target.label)
+    return ", ".join(f"{', '.join(sorted(labels[p]))} ({p:g})" for p in sorted(labels))
 
 
-def _places(catalogue: Catalogue, properties: _PropertiesBySubject) -> Iterator[tuple[str, ...]]:
-    yield "label", "term", "also called", "a kind of", "networks' names"
+def _places(catalogue: Catalogue) -> str:
+    """The places, a paragraph for each first letter: with 205 of them a table is hard to read."""
+    lines: dict[str, list[str]] = defaultdict(list)
     for category in _of(catalogue, "place"):
-        above = [t for t in _above(category, properties) if t != NamedNode(v.PLACE)]
-        yield (
-            *(category.label, _term(category), _synonyms(category)),
-            *(_texts(above), _hidden(category)),
-        )
+        own = "" if _words(_short(category.iri)) == category.label else _escaped(category.label)
+        names = ", ".join(filter(None, (own, _synonyms(category), _hidden(category))))
+        lines[category.label[:1]].append(f"{_term(category)}{f' ({names})' if names else ''}")
+    head = (
+        "## Place categories\n\nThe label is the term in words, unless it comes first in brackets."
+    )
+    return "\n\n".join([head, *("; ".join(terms) for terms in lines.values())]) + "\n"
+
+
+def _words(term: str) -> str:
+    """`living room` of `here:LivingRoom`."""
+    return re.sub(r"(?<!^)(?=[A-Z])", " ", term.partition(":")[2]).lower()
 
 
 def _of(catalogue: Catalogue, kind: str) -> list[Category]:
@@ -152,7 +165,9 @@ def _term(category: Category) -> str:
 
 
 def _synonyms(category: Category) -> str:
-    return ", ".join(_escaped(name) for name in category.synonyms)
+    """The synonyms, without those that are the label with underscores."""
+    names = [name for name in category.synonyms if name.replace("_", " ") != category.label]
+    return ", ".join(map(_escaped, names))
 
 
 def _hidden(category: Category) -> str:

@@ -117,7 +117,7 @@ def brute_force(
     """The thesis' baseline: explore every place, always the nearest remaining centre next.
 
     Without relations, all places are equally probable. "Every place where it passes into"
-    (section 4.4) is read as every place travelled to: see `docs/research/table_4_5.md`.
+    (section 4.4) is read as every place travelled to: see `lab/research/table_4_5.md`.
     """
     goals = [
         Goal(

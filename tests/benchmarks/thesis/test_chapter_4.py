@@ -18,7 +18,7 @@ from benchmarks.thesis.localisation import localisation_errors, printed_objects
 from benchmarks.thesis.registration import counted, printed
 from lab.maps.truth_matching import MappedObject, Matching, Pair
 
-DOCUMENT = Path(__file__).resolve().parents[3] / "docs" / "research" / "chapter_4.md"
+DOCUMENT = Path(__file__).resolve().parents[3] / "lab" / "research" / "chapter_4.md"
 
 
 def test_the_document_has_what_the_command_prints_of_localisation(

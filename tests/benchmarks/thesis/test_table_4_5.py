@@ -88,7 +88,7 @@ def test_as_printed_the_rows_agree_in_14_and_10_by_poses_and_in_17_and_13_by_pla
 
 
 def test_the_document_is_what_the_module_prints(table: ThesisTable) -> None:
-    document = (ROOT / "docs" / "research" / "table_4_5.md").read_text(encoding="utf-8")
+    document = (ROOT / "lab" / "research" / "table_4_5.md").read_text(encoding="utf-8")
     assert document == table.to_markdown()
 
 

@@ -138,7 +138,7 @@ async def _update(
         confirmed=is_confirmed(request),
         explain=notes.append,
     )
-    change = await completed(act)
+    change = await serving.write(request, act)
     told = {"note": notes[0]} if any(notes) else {}
     return written(serving, change, request, **told)
 

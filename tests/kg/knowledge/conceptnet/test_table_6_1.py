@@ -1,4 +1,4 @@
-"""docs/research/table_6_1.md is what its script prints, and what the thesis missed is there."""
+"""lab/research/table_6_1.md is what its script prints, and what the thesis missed is there."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def test_the_table_in_the_documentation_is_the_one_computed(shared: Callable[[st
         text=True,
         check=True,
     )
-    assert done.stdout == (ROOT / "docs/research/table_6_1.md").read_text()
+    assert done.stdout == (ROOT / "lab/research/table_6_1.md").read_text()
     assert "bed in bedroom" in done.stdout.partition("here now")[2].partition("In the thesis")[0]
