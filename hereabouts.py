@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     from kg.model.errors import HereaboutsError, MapNotFoundError, RecordingError
     from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
     from kg.model.room_edit import RoomEdit
-    from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
+    from kg.serving.opening import (
+        create_map,
+        in_memory_map,
+        open_map,
+        open_or_create_map,
+        watch_map,
+    )
     from kg.serving.publishing.merging import merged
     from kg.serving.server.app import MapServer
     from kg.serving.server.http.bearer_tokens import BearerTokens
@@ -78,11 +84,12 @@ __all__ = [
     "open_map",
     "open_or_create_map",
     "open_recording",
+    "watch_map",
 ]
 
 #: module -> its public names; ``inner:public`` where the public name differs
 _SOURCES = {
-    "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map",
+    "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map watch_map",
     "kg.serving.publishing.merging": "merged",
     "kg.maps.semantic_map": "SemanticMap",
     "kg.maps.query.evaluation": "Table",

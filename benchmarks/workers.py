@@ -25,7 +25,7 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import WorkerProcess
-from kg.serving.workers.snapshots import Snapshots
+from kg.store.snapshots import Snapshots
 
 ASK = "ASK {here:Kitchen here:isA here:Place}"
 TABLE = "SELECT ?o ?x {?o a here:Chair ; here:x ?x} LIMIT 1000"

@@ -30,7 +30,7 @@ REFERENCE: Final = ROOT / "docs" / "reference"
 #: The names of the public module, by section of the page.
 PUBLIC: Final = {
     "Maps": (
-        *("create_map", "open_map", "open_or_create_map", "in_memory_map", "merged"),
+        *("create_map", "open_map", "open_or_create_map", "in_memory_map", "watch_map", "merged"),
         *("SemanticMap", "Table"),
     ),
     "Records": ("MapUpdate", "ObjectRecord", "PlaceRecord", "RoomEdit"),

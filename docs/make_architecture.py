@@ -63,7 +63,7 @@ WALKS: Final = {
         "kg.serving.workers.request",
         "kg.serving.workers.pool",
         "kg.serving.workers.admission",
-        "kg.serving.workers.snapshots",
+        "kg.store.snapshots",
         "kg.serving.workers.worker_set",
         "kg.serving.workers.process",
         "kg.serving.workers.evaluation.evaluator",

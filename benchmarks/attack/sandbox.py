@@ -10,7 +10,7 @@ from benchmarks.attack.target import Target
 from kg.serving.opening import create_map
 from kg.serving.workers import process
 from kg.serving.workers.process import WorkerProcess, settings_of
-from kg.serving.workers.snapshots import Snapshots
+from kg.store.snapshots import Snapshots
 
 _START = "import sys; sys.path[:0] = sys.argv[2:]; from tests.kg.serving.workers.probes import main"
 _WITHIN = 120.0  # [s]

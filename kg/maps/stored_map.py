@@ -95,8 +95,13 @@ class StoredMap(SemanticMap):
         )
         self.subscriptions = StoredSubscriptions(self.query, store)
         if store.path is not None or not (store.read_only or store.shared):
-            self.surface_store = SurfaceStore(store.path, store.sequence, read_only=store.read_only)
+            self.surface_store = SurfaceStore(
+                *(store.path, store.sequence),
+                read_only=store.read_only or store.shared,
+                live=store.live,
+            )
             self.history.surface_area = self.surface_store.area
+        self.on_close: list[Callable[[], None]] = []
         self.read_surface: Callable[[int], Surface] | None = None  # of a past state, or of a copy
 
     @property
@@ -278,6 +283,8 @@ class StoredMap(SemanticMap):
 
     def close(self) -> None:
         """Flush and close the store; a second call does nothing."""
+        for ending in self.on_close:
+            ending()
         super().close()
         if self.surface_store is not None:
             self.surface_store.close()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
-import sqlite3
+import shutil
 import stat
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -60,82 +61,14 @@ class StepLimit:
         return self._left < 0
 
 
-def open_sqlite(
-    path: Path, schema: str, version: int, max_bytes: int, *, read_only: bool = False
-) -> sqlite3.Connection:
-    """A SQLite file of one table beside a map, made where it is missing; limited by a `StepLimit`.
-
-    With `read_only` it is checked page by page and stays as it is. Raises OSError as
-    `check_regular`, sqlite3.Error, and ValueError for a link, an empty file or another version.
-    """
-    if path.is_symlink():
-        raise ValueError("it is a link")
-    if path.exists():
-        check_regular(path, max_bytes)
-        if not path.stat().st_size:
-            raise ValueError("it is empty")
-    if read_only:
-        return _read_only(path, schema, version)
-    file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
-    try:
-        file.execute("PRAGMA trusted_schema = OFF")
-        file.set_progress_handler(StepLimit(path), SQLITE_STEPS)
-        found = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
-        (number,) = file.execute("PRAGMA user_version").fetchone()
-        if found and (found, number) != ([schema], version):
-            raise ValueError("it is of another version")
-        file.execute("PRAGMA journal_mode = WAL")
-        file.execute("PRAGMA synchronous = NORMAL")
-        if not found:
-            file.execute(schema)
-            file.execute(f"PRAGMA user_version = {version}")
-    except BaseException:
-        file.close()
-        raise
-    return file
-
-
-def connect_read_only(path: Path) -> sqlite3.Connection:
-    """A connection that reads a SQLite file; without a log beside it, it makes no files there."""
-    log = Path(f"{path}-wal")
-    options = "mode=ro" if log.exists() and log.stat().st_size else "immutable=1"
-    uri = f"{path.absolute().as_uri()}?{options}"
-    file = sqlite3.connect(uri, uri=True, check_same_thread=False)
-    file.execute("PRAGMA trusted_schema = OFF")
-    return file
-
-
-def _read_only(path: Path, schema: str, version: int) -> sqlite3.Connection:
-    file = connect_read_only(path)
-    try:
-        file.set_progress_handler(StepLimit(path), SQLITE_STEPS)
-        found = [sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql]
-        (number,) = file.execute("PRAGMA user_version").fetchone()
-        if (found, number) != ([schema], version):
-            raise ValueError("it is of another version")
-        (fault,) = file.execute("PRAGMA quick_check(1)").fetchone()
-        if fault != "ok":
-            raise ValueError("it is damaged inside")
-    except BaseException:
-        file.close()
-        raise
-    return file
-
-
-def unreadable(path: Path, error: Exception, without: str) -> str:
-    """A line about a file beside a map that cannot be read, and what happens `without` it."""
-    reason = str(error)
-    if isinstance(error, OSError):
-        reason = error.strerror or reason
-    elif not (isinstance(error, sqlite3.Error) or reason.startswith("it is ")):
-        reason = "it is damaged inside"
-    return f"cannot read {path} ({reason}): {without}"
-
-
-def remove_sqlite(path: Path) -> None:
-    """Remove a SQLite file with its log; raises OSError."""
-    for suffix in ("", "-wal", "-shm"):
-        Path(f"{path}{suffix}").unlink(missing_ok=True)
+def copy_regular(path: Path, to: Path) -> None:
+    """Copy a regular file, and nothing that a link leads to; raises OSError."""
+    # opening a pipe would wait for its other end
+    source = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
+    with os.fdopen(source, "rb") as file:
+        _check(os.fstat(source), path, sys.maxsize)
+        with to.open("xb") as out:
+            shutil.copyfileobj(file, out, 1 << 20)
 
 
 def _check(status: os.stat_result, path: Path, max_bytes: int) -> None:

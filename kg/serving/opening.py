@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
+import tempfile
+import time
 from pathlib import Path
+from typing import Final
 
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.recovery import attach, one_reader_at_a_time, open_history_read_only
+from kg.history.storage.recovery import FILE, attach, open_history_read_only
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.maps.frame_view import check_one_map
 from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
-from kg.model.errors import MapNotFoundError
+from kg.model.errors import MapBusyError, MapNotFoundError
+from kg.model.sqlite_files import has_log
+from kg.serving.shared_folder import (
+    FolderServer,
+    SharedMap,
+    SharedStore,
+    recover_copy,
+)
+from kg.store.folder import check_is_map
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import is_url
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import complete_types_on_server
+
+PATIENCE: Final = 3.0  # [s] for a folder in use
+_PAUSE: Final = 0.02  # [s]
 
 
 def create_map(
@@ -40,28 +56,64 @@ def create_map(
     return _with_history(store, path, power_safe, ontology.catalogue)
 
 
-def open_map(path: Path | str, *, read_only: bool = False, power_safe: bool = False) -> SemanticMap:
+def open_map(
+    path: Path | str,
+    *,
+    read_only: bool = False,
+    power_safe: bool = False,
+    exclusive: bool = False,
+) -> SemanticMap:
     """Open the map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
 
-    After a crash, transactions that are missing in the store are first applied from the history.
+    After a crash, transactions that are missing in the store are first applied from the history;
+    with `read_only` to a private copy, since reading writes nothing into the folder.
     `power_safe` is as for `create_map`. A running `hereabouts serve` gives a
     `kg.serving.client.remote_map.RemoteMap`: past states can be queried, and all writes go through
     the server.
 
+    A folder that another process of this user writes gives a
+    `kg.serving.shared_folder.SharedMap`: each query reads a state that is at most a second old, and
+    edits (assertions, names, rooms, updates, descriptions) are made by that process, but not frames
+    and searches. With `exclusive` this process alone writes.
+
     - MapNotFoundError: there is no map; nothing is created
-    - MapBusyError: a folder has either one writer or several readers at a time
+    - MapBusyError: another process reads the folder while this one would write all by itself; or
+      another user's process, or one on another machine, writes it
     - RemoteError: no server answers
     """
     if is_url(path):
         return _on_server(TransactionalStore.connect(str(path), read_only=read_only))
-    path = Path(path)
-    if not read_only:
-        return _with_history(TransactionalStore.open(path), path, power_safe)
-    with one_reader_at_a_time(path):
-        if (found := _up_to_date(path)) is not None:
-            return found
-        open_map(path).close()  # opening for writing applies the missing transactions
-        return _with_history(TransactionalStore.open(path, read_only=True), path, False)
+    path, until = Path(path), time.monotonic() + PATIENCE
+    while True:
+        try:
+            if read_only:
+                return _for_reading(path)
+            return _with_history(TransactionalStore.open(path), path, power_safe)
+        except MapBusyError as busy:
+            with contextlib.suppress(MapBusyError):
+                if not exclusive:
+                    return _shared(path, read_only=read_only)
+            if time.monotonic() > until:
+                raise busy from None
+        time.sleep(_PAUSE)  # a writer begins or ends, or a reader answers its question
+
+
+def watch_map(path: Path | str) -> SemanticMap:
+    """The map at `path` for reading over hours: others may begin and end to write it meanwhile.
+
+    Each query reads a state that is at most a second old. Raises as `open_map`.
+    """
+    if is_url(path):
+        return open_map(path, read_only=True)
+    check_is_map(Path(path))
+    until = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return _shared(Path(path), read_only=True, writer=False)
+        except MapBusyError:
+            if time.monotonic() > until:
+                raise
+        time.sleep(_PAUSE)
 
 
 def open_or_create_map(
@@ -79,7 +131,7 @@ def open_or_create_map(
             return create_map(path, title=title, base=base)
     path = Path(path)
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
-        return open_map(path, power_safe=power_safe)
+        return open_map(path, power_safe=power_safe, exclusive=True)
     return create_map(path, title=title, base=base, power_safe=power_safe)
 
 
@@ -90,14 +142,32 @@ def in_memory_map(*, title: str = "map", base: str | None = None) -> StoredMap:
     return _with_history(store, None, False, ontology.catalogue)
 
 
-def _up_to_date(path: Path) -> StoredMap | None:
-    """The map for reading; None if its store lacks transactions of its history."""
+def _for_reading(path: Path) -> StoredMap:
     store = TransactionalStore.open(path, read_only=True)
-    log = _history(store, path, power_safe=False)
-    if log is None or log.last <= store.sequence:
-        return _closing_on_error(store, None, log)
-    store.close()
-    return None
+    if not has_log(path / FILE):
+        log = _history(store, path, power_safe=False)
+        if log is None or log.last <= store.sequence:
+            return _closing_on_error(store, None, log)
+        log.close()
+    copy = Path(tempfile.mkdtemp(prefix="hereabouts-"))
+    try:
+        recover_copy(path, copy)
+        store.read_copy(copy)
+    except BaseException:
+        store.close()
+        shutil.rmtree(copy, ignore_errors=True)
+        raise
+    return _with_history(store, copy, False)
+
+
+def _shared(path: Path, *, read_only: bool, writer: bool = True) -> SharedMap:
+    store = SharedStore(path, read_only=read_only, writer=writer)
+    try:
+        log = open_history_read_only(store, store.log_file.parent, identity(store))
+        return SharedMap(store, log)
+    except BaseException:
+        store.close()
+        raise
 
 
 def _with_history(
@@ -107,7 +177,10 @@ def _with_history(
     catalogue: Catalogue | None = None,
 ) -> StoredMap:
     log = _history(store, folder, power_safe=power_safe)
-    return _closing_on_error(store, catalogue, log)
+    semantic_map = _closing_on_error(store, catalogue, log)
+    if folder is not None and not store.read_only:
+        semantic_map.on_close.append(FolderServer(semantic_map, folder).close)
+    return semantic_map
 
 
 def _history(

@@ -8,14 +8,19 @@ from contextlib import suppress
 from pathlib import Path
 
 from kg.model.errors import GraphError
+from kg.store.folder import check_outside_maps
 
 
-def write_atomically(path: Path, text: str | bytes) -> None:
+def write_atomically(path: Path, text: str | bytes, *, in_map: bool = False) -> None:
     """Write `text` (as UTF-8) or bytes to `path` atomically, by renaming a new file.
+
+    Nothing is written into the folder of a map but its own files (`in_map`).
 
     A device or pipe (/dev/stdout) is written directly; a symbolic link is kept. Raises GraphError
     if writing fails.
     """
+    if not in_map:
+        check_outside_maps(path)
     data = text if isinstance(text, bytes) else text.encode("utf-8")
     try:
         if path.exists() and not path.is_file() and not path.is_dir():

@@ -2,43 +2,89 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import fcntl
 import glob
 import os
 import shutil
 from pathlib import Path
+from typing import Final
 
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.regular_files import copy_regular, read_text
+from kg.model.sqlite_files import JOURNAL, LOG
+
+_MAX_NAME: Final = 200  # bytes of the name under which a writer serves
 
 
 def locked(file: Path, path: Path, *, shared: bool) -> int:
-    """Descriptor of the lock file `file` that holds the lock of the map at `path`.
+    """Descriptor that holds the lock of the map at `path`, by its lock file `file`.
 
-    Raises MapBusyError while another process holds the lock.
+    A reader makes no lock file: it locks the folder of a copied map that has none. Raises
+    MapBusyError while another process holds the lock.
     """
     try:
         descriptor = _open_lock(file, shared)
-    except OSError as error:
-        raise GraphError(f"cannot lock the map at {path}: {reason_of(error)}") from error
-    try:
-        fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
-    except OSError as error:
-        os.close(descriptor)
+        try:
+            fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+            if not shared:
+                _check_unread(file.parent)
+        except BaseException:
+            os.close(descriptor)
+            raise
+    except BlockingIOError as error:
         what = "is being written" if shared else "is already open"
         raise MapBusyError(
-            f"the map at {path} {what}, here or in another process; close it there first, "
-            "work on a copy of the folder, or give the address of its `hereabouts serve`"
+            f"the map at {path} {what}, here or in another process; end that first, or give the "
+            "address of its `hereabouts serve`"
         ) from error
+    except OSError as error:
+        raise GraphError(f"cannot lock the map at {path}: {reason_of(error)}") from error
     return descriptor
 
 
+def announce(path: Path, name: str) -> None:
+    """Write into the lock file of a map where its writer serves; raises OSError."""
+    how = os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    with os.fdopen(os.open(path / "lock", how), "wb") as file:
+        if os.fstat(file.fileno()).st_nlink > 1:
+            raise OSError(errno.EMLINK, "the lock file has a second name")
+        file.truncate()
+        file.write(name.encode())
+
+
+def announced(path: Path) -> str | None:
+    """What the writer of a map has announced; None in a folder of another user."""
+    file = path / "lock"
+    try:
+        if {path.stat().st_uid, file.lstat().st_uid} != {os.geteuid()}:
+            return None
+        return read_text(file, max_bytes=_MAX_NAME) or None
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
 def _open_lock(file: Path, shared: bool) -> int:
-    if shared:
-        try:
-            return os.open(file, os.O_RDONLY)
-        except FileNotFoundError:
-            pass  # a copied map may have no lock file
-    return os.open(file, os.O_RDWR | os.O_CREAT, 0o666)
+    how = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    if not shared:
+        return os.open(file, os.O_RDWR | os.O_CREAT | how, 0o666)
+    with contextlib.suppress(FileNotFoundError):
+        return os.open(file, os.O_RDONLY | how)
+    return os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+
+
+def _check_unread(folder: Path) -> None:
+    """Raise BlockingIOError while a reader has locked the folder, for want of a lock file."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        pass  # some network file systems lock no folders
+    finally:
+        os.close(descriptor)
 
 
 def check_vacant(path: Path) -> None:
@@ -58,6 +104,60 @@ def check_is_map(path: Path) -> None:
         raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
     if not (path / "store" / "CURRENT").is_file():
         raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
+    for folder in (path, path / "store"):
+        _check_entries(folder, path)
+
+
+def _check_entries(folder: Path, path: Path) -> None:
+    """Raise GraphError for what no map holds: links lead elsewhere, pipes and devices block.
+
+    A rollback journal lets SQLite change its database and delete the file that it names.
+    """
+    try:
+        entries = [*os.scandir(folder)]
+    except OSError as error:
+        raise GraphError(f"cannot read the map at {path}: {reason_of(error)}") from error
+    for entry in entries:
+        usual = entry.is_file(follow_symlinks=False) or entry.is_dir(follow_symlinks=False)
+        if usual and not entry.name.endswith(JOURNAL):
+            continue
+        what = "a rollback journal, which may delete files of yours"
+        if not usual:
+            what = "a link" if entry.is_symlink() else "a pipe, a socket or a device"
+        name = os.path.relpath(entry.path, path)
+        raise GraphError(
+            f"the map at {path} holds {name}, {what}: no map has one, so nothing was read; "
+            "if you trust the map, move that away"
+        )
+
+
+def check_outside_maps(path: Path) -> None:
+    """Raise GraphError where the output `path` is the folder of a map or lies inside one."""
+    resolved = path.resolve()
+    for folder in (resolved, *resolved.parents):
+        if (folder / "store" / "CURRENT").exists():
+            raise GraphError(
+                f"{path} is inside the folder of the map {folder.name}; choose a path outside of "
+                f"it, for example {resolved.name}"
+            )
+
+
+def copy_files(path: Path, to: Path) -> None:
+    """Copy store and history of a map to the new folder `to`; the locked map stays as it is.
+
+    Tables of the store are never rewritten, so that hard links of them do where they can be made.
+    """
+    (to / "store").mkdir(parents=True)
+    for file in (path / "store").iterdir():
+        with contextlib.suppress(OSError):
+            if file.suffix == ".sst":
+                os.link(file, to / "store" / file.name, follow_symlinks=False)
+                continue
+        if file.is_file() and file.name != "LOCK":
+            copy_regular(file, to / "store" / file.name)
+    for file in path.glob("history.sqlite*"):
+        if file.suffix in (".sqlite", f".sqlite{LOG}"):
+            copy_regular(file, to / file.name)
 
 
 def made_folder(folder: Path) -> list[Path]:
@@ -74,7 +174,7 @@ def remove_abandoned(path: Path, kind: str = "new") -> None:
     """
     for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
         try:
-            lock = os.open(folder / "lock", os.O_RDWR)
+            lock = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
         except OSError:
             continue
         try:

@@ -2,6 +2,7 @@
 
 A map is a folder with Oxigraph's ``store/`` and a lock file ``lock``. A writer holds the lock
 exclusively; readers share it, since Oxigraph does not support reading beside a writing process.
+Readers write nothing into the folder.
 Deletions leave tombstones that slow every query until a flush, so a thread of the writer flushes
 every few seconds.
 """
@@ -77,6 +78,7 @@ class TransactionalStore:
         self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
         self._on_disk = on_disk
+        self._copy: Path | None = None  # private folder with the files that are read instead
         self._flusher = Flusher(self) if lock is not None and not read_only else None
 
     @classmethod
@@ -183,8 +185,29 @@ class TransactionalStore:
 
     @property
     def on_disk(self) -> bool:
-        """Whether the engine reads the map's folder, and no copy in memory."""
+        """Whether the engine reads files of a folder, and no copy in memory."""
         return self._unlock is not None and self._on_disk
+
+    @property
+    def files(self) -> Path | None:
+        """The folder whose store and history are read: the map's, or a private copy."""
+        return self._copy or self.path
+
+    @property
+    def folders(self) -> tuple[Path, ...]:
+        """Folders that readers of the store and of the history open."""
+        return tuple(folder for folder in (self.path, self._copy) if folder is not None)
+
+    @property
+    def live(self) -> bool:
+        """Whether the files beside the store are written meanwhile."""
+        return not self.read_only
+
+    def read_copy(self, copy: Path) -> None:
+        """Read the store in `copy` from now on, which is removed when nobody needs it any more."""
+        weakref.finalize(self, shutil.rmtree, copy, ignore_errors=True)
+        self._copy, self._on_disk, self._sequence = copy, True, None
+        self._engine = Store.read_only(str(copy / "store"))
 
     @property
     def shared(self) -> bool:
@@ -440,6 +463,8 @@ class TransactionalStore:
             self._engine = None
             if self._unlock is not None:
                 self._unlock()
+            if self._copy is not None:
+                shutil.rmtree(self._copy, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self

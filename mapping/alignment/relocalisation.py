@@ -52,7 +52,7 @@ def recognised_live(
     Raises LayoutError where the frames end, or MAX_VIEWS views were compared, before it is sure, or
     where the map keeps no views.
     """
-    views = stored_views(semantic_map.store.path, semantic_map.sequence)
+    views = _views(semantic_map)
     detector, recogniser = FeatureDetector(), Recogniser([stored.view for stored in views])
     found: Recognition | Doubt = _no_views(semantic_map)
     for frame in frames if views else ():
@@ -73,7 +73,7 @@ def recognised(
     recording: FolderRecording, semantic_map: SemanticMap
 ) -> tuple[Recognition | Doubt, list[StoredView]]:
     """Place in the map of a recording as it lies now, and the views that the map has."""
-    views = stored_views(semantic_map.store.path, semantic_map.sequence)
+    views = _views(semantic_map)
     if not views:
         return _no_views(semantic_map), views
     detector, recogniser = FeatureDetector(), Recogniser([stored.view for stored in views])
@@ -84,7 +84,7 @@ def recognised(
 
 def _no_views(semantic_map: SemanticMap) -> Doubt:
     """Why a map has no views to compare with."""
-    damage = views_damage(semantic_map.store.path)
+    damage = views_damage(semantic_map.store.path, live=semantic_map.store.live)
     return Doubt(damage) if damage else NO_VIEWS
 
 
@@ -122,3 +122,8 @@ def placed_by_views(
     """The recording where `relocalised` finds it, with its line; raises LayoutError."""
     T, line = relocalised(recording, semantic_map)
     return replace(recording.placed(T), transform_given=True), f"{recording.name} was {line}"
+
+
+def _views(semantic_map: SemanticMap) -> list[StoredView]:
+    store = semantic_map.store
+    return stored_views(store.path, semantic_map.sequence, live=store.live)

@@ -29,7 +29,7 @@ def unreadable_files(semantic_map: SemanticMap) -> Iterator[tuple[Path, str]]:
         return
     lines = {TRACKS: tracks_damage, VIEWS: views_damage, LOOKS: looks_damage}
     for name, damage in lines.items():
-        if problem := damage(folder):
+        if problem := damage(folder, live=semantic_map.store.live):
             yield folder / name, problem
     readers: dict[str, Callable[[], object]] = {
         REPORT: lambda: read_report(folder),

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import RecordingError
-from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
+from kg.model.sqlite_files import open_sqlite, remove_sqlite, unreadable
 from perception.camera.poses import Pose, checked_pose
 from perception.frames import Frame
 from perception.odometry.features import FeatureDetector
@@ -69,7 +69,7 @@ class ViewStore:
         self._path = folder / FILE
         self._file: sqlite3.Connection | None = None
         try:
-            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+            self._file = open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
             with self._file as file:
                 file.execute("DELETE FROM views WHERE mark > ?", (sequence,))
         except _ERRORS as error:
@@ -127,34 +127,38 @@ class ViewStore:
         self.close()
         with suppress(*_ERRORS):
             remove_sqlite(self._path)
-            self._file = open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+            self._file = open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
 
 
-def stored_views(folder: Path | None, sequence: int) -> list[StoredView]:
-    """The views in the folder of a map, up to a transaction; none where they are unreadable."""
+def stored_views(folder: Path | None, sequence: int, *, live: bool = False) -> list[StoredView]:
+    """The views in the folder of a map, up to a transaction; none where they are unreadable.
+
+    `live` says that the map is written meanwhile.
+    """
     try:
-        return _views(folder, sequence)
+        return _views(folder, sequence, live)
     except _ERRORS:
         return []
 
 
-def views_damage(folder: Path | None) -> str:
+def views_damage(folder: Path | None, *, live: bool = False) -> str:
     """A line about views that cannot be read in the folder of a map; "" for good ones or none."""
     try:
-        _views(folder, _LATEST)
+        _views(folder, _LATEST, live)
     except _ERRORS as error:
         return unreadable((folder or Path()) / FILE, error, _WITHOUT)
     return ""
 
 
-def _views(folder: Path | None, sequence: int) -> list[StoredView]:
+def _views(folder: Path | None, sequence: int, live: bool) -> list[StoredView]:
     if folder is None or not ((path := folder / FILE).exists() or path.is_symlink()):
         return []
     rows = (
         "SELECT recording, frame, pose, data FROM views WHERE mark <= ?"
         " ORDER BY mark, recording, frame LIMIT ?"
     )
-    with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
+    how = {"read_only": True, "live": live}
+    with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
         return [
             StoredView(str(recording), str(frame), decoded(data, _pose(pose)))
             for recording, frame, pose, data in file.execute(rows, (sequence, MAX_VIEWS))

@@ -379,10 +379,11 @@ def things_that_look_like(semantic_map: SemanticMap, synset: str) -> tuple[Resem
     if folder is None or classes is None:
         return None
     records = (*semantic_map.objects(min_existence=0.5), *semantic_map.unnamed_things())
-    looks = ObjectLooks(folder).of([record.iri for record in records])
-    if not looks:
+    looks = ObjectLooks(folder, read_only=semantic_map.store.read_only)
+    seen = looks.of([record.iri for record in records])
+    if not seen:
         return None
-    found = (Resemblance(iri, ratio(look, classes)) for iri, look in looks.items())
+    found = (Resemblance(iri, ratio(look, classes)) for iri, look in seen.items())
     likely = [one for one in found if one.ratio >= MIN_RATIO]
     return tuple(sorted(likely, key=lambda one: (-one.ratio, one.iri)))
 

@@ -22,8 +22,10 @@ from numpy.typing import NDArray
 
 from kg.maps.object_pictures import MAX_BYTES, MAX_PICTURES, ObjectPictures
 from kg.model.errors import ModelError, RecordingError
-from kg.model.regular_files import read_bytes, unreadable
+from kg.model.regular_files import read_bytes
+from kg.model.sqlite_files import unreadable
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
+from perception.inference.model_zoo import cache_folder
 
 if TYPE_CHECKING:
     from perception.inference.look_network import LookNetwork
@@ -67,10 +69,14 @@ def network() -> LookNetwork:
 
 
 class ObjectLooks:
-    """Looks of the objects of the map in `folder`."""
+    """Looks of the objects of the map in `folder`.
 
-    def __init__(self, folder: Path) -> None:
+    What is computed is kept in that folder, or with `read_only` in the user's cache.
+    """
+
+    def __init__(self, folder: Path, *, read_only: bool = False) -> None:
         self._path, self._pictures = folder / FILE, ObjectPictures(folder)
+        self._kept = cache_folder() / FILE if read_only else self._path
 
     def of(self, iris: Iterable[str]) -> dict[str, Looks]:
         """Looks of the objects that have pictures, by IRI.
@@ -80,7 +86,9 @@ class ObjectLooks:
         views = {iri: self._read(iri) for iri in dict.fromkeys(iris)}
         if not any(views.values()):
             return {}
-        known = self._load()
+        known = self._load(self._path)
+        if self._kept != self._path and any(c not in known for p in views.values() for c in p):
+            known = self._load(self._kept) | known
         ranked = [one for pictures in views.values() for one in enumerate(pictures.items())]
         ranked.sort(key=lambda one: one[0])
         new = {checksum: data for _, (checksum, data) in ranked if checksum not in known}
@@ -104,11 +112,11 @@ class ObjectLooks:
                 found[zlib.crc32(data)] = data
         return found
 
-    def _load(self) -> dict[int, Row]:
+    def _load(self, path: Path) -> dict[int, Row]:
         try:
-            name, known = _read(self._path)
+            name, known = _read(path)
         except DAMAGE as error:
-            _log.warning("%s", unreadable(self._path, error, _WITHOUT))
+            _log.warning("%s", unreadable(path, error, _WITHOUT))
             return {}
         sizes = {tuple(map(len, row)) for row in known.values()}
         return known if name == network().name and sizes <= {network().sizes} else {}
@@ -122,11 +130,13 @@ class ObjectLooks:
             "features": features.astype(np.float16),
             "log_p": log_p.astype(np.float16),
         }
-        with suppress(ModelError):  # a folder that cannot be written: described again next time
-            write_arrays(self._path, arrays)
+        # a folder that cannot be written: described again next time
+        with suppress(ModelError, OSError):
+            self._kept.parent.mkdir(parents=True, exist_ok=True)
+            write_arrays(self._kept, arrays)
 
 
-def looks_damage(folder: Path) -> str:
+def looks_damage(folder: Path, *, live: bool = False) -> str:
     """A line about looks that cannot be read in the folder of a map; "" for good ones or none."""
     try:
         _read(folder / FILE)

@@ -26,7 +26,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import Evidence, ObjectRecord
-from kg.model.regular_files import open_sqlite, remove_sqlite, unreadable
+from kg.model.sqlite_files import open_sqlite, remove_sqlite, unreadable
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import Absence
 from mapping.objects.existence import CategoryEvidence, logit
@@ -124,7 +124,7 @@ class TrackStore:
         self._stored = set(present)
 
     def _opened(self) -> sqlite3.Connection:
-        return open_sqlite(self._path, _SCHEMA, _VERSION, MAX_BYTES)
+        return open_sqlite(self._path, [_SCHEMA], _VERSION, MAX_BYTES)
 
     def _discard(self) -> None:
         """Start anew; where that fails, nothing is kept."""
@@ -144,13 +144,14 @@ class TrackStore:
             self._file = None
 
 
-def tracks_damage(folder: Path) -> str:
+def tracks_damage(folder: Path, *, live: bool = False) -> str:
     """A line about tracks that cannot be read in the folder of a map; "" for good ones or none."""
     path = folder / FILE
     if not (path.exists() or path.is_symlink()):
         return ""
     try:
-        with closing(open_sqlite(path, _SCHEMA, _VERSION, MAX_BYTES, read_only=True)) as file:
+        how = {"read_only": True, "live": live}
+        with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
             for number, state in file.execute("SELECT number, state FROM tracks"):
                 if number == _RUN:
                     RunState(**json.loads(state))

@@ -20,13 +20,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from kg.model.errors import (
-    ExtensionError,
-    GraphError,
-    HereaboutsError,
-    MapNotFoundError,
-    did_you_mean,
-)
+from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError, did_you_mean
 from planner.cli.arguments import join_signed
 from planner.cli.text_table import printable
 
@@ -184,18 +178,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Raise GraphError for an output file or folder inside the folder of a map."""
-    for name in _OUTPUTS:
-        given = getattr(arguments, name, None)
-        if not isinstance(given, str):
-            continue
-        path = Path(given).resolve()
-        for folder in (path, *path.parents):
-            if (folder / "store").is_dir() and (folder / "lock").exists():
-                raise GraphError(
-                    f"{given} is inside the folder of the map {folder.name}; choose a path outside "
-                    f"of it, for example {path.name}"
-                )
+    """Raise GraphError for an output inside the folder of a map, before any work is done."""
+    given = (getattr(arguments, name, None) for name in _OUTPUTS)
+    paths = [Path(path) for path in given if isinstance(path, str)]
+    if paths:
+        from kg.store.folder import check_outside_maps
+
+        for path in paths:
+            check_outside_maps(path)
 
 
 def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:

@@ -40,6 +40,11 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="seed of the simulated sensing errors (default: 0)",
     )
+    parser.add_argument(
+        "--replace",
+        action="store_true",
+        help="remove an earlier demo's map even if something was added to it",
+    )
     add_json(parser)
 
 
@@ -58,7 +63,9 @@ def run(arguments: argparse.Namespace) -> int:
                 status=step.note,
             )
 
-        report = run_demo(arguments.folder, on_progress, seed=arguments.seed)
+        report = run_demo(
+            arguments.folder, on_progress, seed=arguments.seed, replace=arguments.replace
+        )
     if arguments.json:
         write_json(report.to_json())
     else:

@@ -1,8 +1,7 @@
 """Offer the map to language-model agents as tools (Model Context Protocol).
 
 The protocol runs over stdin and stdout, or with --http at the path /mcp of an address. Agents only
-read; with --write they assert and retract too. For a map that is being mapped, give the address of
-its server.
+read; with --write they assert and retract too. The map may be mapped meanwhile.
 
 example: hereabouts mcp kitchen.map --http 8009
 """
@@ -63,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
     from kg.maps.frame_view import check_one_map
-    from kg.serving.opening import open_map
+    from kg.serving.opening import open_map, watch_map
     from kg.serving.workers.isolation.confinement import hide_memory
     from kg.serving.workers.limited_queries import LimitedQueries
     from planner.agents.map_context import MapContext
@@ -73,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings, author = _settings(arguments), _author(arguments)
     access = "reading and writing" if arguments.write else "reading only"
     with (
-        open_map(arguments.map, read_only=not arguments.write) as semantic_map,
+        (open_map if arguments.write else watch_map)(arguments.map) as semantic_map,
         LimitedQueries(semantic_map) as queries,
     ):
         check_one_map(semantic_map.engine, arguments.map)

@@ -28,7 +28,9 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from mapping.places.found_places import find_places
 
-    with open_map(arguments.map, read_only=not arguments.find) as semantic_map:
+    with open_map(
+        arguments.map, read_only=not arguments.find, exclusive=arguments.find
+    ) as semantic_map:
         if arguments.find:
             find_places(semantic_map)
         labels = {place.iri: place.label for place in semantic_map.places()}

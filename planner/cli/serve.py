@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
     opened = (
         open_or_create_map(path, title=path.stem)
         if inputs
-        else open_map(path, read_only=not settings.tokens)
+        else open_map(path, read_only=not settings.tokens, exclusive=True)
     )
     with (
         opened as semantic_map,

@@ -58,6 +58,11 @@ class House:
     """The number of the last transaction of the closed copy."""
 
     @property
+    def live(self) -> Path:
+        """The folder of the map that is open here."""
+        return Path(self.map.store.where)
+
+    @property
     def sparql(self) -> str:
         return f"{self.server.url}sparql"
 
@@ -150,6 +155,17 @@ def _command_line_past(house: House, pattern: str) -> set[str]:
     moment = f"#{house.furnished}"
     words = ("ask", house.folder, "-e", _select(pattern), "--json", "--at", moment)
     return {row["thing"] for row in json.loads(command(*words))}
+
+
+def _beside_the_writer(house: House, pattern: str) -> set[str]:
+    """The folder of the served map, as another process of the user opens it."""
+    with open_map(house.live, read_only=True) as reader:
+        return _of_table(reader.query(_select(pattern)))
+
+
+def _command_beside_the_writer(house: House, pattern: str) -> set[str]:
+    rows = json.loads(command("ask", house.live, "-e", _select(pattern), "--json"))
+    return {row["thing"] for row in rows}
 
 
 def _query_file(house: House, pattern: str) -> set[str]:
@@ -250,6 +266,8 @@ READING: Final[dict[str, Callable[[House, str], set[str]]]] = {
     "past": _past,
     "command line": _command_line,
     "command line, past": _command_line_past,
+    "beside the writer": _beside_the_writer,
+    "command beside the writer": _command_beside_the_writer,
     "query file": _query_file,
     "command to server": _command_to_server,
     "http get": _http_get,
@@ -295,6 +313,15 @@ def _command_update(house: House, text: str) -> None:
         command(*words)
 
 
+def _update_beside_the_writer(house: House, text: str) -> None:
+    with refusals(), open_map(house.live) as editor:
+        editor.update(text, by="ann")
+
+
+def _command_update_beside_the_writer(house: House, text: str) -> None:
+    command("update", house.live, "-e", text, "--by", "ann")
+
+
 def _update_store(house: House, text: str) -> None:
     store = SPARQLUpdateStore(house.sparql, house.sparql, headers=house.bearer)
     try:
@@ -310,6 +337,8 @@ UPDATING: Final[dict[str, Callable[[House, str], None]]] = {
     "python": _python_update,
     "rdflib view": _view_update,
     "command line": _command_update,
+    "beside the writer": _update_beside_the_writer,
+    "command beside the writer": _command_update_beside_the_writer,
     "http body": _post_update,
     "http form": _post_update_form,
     "SPARQLUpdateStore": _update_store,
@@ -339,9 +368,14 @@ def _tool_assert(house: House, thing: str, name: str, value: str) -> None:
     tool(house, "assert_fact", thing=thing, property=name, value=value)
 
 
+def _assert_beside_the_writer(house: House, thing: str, name: str, value: str) -> None:
+    command("assert", house.live, thing, name, value, "--by", "ann")
+
+
 ASSERTING: Final[dict[str, Callable[[House, str, str, str], None]]] = {
     "python": _python_assert,
     "command line": _command_assert,
+    "beside the writer": _assert_beside_the_writer,
     "http": _http_assert,
     "agents": _tool_assert,
 }

@@ -14,7 +14,7 @@ import json
 import sqlite3
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, suppress
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Final, Self
@@ -24,6 +24,7 @@ from pyoxigraph import Quad
 from kg.history.storage.change_lines import LineCodec, dictionary_for, lines_of, subject_of
 from kg.history.storage.log_reader import PAGE, Commit, LogReader
 from kg.history.storage.schema import SCHEMA, check_schema, check_tables, connect, is_empty
+from kg.model import sqlite_files
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import ChangeSet
@@ -48,15 +49,23 @@ class HistoryLog(LogReader):
 
     @classmethod
     def open(
-        cls, file: Path | None, base: str, *, read_only: bool = False, power_safe: bool = False
+        cls,
+        file: Path | None,
+        base: str,
+        *,
+        read_only: bool = False,
+        live: bool = False,
+        power_safe: bool = False,
     ) -> Self:
         """The log in `file` (None: in memory), created if necessary.
+
+        With `read_only` nothing is written; `live` says that another process writes the log.
 
         Each transaction survives a crash of the process; with `power_safe` also a power cut, for
         the time of a disk sync. Raises HistoryError if the file is no log, or of another map.
         """
         try:
-            connection = connect(file, read_only=read_only, power_safe=power_safe)
+            connection = connect(file, read_only=read_only, live=live, power_safe=power_safe)
             log = cls(connection, base, file)
             if not read_only and is_empty(connection):
                 connection.executescript("BEGIN;" + SCHEMA)
@@ -134,13 +143,9 @@ class HistoryLog(LogReader):
         except sqlite3.Error as error:
             raise self._unwritable(error) from error
         if self.file is not None:
-            connection = sqlite3.connect(self.file)
-            try:
-                connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
-            except sqlite3.OperationalError:
-                pass  # the next flush tries again
-            finally:
-                connection.close()
+            other = sqlite_files.connect(self.file)
+            with closing(other), suppress(sqlite3.OperationalError):  # the next flush tries again
+                other.execute("PRAGMA wal_checkpoint(PASSIVE)")
 
     def write_key_frame(self) -> None:
         """Write a key frame if the changes since the last one are large."""
@@ -170,6 +175,18 @@ class HistoryLog(LogReader):
                 self.db.execute("DELETE FROM state WHERE sequence < ?", (commit.sequence,))
                 self.set_floor(commit.sequence, commit.time)
             self.refresh()
+
+    def move_to(self, file: Path) -> None:
+        """Read the same history in another file, which is written meanwhile."""
+        with self.lock:
+            if file != self.file:
+                former, self.db = (
+                    self.db,
+                    connect(file, read_only=True, live=True, power_safe=False),
+                )
+                self.db.set_progress_handler(None, 0)
+                self.file = file
+                former.close()
 
     def close(self) -> None:
         """Close the file; idempotent."""

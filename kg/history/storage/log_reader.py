@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -190,13 +191,15 @@ class LogReader:
             row = self.db.execute(f"{select} LIMIT 1", (time,)).fetchone()
             return max(row[0], self.floor) if row else self.floor
 
-    def refresh(self) -> None:
-        """Reload the numbers of the first and the last transaction."""
+    def refresh(self, until: int = sys.maxsize) -> None:
+        """Reload the numbers of the first and the last transaction, up to number `until`."""
         with self.lock:
             self.floor = self._meta("floor") or 0
             self.floor_time = self._meta("floor time") or 0.0
-            select = "SELECT sequence, time FROM commits WHERE sequence > ? ORDER BY 1 DESC LIMIT 1"
-            row = self.db.execute(select, (self.floor,)).fetchone()
+            select = "SELECT sequence, time FROM commits WHERE sequence > ? AND sequence <= ?"
+            row = self.db.execute(
+                f"{select} ORDER BY 1 DESC LIMIT 1", (self.floor, until)
+            ).fetchone()
             self.last, self.last_time = row or (self.floor, self.floor_time)
 
     def _meta(self, name: str) -> Any:

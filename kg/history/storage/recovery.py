@@ -9,12 +9,10 @@ state of the log.
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 import sqlite3
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
@@ -36,38 +34,28 @@ _CAUGHT_UP = Cause("recovery", note="the map was changed without its history")
 
 
 def attach(
-    store: TransactionalStore, folder: Path | None, base: str, *, power_safe: bool = False
+    store: TransactionalStore,
+    folder: Path | None,
+    base: str,
+    *,
+    power_safe: bool = False,
+    sets_aside: bool = True,
 ) -> HistoryLog:
     """Open the log of a store that is open for writing, and make it the store's journal.
 
-    Raises HistoryError if the file is no log of this map.
+    `sets_aside` keeps a copy of a log with transactions that cannot be read. Raises HistoryError if
+    the file is no log of this map.
     """
     file = folder / FILE if folder else None
     log = HistoryLog.open(file, base, power_safe=power_safe)
     if not log.begun:
         log.begin(store.sequence, transaction_time(), _recorded(store.native))
     elif log.last > store.sequence:
-        _replay(store, log)
+        _replay(store, log, sets_aside)
     elif log.last < store.sequence:
         log.append(_difference(store, log, store.sequence, _CAUGHT_UP))
     store.journal = log
     return log
-
-
-@contextmanager
-def one_reader_at_a_time(folder: Path) -> Iterator[None]:
-    """Lock out other readers during the recovery of a map in `folder`.
-
-    After a crash, a reader that finds the store behind its log opens the map for writing. Two such
-    readers would block each other's lock. This lock is on the folder itself, which needs neither a
-    file nor write permission.
-    """
-    with ExitStack() as stack:
-        with suppress(OSError):  # opening the map reports the fault of the folder
-            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-            stack.callback(os.close, descriptor)
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
 
 
 def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -> HistoryLog | None:
@@ -75,7 +63,7 @@ def open_history_read_only(store: TransactionalStore, folder: Path, base: str) -
     file = folder / FILE
     if not file.is_file():
         return None
-    log = HistoryLog.open(file, base, read_only=True)
+    log = HistoryLog.open(file, base, read_only=True, live=store.live)
     if not log.begun:
         log.close()
         return None
@@ -89,7 +77,7 @@ def without_past(store: TransactionalStore, base: str) -> HistoryLog:
     return log
 
 
-def _replay(store: TransactionalStore, log: HistoryLog) -> None:
+def _replay(store: TransactionalStore, log: HistoryLog, sets_aside: bool) -> None:
     if store.sequence < log.floor:
         store.replay(_difference(store, log, log.last, _REPLAYED).reversed())
         return
@@ -98,24 +86,26 @@ def _replay(store: TransactionalStore, log: HistoryLog) -> None:
         try:
             change = next(changes, None)
         except HistoryError as error:
-            _set_aside(log, store.sequence + 1, error)
+            _drop_unreadable(log, store.sequence + 1, error, sets_aside)
             return
         if change is None:
             return
         store.replay(change)
 
 
-def _set_aside(log: HistoryLog, first: int, error: HistoryError) -> None:
+def _drop_unreadable(log: HistoryLog, first: int, error: HistoryError, sets_aside: bool) -> None:
     """Remove the transactions from `first` on, which cannot be read, from the log.
 
-    A copy of the whole file stays beside it. Raises GraphError if it cannot be written.
+    With `sets_aside` a copy of the whole file stays beside it. Raises GraphError if it cannot be
+    written.
     """
     if log.file is None:
         raise error
     names = (f"history-set-aside-{first}-{number}.sqlite" for number in count(1))
-    copy = next(path for path in map(log.file.with_name, names) if not path.exists())
+    copy = next(path for path in map(log.file.with_name, names) if not os.path.lexists(path))
     try:
-        log.db.execute("VACUUM INTO ?", (str(copy),))
+        if sets_aside:
+            log.db.execute("VACUUM INTO ?", (str(copy),))
         with log.transaction():
             for table in ("commits", "change", "background", "touched"):
                 log.db.execute(f"DELETE FROM {table} WHERE sequence >= ?", (first,))
@@ -129,7 +119,7 @@ def _set_aside(log: HistoryLog, first: int, error: HistoryError) -> None:
     _log.warning(
         "transactions from #%d on cannot be replayed (%s); the map is as before them, "
         "and %s keeps them",
-        *(first, str(error).partition(";")[0], copy.name),
+        *(first, str(error).partition(";")[0], copy.name if sets_aside else "its history"),
     )
 
 

@@ -6,10 +6,9 @@ import sqlite3
 from contextlib import closing
 from pathlib import Path
 from typing import Final
-from urllib.parse import quote
 
+from kg.model import sqlite_files
 from kg.model.errors import HistoryError
-from kg.model.regular_files import SQLITE_STEPS, StepLimit
 
 SCHEMA: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;
@@ -30,31 +29,25 @@ CREATE TABLE touched (
 """
 
 
-def _open(
-    name: str | Path, limit: StepLimit | None = None, *, uri: bool = False
+def connect(
+    file: Path | None, *, read_only: bool, live: bool, power_safe: bool
 ) -> sqlite3.Connection:
-    connection = sqlite3.connect(name, isolation_level=None, check_same_thread=False, uri=uri)
-    connection.set_progress_handler(limit, SQLITE_STEPS)
-    connection.execute("PRAGMA trusted_schema = OFF")  # a stranger's file calls no functions
-    return connection
-
-
-def connect(file: Path | None, *, read_only: bool, power_safe: bool) -> sqlite3.Connection:
-    """A connection to `file` (None: in memory); raises HistoryError if it cannot be read.
+    """A connection to `file` (None: in memory); raises HistoryError for a file that is refused.
 
     A progress handler limits its steps until the caller, who checks the tables, removes it.
     """
-    if file is None:
-        return _open(":memory:")
-    if read_only:
-        return _reader(file)
-    connection = _open(file, StepLimit(file))
-    # small pages, since a map of a few hundred frames has little data in each of a dozen tables
-    connection.execute("PRAGMA page_size = 1024")
-    connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute(f"PRAGMA synchronous = {'FULL' if power_safe else 'NORMAL'}")
-    # the store's flush thread checkpoints; this limit only applies if it falls behind
-    connection.execute("PRAGMA wal_autocheckpoint = 20000")
+    try:
+        # small pages, since a map of a few hundred frames has little data in each of a dozen tables
+        connection = sqlite_files.connect(
+            file, read_only=read_only, live=live, isolation_level=None, page_size=1024
+        )
+    except (ValueError, OSError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise HistoryError(f"cannot read the history at {file}: {reason}") from error
+    if file is not None and not read_only:
+        connection.execute(f"PRAGMA synchronous = {'FULL' if power_safe else 'NORMAL'}")
+        # the store's flush thread checkpoints; this limit only applies if it falls behind
+        connection.execute("PRAGMA wal_autocheckpoint = 20000")
     return connection
 
 
@@ -70,7 +63,7 @@ def check_tables(connection: sqlite3.Connection, file: Path | None) -> None:
 
 def check_schema(connection: sqlite3.Connection, file: Path | None) -> None:
     """Raise HistoryError if the tables differ from those that hereabouts makes."""
-    with closing(_open(":memory:")) as fresh:
+    with closing(sqlite_files.connect(None)) as fresh:
         fresh.executescript(SCHEMA)
         differing = _entries(connection) ^ _entries(fresh)
     if differing:
@@ -92,16 +85,3 @@ def _not_ours(file: Path | None, name: str) -> HistoryError:
 def is_empty(connection: sqlite3.Connection) -> bool:
     """Whether the file has no tables yet."""
     return not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
-
-
-def _reader(file: Path) -> sqlite3.Connection:
-    # SQLite's shared memory file cannot be created in a read-only folder
-    for how in ("mode=ro", "immutable=1"):
-        connection = _open(f"file:{quote(str(file.resolve()))}?{how}", StepLimit(file), uri=True)
-        try:
-            is_empty(connection)  # the first read opens the file
-        except sqlite3.OperationalError:
-            connection.close()
-            continue
-        return connection
-    raise HistoryError(f"the history at {file} cannot be read; move the file away")

@@ -30,7 +30,7 @@ from kg.maps.surface.voxels import (
     surface_of,
 )
 from kg.model.errors import GraphError
-from kg.model.regular_files import connect_read_only
+from kg.model.sqlite_files import open_sqlite
 from kg.store.disk_space import disk_full, free_space, is_disk_full
 
 FILE: Final = "surface.sqlite"
@@ -56,9 +56,16 @@ class SurfaceStore:
     Its methods raise GraphError for a file that is damaged or cannot be written.
     """
 
-    def __init__(self, folder: Path | None, sequence: int, *, read_only: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path | None,
+        sequence: int,
+        *,
+        read_only: bool = False,
+        live: bool = False,
+    ) -> None:
         self._path = None if folder is None else folder / FILE
-        self._sequence, self._read_only = sequence, read_only
+        self._sequence, self._read_only, self._live = sequence, read_only, live
         self._lock = threading.RLock()
         self._file: sqlite3.Connection | None = None
         self._grid: VoxelGrid | None = None
@@ -72,7 +79,7 @@ class SurfaceStore:
         with self._lock, self._guarded():
             self._load()
             if self._file is None and self._path is not None:
-                self._file = _created(self._path)
+                self._file = self._opened(self._path)
             if self._grid is None:
                 self._grid = VoxelGrid(size)
                 self._set_meta("size", size)
@@ -180,9 +187,18 @@ class SurfaceStore:
         if self._loaded:
             return
         if self._path is not None and (self._path.exists() or self._path.is_symlink()):
-            self._file = _opened(self._path, self._read_only)
+            self._file = self._opened(self._path)
             self._read()
+            self._file.set_progress_handler(None, 0)
         self._loaded = True
+
+    def _opened(self, path: Path) -> sqlite3.Connection:
+        return open_sqlite(
+            *(path, _SCHEMA, _VERSION, MAX_BYTES),
+            read_only=self._read_only,
+            live=self._live,
+            auto_vacuum=True,
+        )
 
     def _read(self) -> None:
         file = self._file
@@ -229,39 +245,6 @@ class SurfaceStore:
         if self._file is not None:
             with self._file as file:
                 file.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (name, value))
-
-
-def _created(path: Path) -> sqlite3.Connection:
-    file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
-    file.execute("PRAGMA auto_vacuum = FULL")
-    file.execute("PRAGMA journal_mode = WAL")
-    file.execute("PRAGMA synchronous = NORMAL")
-    with file:
-        for table in _SCHEMA:
-            file.execute(table)
-        file.execute(f"PRAGMA user_version = {_VERSION}")
-    return file
-
-
-def _opened(path: Path, read_only: bool) -> sqlite3.Connection:
-    if path.is_symlink() or not path.is_file() or path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"it is no file of up to {MAX_BYTES >> 20} MB")
-    if read_only:
-        file = connect_read_only(path)
-    else:
-        file = sqlite3.connect(path, isolation_level="IMMEDIATE", check_same_thread=False)
-    try:
-        file.execute("PRAGMA trusted_schema = OFF")
-        schema = {sql for (sql,) in file.execute("SELECT sql FROM sqlite_master") if sql}
-        (version,) = file.execute("PRAGMA user_version").fetchone()
-        if (schema, version) != ({*_SCHEMA}, _VERSION):
-            raise ValueError("it is of another version")
-        if not read_only:
-            file.execute("PRAGMA synchronous = NORMAL")
-    except BaseException:
-        file.close()
-        raise
-    return file
 
 
 def _lacks_space(path: Path, error: Exception) -> bool:

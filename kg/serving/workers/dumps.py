@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from typing import Any, Final
 
 from kg.serving.workers.process import WorkerProcess
-from kg.serving.workers.snapshots import Snapshot, Snapshots
+from kg.store.snapshots import Snapshot, Snapshots
 
 NO_LIMIT: Final = 1 << 62  # [bytes]
 

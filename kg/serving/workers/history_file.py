@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sqlite3
 import threading
 import uuid
 from contextlib import closing
 from pathlib import Path
 
 from kg.history.storage.log import HistoryLog
+from kg.model.sqlite_files import connect
 
 
 class HistoryFile:
@@ -36,7 +36,7 @@ class HistoryFile:
                 self._copy = self._home / "history.sqlite"
             if self._copied != self._log.last:
                 fresh = self._copy.with_name(f"{uuid.uuid4()}.sqlite")
-                with closing(sqlite3.connect(fresh)) as copy:
+                with closing(connect(fresh)) as copy:
                     self._log.db.backup(copy)
                 fresh.replace(self._copy)  # readers of the old file keep it open
                 self._copied = self._log.last

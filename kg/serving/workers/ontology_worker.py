@@ -30,8 +30,8 @@ from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.process import Answer, WorkerProcess
-from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.worker_set import all_busy
+from kg.store.snapshots import Snapshots
 
 SECONDS: Final = 60.0  # for one ontology, and to wait for its turn
 ATTEMPTS: Final = 3  # while others change the ontology

@@ -30,8 +30,8 @@ from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, settings_of
 from kg.serving.workers.request import ANYONE, Asker, QueryCall, QueryOptions, request_of
-from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.worker_set import WorkerSet, all_busy
+from kg.store.snapshots import Snapshots
 from kg.store.transactional import TransactionalStore
 
 DUMPS = 2  # at once

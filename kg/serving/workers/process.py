@@ -29,7 +29,7 @@ from kg.model.errors import (
 )
 from kg.serving.workers.evaluation.evaluator import HEAD
 from kg.serving.workers.isolation.confinement import Confinement
-from kg.serving.workers.snapshots import Snapshot
+from kg.store.snapshots import Snapshot
 
 _START = """import sys; sys.path[:0] = sys.argv[2:]
 from kg.serving.workers.evaluation.evaluator import main; main()"""

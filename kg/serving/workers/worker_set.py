@@ -10,7 +10,7 @@ from typing import Any
 
 from kg.model.errors import GraphError, PoolBusyError
 from kg.serving.workers.process import WorkerProcess
-from kg.serving.workers.snapshots import Snapshot, Snapshots
+from kg.store.snapshots import Snapshot, Snapshots
 
 
 class WorkerSet:

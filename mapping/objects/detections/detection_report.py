@@ -147,4 +147,4 @@ def write_report(folder: Path, report: DetectionReport) -> None:
     except OSError as error:
         raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
     text = json.dumps(report.to_json(), ensure_ascii=False, allow_nan=False)
-    write_atomically(path, text.encode("utf-8", "replace"))
+    write_atomically(path, text.encode("utf-8", "replace"), in_map=True)

@@ -12,6 +12,7 @@ from matplotlib import font_manager, rc_context
 from matplotlib.figure import Figure
 
 from kg.model.errors import PictureError
+from kg.store.folder import check_outside_maps
 
 FORMATS: Final = (".png", ".svg", ".pdf")
 #: fonts by preference; the later ones have scripts that the first lacks
@@ -52,6 +53,7 @@ def checked_ending(path: Path | str) -> Path:
 def save_picture(figure: Figure, path: Path) -> None:
     """Write `figure` to `path`; raises PictureError if it cannot be written."""
     kind = path.suffix.lower()
+    check_outside_maps(path)
     try:
         figure.savefig(
             path, dpi=figure.dpi, facecolor="white", format=kind[1:], metadata=_METADATA[kind]

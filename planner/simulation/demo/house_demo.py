@@ -6,6 +6,7 @@ disk, the queries, the search goals, the plan, the export and the picture are th
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import sys
@@ -49,6 +50,14 @@ TARGET: Final = "apple"
 #: An object that is brought into the house after the tour.
 HIDDEN: Final = Item(TARGET, 7.10, 8.00, 0.85)
 SEARCH_TIME: Final = 120.0  # [s] from the end of the drive to now, for the search
+#: Kinds and authors of the transactions of a demo, and the files of its map.
+_OWN_CAUSES: Final = (("frame", None), ("search", "search/1"))
+_OWN_FILES: Final = frozenset(
+    (
+        *("store", "lock", "pictures", "detections.json"),
+        *("history.sqlite", "surface.sqlite", "tracks.sqlite", "views.sqlite"),
+    )
+)
 STAGES: Final = ("map", "ask", "plan", "search", "export", "picture")
 
 
@@ -134,19 +143,21 @@ def run_demo(
     on_progress: OnProgress | None = None,
     *,
     seed: int = 0,
+    replace: bool = False,
 ) -> DemoReport:
     """Map the house into `folder`/demo.map, query the map, search the house, and write the results.
 
-    The results are map.ttl and map.png. Files of an earlier demo are replaced, other files are not
-    (`make_room`). `seed` is that of the errors of the senses. The drive ends some minutes before
-    now, so that answers about the map are those of a robot at work. Raises GraphError or
-    PictureError where `folder` cannot be written.
+    The results are map.ttl and map.png. Files of an earlier demo are replaced, those that something
+    was added to only when told to `replace`, and other files never (`make_room`). `seed` is that of
+    the errors of the senses. The drive ends some minutes before now, so that answers about the map
+    are those of a robot at work. Raises GraphError or PictureError where `folder` cannot be
+    written.
     """
     began = time.perf_counter()
     report = on_progress or (lambda progress: None)
     folder = Path(folder)
     map_path = folder / "demo.map"
-    make_room(folder)
+    make_room(folder, replace=replace)
     house = furnished_house()
     camera = SimulatedCamera(house, seed=seed)
     tour = SimulatedTour(camera, name=DEMO_RECORDING, end=round(time.time() - SEARCH_TIME))
@@ -163,6 +174,7 @@ def run_demo(
         report(DemoProgress("export", 0, 1))
         triples = export_map(semantic_map, folder / "map.ttl")
         report(DemoProgress("picture", 0, 1))
+        ended = _ended(semantic_map)
         picture = plot_search(
             semantic_map,
             run.outcome.search,
@@ -171,6 +183,8 @@ def run_demo(
             title=f"Demo house: the search for an {TARGET}",
             truth=ground_truth(house),
         )
+    for path in (folder / "map.ttl", picture):
+        os.utime(path, ns=(ended, ended))  # so that later changes of them are seen
     report(DemoProgress("picture", 1, 1, str(picture)))
     room, p_found = house.room_at(HIDDEN.x, HIDDEN.y), run.p_found
     error = None if p_found is None else float(np.linalg.norm(p_found - HIDDEN.centre()))
@@ -194,37 +208,65 @@ def run_demo(
     )
 
 
-def make_room(folder: Path) -> None:
-    """Remove the map of an earlier demo from `folder`.
+def make_room(folder: Path, *, replace: bool = False) -> None:
+    """Remove the map of an earlier demo from `folder`, and let its map.ttl and map.png be replaced.
 
-    Raises GraphError, and removes nothing, where demo.map was not made by the demo, or where
-    map.ttl or map.png exist without it. Raises MapBusyError where another process has the map open.
+    Raises GraphError, and removes nothing, where demo.map was not made by the demo; and, unless
+    told to `replace`, where anything was added to a map or a file since a demo made it. Raises
+    MapBusyError where another process has the map open.
     """
-    map_path, remedy = folder / "demo.map", "another folder, or moving it away, would work"
-    if map_path.exists() or map_path.is_symlink():
-        if not _made_by_demo(map_path):
+    map_path, remedy = folder / "demo.map", "another folder (--folder) would work"
+    outputs = [path for path in (folder / "map.ttl", folder / "map.png") if os.path.lexists(path)]
+    if os.path.lexists(map_path):
+        found = _added_to_demo(map_path)
+        if found is None:
             raise GraphError(f"{map_path} was not made by the demo, so it stays; {remedy}")
-        shutil.rmtree(map_path)
-        return
-    for output in (folder / "map.ttl", folder / "map.png"):
-        if output.exists():
+        added, ended = found
+        changed = [str(path) for path in outputs if path.lstat().st_mtime_ns != ended]
+        if (added or changed) and not replace:
+            kept = f"{map_path} holds {added}" if added else f"{changed[0]} was changed"
             raise GraphError(
-                f"{output} lies there without the demo's demo.map, so it stays; {remedy}"
+                f"{kept} since the demo made it, so it stays; {remedy}, and --replace removes it"
             )
+        shutil.rmtree(map_path)
+    elif outputs and not replace:
+        raise GraphError(
+            f"{outputs[0]} lies there without the demo's demo.map, so it stays; {remedy}, and "
+            "--replace writes over it"
+        )
 
 
-def _made_by_demo(map_path: Path) -> bool:
+def _ended(semantic_map: SemanticMap) -> int:
+    """[ns] The time of the last transaction, to the millisecond."""
+    return round(semantic_map.history.log.last_time * 1000) * 1_000_000
+
+
+def _added_to_demo(map_path: Path) -> tuple[str, int] | None:
+    """What a map holds that the demo did not put there, or "", and when the demo ended [ns].
+
+    None where it is no demo's map.
+    """
     if map_path.is_symlink():
-        return False
+        return None
     try:
-        with open_map(map_path) as old:
-            return old.description.title == TITLE and {r.name for r in old.recordings()} <= {
-                DEMO_RECORDING
-            }
+        with open_map(map_path, exclusive=True) as old:
+            if old.description.title != TITLE:
+                return None
+            log = old.history.log
+            causes = (commit.cause for commit in log.commits(0, log.last))
+            others = [c for c in causes if (c.kind, c.by) not in _OWN_CAUSES]
+            ended = _ended(old)
+            recordings = {r.name for r in old.recordings()} - {DEMO_RECORDING}
     except MapBusyError:
         raise
     except GraphError:
-        return False
+        return None
+    if others:
+        return f"changes by {others[0].by or 'others'} ({others[0].kind})", ended
+    if log.floor:
+        return "a compacted history", ended
+    foreign = {path.name for path in map_path.iterdir()} - _OWN_FILES
+    return ", ".join(sorted(recordings | foreign)), ended
 
 
 def layout_of(house: House) -> Layout:

@@ -171,6 +171,28 @@ def test_an_earlier_demo_is_cleared_away(report: DemoReport, tmp_path: Path) -> 
     assert not (tmp_path / "again" / "demo.map").exists()
 
 
+@pytest.mark.parametrize("written", ["assertion", "title", "file", "map.ttl", "map.png"])
+def test_what_a_person_added_to_a_demo_stays_until_told(
+    report: DemoReport, tmp_path: Path, written: str
+) -> None:
+    folder = tmp_path / "again"
+    shutil.copytree(report.map_path.parent, folder)
+    if written in ("assertion", "title"):
+        with open_map(folder / "demo.map") as semantic_map:
+            if written == "title":
+                semantic_map.describe(licence="https://example.org/mine", by="ann")
+            else:
+                semantic_map.assertions.add("object/1", "label", "mine", by="ann")
+    else:
+        path = folder / ("demo.map/notes.txt" if written == "file" else written)
+        path.write_text("mine")
+    with pytest.raises(GraphError, match=r"so it stays; .*--folder.*--replace removes it"):
+        make_room(folder)
+    assert (folder / "demo.map" / "store" / "CURRENT").exists()
+    make_room(folder, replace=True)
+    assert not (folder / "demo.map").exists()
+
+
 def test_a_map_of_somebody_else_stays(tmp_path: Path) -> None:
     create_map(tmp_path / "demo.map", title="years of work").close()
     with pytest.raises(GraphError, match="was not made by the demo, so it stays"):

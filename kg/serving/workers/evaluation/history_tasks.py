@@ -123,7 +123,8 @@ _REPORTS: Final[dict[str, Callable[[Store, HistoryLog, Mapping[str, Any]], str]]
 @contextmanager
 def _frozen(request: Mapping[str, Any]) -> Iterator[HistoryLog]:
     """The history in one read transaction, unchanged by concurrent writes and pruning."""
-    with closing(HistoryLog.open(Path(request["log"]), request["base"], read_only=True)) as log:
+    file, base = Path(request["log"]), request["base"]
+    with closing(HistoryLog.open(file, base, read_only=True, live=True)) as log:
         log.db.execute("PRAGMA temp_store = MEMORY")  # a worker writes no files
         log.db.execute("BEGIN")
         log.refresh()

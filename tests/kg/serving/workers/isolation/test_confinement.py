@@ -16,8 +16,8 @@ from kg.serving.workers import process
 from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import WorkerProcess, settings_of
-from kg.serving.workers.snapshots import Snapshots
 from kg.serving.workers.updates import UpdateRequest, update_map
+from kg.store.snapshots import Snapshots
 from tests.kg.serving.workers import probes
 
 ROOT = Path(__file__).resolve().parents[5]

@@ -181,7 +181,7 @@ def isolated_from() -> Iterator[Callable[[str], str]]:
     """Callable: query -> name of the error where a process with a network evaluates it."""
     from kg.serving.workers.process import WorkerProcess, settings_of
     from kg.serving.workers.request import request_of
-    from kg.serving.workers.snapshots import Snapshots
+    from kg.store.snapshots import Snapshots
 
     with in_memory_map() as home:
         snapshots = Snapshots(home.store, refresh=60)

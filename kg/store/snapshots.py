@@ -66,7 +66,7 @@ class Snapshots:
     @property
     def readable(self) -> list[Path]:
         """Folders that the readers of snapshots and of the history open."""
-        folders = (self.home, self._store.path)
+        folders = (*self._store.folders, self.home)
         return [folder.resolve() for folder in folders if folder is not None]
 
     @property
@@ -178,10 +178,10 @@ class Snapshots:
     def _make(self) -> Snapshot:
         # read before the backup, so that the snapshot holds at least this transaction
         sequence, made = self._store.sequence, time.monotonic()
-        if self.home is None:
-            # workers have another working directory
-            folder = Path(self._store.where).resolve() / "store"
-            return Snapshot(folder, sequence, made, False)
+        if self.home is None and self._store.files is not None:
+            # readers have another working directory
+            return Snapshot(self._store.files.resolve() / "store", sequence, made, False)
+        assert self.home is not None
         folder = self.home / str(uuid.uuid4())
         try:
             copy_store(self._store, folder)

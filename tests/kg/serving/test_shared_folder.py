@@ -1,0 +1,237 @@
+"""A folder that is written is open: other processes of its user read it, and edit through it."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import ConflictError, GraphError, InvalidFactError, MapBusyError
+from kg.serving.opening import create_map, open_map, watch_map
+from kg.serving.shared_folder import FRESH, HELD, FolderClient, SharedMap
+from kg.store.folder import announced
+from planner.cli import main
+from tests.kg.conftest import BASE, frame_update
+
+ROOT = Path(__file__).resolve().parents[3]
+Written = Callable[[int], SemanticMap]
+_WRITER = """
+import sys, time
+from kg.serving.opening import open_map
+with open_map(sys.argv[1]) as semantic_map:
+    print("open", flush=True)
+    time.sleep(600)
+"""
+
+
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    """A command in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "planner.cli", *words], cwd=ROOT, capture_output=True, text=True
+    )
+
+
+def path_of(semantic_map: SemanticMap) -> str:
+    return str(semantic_map.store.where)
+
+
+def beside(path: str) -> list[str]:
+    """What lies beside a map."""
+    return sorted(each.name for each in Path(path).parent.iterdir() if each != Path(path))
+
+
+@pytest.fixture
+def writer(written: Written) -> Iterator[SemanticMap]:
+    with written(3) as semantic_map:
+        yield semantic_map
+
+
+def test_another_process_reads_and_edits_the_map_that_is_written(writer: SemanticMap) -> None:
+    path, before = path_of(writer), writer.sequence
+    asked = run("ask", path, "SELECT ?o { ?o a here:Chair }", "--json")
+    assert (asked.returncode, asked.stderr) == (0, "")
+    assert asked.stdout.count("object/") == 2
+    named = run("name", path, "object/1", "throne", "--by", "ann")
+    assert named.returncode == 0, named.stderr
+    (assertion,) = writer.assertions.all("object/1")
+    assert (assertion.property, assertion.by) == ("category", "ann")
+    assert writer.sequence == before + 2  # the name, and its category
+    assert writer.apply(frame_update(3)) is not None  # its caches know of the edit
+    assert len(beside(path)) == 1  # the writer's last snapshot
+    writer.close()
+    assert beside(path) == []
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("status MAP chair", "find MAP chair", "log MAP object/1", "why MAP object/1"),
+        *("plot MAP -o OUT.png", "export MAP -o OUT.ttl", "places MAP", "check MAP", "diff MAP"),
+        *("describe MAP --title mine", "assert MAP object/1 label mine --by ann", "compact MAP"),
+        "update MAP --by ann -e DELETE{?o~here:x~?x}INSERT{?o~here:x~9.5}"
+        "WHERE{?o~a~here:Chair;here:x~?x}",
+    ],
+)
+def test_commands_beside_a_writer(writer: SemanticMap, tmp_path: Path, words: str) -> None:
+    places = {"MAP": path_of(writer), "OUT.png": str(tmp_path / "o.png")}
+    places["OUT.ttl"] = str(tmp_path / "o.ttl")
+    if words.startswith("diff"):
+        words += " #1 #2"
+    given = [places.get(word, word).replace("~", " ") for word in words.split()]
+    assert main(given) == 0
+    assert writer.apply(frame_update(3)) is not None
+
+
+def test_a_reader_sees_each_change_within_a_second(writer: SemanticMap) -> None:
+    with open_map(path_of(writer), read_only=True) as reader:
+        assert isinstance(reader, SharedMap)
+        for frame in range(3, 6):
+            writer.apply(frame_update(frame))
+            written = writer.objects()
+            time.sleep(FRESH)
+            assert reader.sequence == writer.sequence == reader.history.log.last
+            assert [o.observations for o in reader.objects()] == [o.observations for o in written]
+        category = "https://w3id.org/hereabouts#Chair"
+        writer.ontology.learn(["whatsit"], "object", model="m")
+        time.sleep(FRESH)
+        assert reader.catalogue.find("whatsit", "object")
+        assert {o.category for o in reader.objects()} == {category}
+        assert reader.at(2).sequence == 2
+        with pytest.raises(GraphError, match="for reading only"):
+            reader.describe(title="mine")
+
+
+def test_edits_of_a_program_are_the_writers_own(writer: SemanticMap) -> None:
+    with open_map(path_of(writer)) as editor:
+        made = editor.assertions.add("object/1", "label", "mine", by="ann")
+        assert made is not None and made.sequence == writer.sequence == editor.sequence
+        assert [a.value for a in editor.assertions.all()] == ["mine"]
+        assert writer.query("SELECT ?l { <object/1> rdfs:label ?l }").rows == (("mine",),)
+        assert editor.describe(title="flat") is not None
+        assert writer.description.title == editor.description.title == "flat"
+        moved = "DELETE { ?o here:x ?x } INSERT { ?o here:x 7.5 } WHERE { ?o here:x ?x }"
+        editor.update(moved.replace("?o", "<object/1>"), by="bob", confirmed=True)
+        assert writer.objects()[0].p_map[0] == 7.5
+        with pytest.raises(InvalidFactError, match="is not asserted"):
+            editor.assertions.retract("object/2", "label", by="ann")
+        with pytest.raises(GraphError, match="frames and searches do not"):
+            editor.apply(frame_update(9))
+    assert writer.apply(frame_update(4)) is not None
+
+
+def test_who_holds_the_map_delays_its_writer_for_a_limited_time(writer: SemanticMap) -> None:
+    with open_map(path_of(writer)) as editor:
+        with editor.hold():
+            began = time.monotonic()
+            writing = threading.Thread(target=writer.apply, args=[frame_update(3)])
+            writing.start()
+            writing.join()
+            assert HELD - 0.5 < time.monotonic() - began < HELD + 5
+            with pytest.raises(ConflictError, match="was held for more than"):
+                editor.describe(title="late")
+        assert editor.describe(title="in time") is not None
+
+
+def test_a_writer_that_was_killed_blocks_nobody(written: Written) -> None:
+    with written(2) as semantic_map:
+        path = path_of(semantic_map)
+    command = [sys.executable, "-c", _WRITER, path]
+    with (
+        subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process,
+        watch_map(path) as reader,
+    ):
+        assert process.stdout is not None and process.stdout.readline() == "open\n"
+        time.sleep(FRESH)
+        assert isinstance(reader, SharedMap)
+        assert reader.sequence == 2
+        with open_map(path) as editor:
+            editor.describe(title="before the kill")
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        time.sleep(FRESH)
+        assert reader.description.title == "before the kill"
+        with open_map(path) as successor:
+            assert not isinstance(successor, SharedMap)
+            successor.describe(title="after it")
+            time.sleep(FRESH)
+            assert reader.description.title == "after it"
+            assert reader.history.log.last == successor.sequence
+    assert beside(path) == []
+
+
+def test_a_reader_over_hours_keeps_no_writer_out(written: Written) -> None:
+    with written(2) as semantic_map:
+        path = path_of(semantic_map)
+    before = sorted(Path(path).iterdir())
+    with watch_map(path) as reader:
+        assert sorted(Path(path).iterdir()) == before
+        for title in ("one", "two"):
+            with open_map(path, exclusive=True) as writer:
+                writer.describe(title=title)
+            time.sleep(FRESH)
+            assert reader.description.title == title
+    assert beside(path) == []
+
+
+def test_a_writer_waits_for_a_short_reader(written: Written) -> None:
+    with written(1) as semantic_map:
+        path = path_of(semantic_map)
+    reader = open_map(path, read_only=True)
+    threading.Timer(0.5, reader.close).start()
+    with open_map(path, exclusive=True) as writer:
+        assert writer.describe(title="mine") is not None
+
+
+def test_frames_need_the_folder_alone(writer: SemanticMap) -> None:
+    with pytest.raises(MapBusyError, match="already open"):
+        open_map(path_of(writer), exclusive=True)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root has a second user")
+def test_other_users_are_not_served_and_not_trusted(writer: SemanticMap) -> None:
+    path = Path(path_of(writer))
+    name = announced(path)
+    assert name is not None
+    asking = (
+        "import socket, sys; peer = socket.socket(socket.AF_UNIX); "
+        "peer.connect('\\0' + sys.argv[1]); sys.exit(len(peer.recv(1)))"
+    )
+    for user, received in ((65534, 0), (0, 1)):
+        asked = subprocess.run(["/usr/bin/python3", "-c", asking, name], user=user, check=False)
+        assert asked.returncode == received
+    os.chown(path, 65534, -1)
+    try:
+        with pytest.raises(MapBusyError, match="does not serve this user"):
+            FolderClient(path)
+    finally:
+        os.chown(path, 0, -1)
+
+
+def test_a_folder_that_names_another_program_is_told(writer: SemanticMap) -> None:
+    path = Path(path_of(writer))
+    with socket.socket(socket.AF_UNIX) as other:
+        other.bind(f"\0other-{os.getpid()}")
+        other.listen()
+        (path / "lock").write_text(f"other-{os.getpid()}")
+        threading.Thread(target=lambda: other.accept()[0].close(), daemon=True).start()
+        with pytest.raises(MapBusyError, match="ends just now"):
+            FolderClient(path)
+    (path / "lock").write_text("nobody\nlistens" * 3)
+    with pytest.raises(MapBusyError, match="does not serve this user"):
+        FolderClient(path)
+
+
+def test_a_map_that_nobody_holds_is_free(tmp_path: Path) -> None:
+    create_map(tmp_path / "a.map", base=BASE)
+    gc.collect()
+    open_map(tmp_path / "a.map", exclusive=True).close()
