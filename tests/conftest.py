@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -96,42 +96,20 @@ def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
     raise AssertionError("the oxigraph server did not answer within a minute")
 
 
-@contextmanager
-def _other_server(folder: Path) -> Iterator[str]:
-    if address := os.environ.get("HEREABOUTS_TEST_SERVER"):
-        _empty(address)
-        yield address
-        return
-    with running_server(folder) as address:
-        yield address
-
-
 @pytest.fixture
 def sparql_server(tmp_path: Path) -> Iterator[str]:
-    """Address of a fresh SPARQL server of another vendor's making, empty.
-
-    `HEREABOUTS_TEST_SERVER` names another one to take, which runs already and may be written; the
-    graphs of a map that it holds are dropped.
-    """
-    with _other_server(tmp_path / "served") as address:
+    """Address of a fresh SPARQL server of another vendor's making, empty."""
+    with running_server(tmp_path / "served") as address:
         yield address
 
 
-@pytest.fixture(scope="module")
-def lasting_sparql_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """As `sparql_server`, for tests that come before those with a server of their own."""
-    with _other_server(tmp_path_factory.mktemp("served")) as address:
-        yield address
+def publish(semantic_map: SemanticMap, address: str) -> None:
+    """Mirror the present state of a map into a SPARQL server."""
+    from kg.serving.publishing.sources import snapshot_of
+    from kg.serving.publishing.target import PublishTarget
 
-
-def _empty(address: str) -> None:
-    from kg.store.sparql_backend import GRAPHS
-    from kg.store.sparql_client import SparqlClient
-
-    endpoint = SparqlClient.at(address)
-    for graph in GRAPHS:
-        endpoint.update(f"DROP SILENT GRAPH <{graph}>")
-    endpoint.close()
+    with closing(PublishTarget(address)) as target:
+        target.synchronise(semantic_map.base, snapshot_of(semantic_map))
 
 
 @pytest.fixture

@@ -22,9 +22,7 @@ class ExternalChanges:
     """Collects the things of graph:map that writers other than the mapper changed.
 
     Garbage collection unsubscribes it. `take` requests the changes from a running `hereabouts
-    serve`. A plain SPARQL server sends no notifications: there `take` polls the map's sequence
-    number, and after a transaction of another program all things count as changed. An update that
-    does not change the number is not noticed.
+    serve`.
     """
 
     def __init__(self, semantic_map: SemanticMap) -> None:
@@ -32,10 +30,6 @@ class ExternalChanges:
         self._assertions = Assertions(semantic_map.base)
         self._lock = threading.Lock()
         self._touched: set[str] = set()
-        self._polls = not semantic_map.subscriptions.notifies_of_all
-        self._sequence = semantic_map.sequence if self._polls else 0
-        self._things = self._all_things() if self._polls else set()
-        self._missed = False
         self._restored = False
         reference = weakref.ref(self)
 
@@ -49,8 +43,6 @@ class ExternalChanges:
     def take(self) -> frozenset[str]:
         """IRIs of subjects and objects of the quads that changed since the last call."""
         self._map.subscriptions.catch_up()
-        if self._polls:
-            self._poll()
         if not self._touched:
             return frozenset()
         with self._lock:
@@ -63,25 +55,7 @@ class ExternalChanges:
             restored, self._restored = self._restored, False
         return restored
 
-    def _poll(self) -> None:
-        """Compare the sequence number; if others wrote, all things count as changed."""
-        number = self._map.sequence
-        with self._lock:
-            missed = self._missed or number != self._sequence
-            self._missed, self._sequence = False, number
-        if missed:
-            things = self._all_things()
-            with self._lock:
-                self._touched |= self._things | things
-                self._things = things
-
-    def _all_things(self) -> set[str]:
-        quads = self._map.engine.quads_for_pattern(None, v.RDF_TYPE, None, v.MAP_GRAPH)
-        return {quad.subject.value for quad in quads if isinstance(quad.subject, NamedNode)}
-
     def _on_commit(self, change: ChangeSet) -> None:
-        if self._polls:
-            self._track_sequence(change)
         if self._map.subscriptions.is_external(change):
             self._add_touched(change)
 
@@ -89,16 +63,6 @@ class ExternalChanges:
         """Count things as changed."""
         with self._lock:
             self._touched |= {*iris}
-
-    def _track_sequence(self, change: ChangeSet) -> None:
-        typed = (
-            q for q in change.added if q.predicate == v.RDF_TYPE and q.graph_name == v.MAP_GRAPH
-        )
-        with self._lock:
-            # a gap: another program committed between the last poll and this commit
-            self._missed |= change.sequence != self._sequence + 1
-            self._sequence = change.sequence
-            self._things |= {q.subject.value for q in typed if isinstance(q.subject, NamedNode)}
 
     def _add_touched(self, change: ChangeSet) -> None:
         names = {

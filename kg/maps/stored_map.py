@@ -94,7 +94,7 @@ class StoredMap(SemanticMap):
             guard=self._guard,
         )
         self.subscriptions = StoredSubscriptions(self.query, store)
-        if store.path is not None or not (store.read_only or store.shared):
+        if store.path is not None or not store.read_only:
             self.surface_store = SurfaceStore(
                 *(store.path, store.sequence),
                 read_only=store.read_only or store.shared,
@@ -181,8 +181,9 @@ class StoredMap(SemanticMap):
             if check is not None:
                 check()
             cause = Cause("update", by, " ".join(note.split())[:MAX_NOTE])
-            exact = None if self.store.shared else self.store.sequence
-            change = self.store.commit(draft.removed, draft.added, cause, exact_at=exact)
+            change = self.store.commit(
+                draft.removed, draft.added, cause, exact_at=self.store.sequence
+            )
             if allow and change is not None:
                 self.ontology.reread()
             return noted(change, self.base, *odd)

@@ -17,7 +17,7 @@ Functions = dict[NamedNode, Callable[..., NamedNode | BlankNode | Literal | Trip
 
 
 class QuadStore(Protocol):
-    """A dataset that can be read by pattern, queried and updated."""
+    """A dataset that can be read by pattern and queried."""
 
     def quads_for_pattern(
         self,
@@ -44,9 +44,6 @@ class QuadStore(Protocol):
         Relative IRIs are resolved against `base_iri` unless the query has a BASE. Raises
         SyntaxError where the query does not parse.
         """
-
-    def update(self, update: str, /) -> None:
-        """Run a SPARQL update atomically; raises OSError or HereaboutsError on failure."""
 
     def __contains__(self, quad: Any, /) -> bool: ...
 

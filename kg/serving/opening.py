@@ -13,11 +13,10 @@ from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import FILE, attach, open_history_read_only
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.shipped import shipped_ontology
-from kg.maps.frame_view import check_one_map
 from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
-from kg.model.errors import MapBusyError, MapNotFoundError
+from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import has_log
 from kg.serving.shared_folder import (
     FolderServer,
@@ -26,10 +25,8 @@ from kg.serving.shared_folder import (
     recover_copy,
 )
 from kg.store.folder import check_is_map
-from kg.store.sparql_backend import SparqlBackend
-from kg.store.sparql_client import is_url
+from kg.store.sparql_client import is_url, without_secrets
 from kg.store.transactional import TransactionalStore
-from kg.store.type_inference import complete_types_on_server
 
 PATIENCE: Final = 3.0  # [s] for a folder in use
 _PAUSE: Final = 0.02  # [s]
@@ -42,13 +39,17 @@ def create_map(
     base: str | None = None,
     power_safe: bool = False,
 ) -> StoredMap:
-    """Create a map with the shipped ontologies, in the folder or on the SPARQL server at `path`.
+    """Create a map with the shipped ontologies in the folder `path`.
 
     Creation is atomic, even if the process is killed. With `power_safe` each transaction waits for
-    the disk, and so survives a power cut. Raises GraphError if a map exists there.
+    the disk, and so survives a power cut. Raises GraphError if a map exists there, and for the
+    address of a server: `publish` mirrors maps into one.
     """
     if is_url(path):
-        return StoredMap(TransactionalStore.create_on(str(path), first_quads(title or "map", base)))
+        where = without_secrets(str(path))
+        raise _not_written_there(
+            f"maps are created in folders, not on the server at {where}", where
+        )
     path, ontology = Path(path), shipped_ontology()
     store = TransactionalStore.create(
         path, first_quads(title or path.resolve().name, base, ontology)
@@ -63,13 +64,13 @@ def open_map(
     power_safe: bool = False,
     exclusive: bool = False,
 ) -> SemanticMap:
-    """Open the map in the folder, or on the SPARQL server, at `path` (``http://127.0.0.1:7878``).
+    """Open the map in the folder, or on the server, at `path` (``http://127.0.0.1:7878``).
 
     After a crash, transactions that are missing in the store are first applied from the history;
     with `read_only` to a private copy, since reading writes nothing into the folder.
     `power_safe` is as for `create_map`. A running `hereabouts serve` gives a
     `kg.serving.client.remote_map.RemoteMap`: past states can be queried, and all writes go through
-    the server.
+    the server. Maps published into any other SPARQL server are read there, with `read_only`.
 
     A folder that another process of this user writes gives a
     `kg.serving.shared_folder.SharedMap`: each query reads a state that is at most a second old, and
@@ -80,6 +81,7 @@ def open_map(
     - MapBusyError: another process reads the folder while this one would write all by itself; or
       another user's process, or one on another machine, writes it
     - RemoteError: no server answers
+    - GraphError: a server that is not a `hereabouts serve` is opened for writing
     """
     if is_url(path):
         return _on_server(TransactionalStore.connect(str(path), read_only=read_only))
@@ -123,12 +125,9 @@ def open_or_create_map(
     base: str | None = None,
     power_safe: bool = False,
 ) -> SemanticMap:
-    """Open the map at `path` for writing; without a map, create one with `title` and `base`."""
+    """Open the map at `path` for writing; a folder without a map gets one with `title`, `base`."""
     if is_url(path):
-        try:
-            return open_map(path)
-        except MapNotFoundError:
-            return create_map(path, title=title, base=base)
+        return open_map(path)
     path = Path(path)
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         return open_map(path, power_safe=power_safe, exclusive=True)
@@ -213,10 +212,16 @@ def _on_server(store: TransactionalStore) -> SemanticMap:
         if (found := RemoteMap.found_at(store)) is not None:
             return found
         if not store.read_only:
-            check_one_map(store.engine, store.where)
-            if isinstance(store.engine, SparqlBackend):
-                complete_types_on_server(store.engine)
+            raise _not_written_there(
+                f"the server at {store.where} is no `hereabouts serve`, so its maps are only read",
+                store.where,
+            )
         return StoredMap(store)
     except BaseException:
         store.close()
         raise
+
+
+def _not_written_there(fault: str, where: str) -> GraphError:
+    remedy = f"map into a folder, then mirror it: hereabouts publish FOLDER --to {where}"
+    return GraphError(f"{fault}; {remedy}")

@@ -1,9 +1,8 @@
-"""Engine of a map on any SPARQL 1.1 server, with the interface of an embedded engine.
+"""Engine of a map on any SPARQL 1.1 server, with the interface of an embedded engine, for reading.
 
-A read by pattern becomes a SELECT, a commit one update request, which servers apply as a whole or
-not at all. The union of all named graphs as default graph is requested with Oxigraph's parameter,
-or by listing the graphs as in the SPARQL protocol. A round trip costs more than a lookup, so a
-writer announces the subjects that it will read (`reading_ahead`) and gets them in two requests.
+A read by pattern becomes a SELECT. The union of all named graphs as default graph is requested with
+Oxigraph's parameter, or by listing the graphs as in the SPARQL protocol. A round trip costs more
+than a lookup, so subjects that will be read are announced (`reading_ahead`): two requests get them.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from kg.model.errors import QueryError, RemoteError
 from kg.rdf.quad_store import Functions, Object, QuadStore, Subject
 from kg.rdf.sparql.parameters import has_relative, has_word
 from kg.store.sparql_client import Answer, Solutions, SparqlClient
-from kg.store.virtuoso import batches
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
@@ -150,18 +148,6 @@ class SparqlBackend:
             )
         except SyntaxError as error:
             raise QueryError(f"{self.where}: {_moved(str(error), len(declared) + 1)}") from error
-
-    def update(self, update: str, /) -> None:
-        """Run an update in one request; raises RemoteError if the server did not apply it."""
-        self.endpoint.update(update)
-
-    def load(self, quads: Iterable[Quad]) -> None:
-        """Add quads, also with blank nodes, in one request; on Virtuoso in several, in order."""
-        if not self.endpoint.virtuoso:
-            self.update(f"INSERT DATA {{\n{graph_blocks(quads)}}}")
-            return
-        for batch in batches(quads):
-            self.update(f"INSERT {{\n{graph_blocks(batch)}}} WHERE {{}}")
 
     def __contains__(self, quad: Any, /) -> bool:
         if isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode):

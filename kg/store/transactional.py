@@ -22,7 +22,6 @@ from typing import Final, Self
 
 from pyoxigraph import NamedNode, Quad, Store
 
-from kg.model import vocabulary as v
 from kg.model.errors import GraphError
 from kg.model.transactions import Cause, ChangeSet, Listener
 from kg.rdf.datetimes import transaction_time
@@ -38,10 +37,11 @@ from kg.store.folder import (
     remove_abandoned,
 )
 from kg.store.journal import Journal
-from kg.store.sparql_backend import SparqlBackend, graph_blocks, reading_ahead
+from kg.store.sparql_backend import SparqlBackend, graph_blocks
 from kg.store.transaction_quads import (
     check_blank_nodes,
     check_texts,
+    published_sequence,
     sequence_quad,
     stored_sequence,
 )
@@ -143,26 +143,10 @@ class TransactionalStore:
         return cls(engine, where=str(path), read_only=read_only, lock=lock, on_disk=on_disk)
 
     @classmethod
-    def create_on(cls, url: str, quads: Iterable[Quad]) -> Self:
-        """A new map of `quads` on the server at `url`, beside other graphs.
-
-        Raises:
-            GraphError: the server has a map already.
-            RemoteError: no server answers.
-        """
-        with contextlib.closing(SparqlBackend(url)) as engine:
-            kind = NamedNode(v.SEMANTIC_MAP)
-            if any(engine.quads_for_pattern(None, v.RDF_TYPE, kind, None)):
-                raise GraphError(f"there is a map at {engine.where} already; open it")
-            engine.load(_copy_with_types(quads))
-        # a new connection probes the server's default graph, which works only with a map in it
-        return cls.connect(url)
-
-    @classmethod
     def connect(cls, url: str, *, read_only: bool = False) -> Self:
         """The store on the SPARQL 1.1 server at `url`; raises RemoteError if none answers.
 
-        Such a store has no lock: users must ensure that one process at a time writes.
+        It is read there: `commit` refuses, and only the server of a `RemoteMap` writes.
         """
         engine = SparqlBackend(url)
         return cls(engine, where=engine.where, read_only=read_only, lock=None)
@@ -249,9 +233,7 @@ class TransactionalStore:
         self.check_writable()
         self.recover()
         insert, delete = dict.fromkeys(insert), dict.fromkeys(delete)
-        subjects = (q.subject for q in (sequence_quad(0), *insert, *delete))
-        named = (subject for subject in subjects if isinstance(subject, NamedNode))
-        with self._committing, reading_ahead(self.engine, named):
+        with self._committing:
             added, removed = tuple(insert), tuple(delete)
             if exact_at is None or exact_at != self.sequence:
                 added = tuple(quad for quad in insert if quad not in self.engine)
@@ -272,6 +254,8 @@ class TransactionalStore:
         """The number of the last transaction; 0 before the first."""
         if self._sequence is None or self.shared:
             self._sequence = stored_sequence(self.engine)
+            if self.shared and not self._sequence:
+                self._sequence = published_sequence(self.engine)
         return self._sequence
 
     @contextlib.contextmanager
@@ -360,7 +344,7 @@ class TransactionalStore:
 
     def _update(self, sparql: str) -> None:
         try:
-            self.engine.update(sparql)
+            self.native.update(sparql)
         except (OSError, RuntimeError) as error:
             raise self._unwritable(error) from error
 
@@ -436,10 +420,9 @@ class TransactionalStore:
         Raises GraphError on failure, such as a full disk.
         """
         self.recover()
-        engine = self._engine
-        if isinstance(engine, Store) and self._unlock is not None and not self.read_only:
+        if self._engine is not None and self._unlock is not None and not self.read_only:
             try:
-                engine.flush()
+                self.native.flush()
             except (OSError, RuntimeError) as error:
                 raise self._unwritable(error) from error
             if self.journal is not None:

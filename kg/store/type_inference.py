@@ -19,7 +19,7 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
 
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore, Term
-from kg.store.sparql_backend import SparqlBackend, reading_ahead
+from kg.store.sparql_backend import reading_ahead
 
 _IS_A: Final = NamedNode(v.IS_A)
 _Node = NamedNode | BlankNode | Triple
@@ -58,17 +58,6 @@ def complete_types(engine: Store) -> None:
         engine.remove(quad)
     if missing := wanted - stored:
         engine.extend(missing)
-
-
-def complete_types_on_server(engine: SparqlBackend) -> None:
-    """Add the inferred types of a map of a version that had none."""
-    if any(engine.quads_for_pattern(None, None, None, v.INFERRED_GRAPH)):
-        return
-    copy = Store()
-    copy.extend(engine.quads_for_pattern(None, v.RDF_TYPE, None, None))
-    copy.extend(engine.quads_for_pattern(None, _IS_A, None, v.COMMONSENSE_GRAPH))
-    if missing := list(infer_all(copy)):
-        engine.load(missing)
 
 
 def inferred_changes(

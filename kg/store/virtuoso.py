@@ -1,8 +1,8 @@
 """Workarounds for deviations of Virtuoso 7 from the SPARQL standards.
 
 Virtuoso names blank nodes ``nodeID://...``, writes numbers in its own lexical form and booleans as
-0 and 1, prefers a table as the answer to CONSTRUCT, rejects blank nodes in INSERT DATA, and cannot
-compile a request of more than about ten thousand lines.
+0 and 1, prefers a table as the answer to CONSTRUCT, and cannot compile a request of more than about
+ten thousand lines.
 """
 
 from __future__ import annotations
@@ -10,11 +10,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Iterator
-from itertools import islice
 from typing import Final
 
-from pyoxigraph import BlankNode, Literal, Quad, Triple
+from pyoxigraph import Literal, Triple
 
 from kg.model import vocabulary as v
 from kg.rdf.sparql.lexer import keywords_of
@@ -72,21 +70,3 @@ def _plain(text: str, datatype: str) -> str:
     if datatype == _BOOLEAN:
         return "true" if text in ("1", "true") else "false"
     return text
-
-
-def batches(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
-    """The quads in batches, one for each request.
-
-    The first batch has all quads with blank nodes, since a blank node keeps its identity within one
-    request only. The others keep the order of the quads: the last batch completes the map.
-    """
-    named: list[Quad] = []
-    nameless: list[Quad] = []
-    for quad in quads:
-        blank = isinstance(quad.subject, BlankNode) or isinstance(quad.object, BlankNode)
-        (nameless if blank else named).append(quad)
-    if nameless:
-        yield nameless
-    rest = iter(named)
-    while part := list(islice(rest, MAX_QUADS)):
-        yield part

@@ -33,7 +33,6 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.maps.stored_map import StoredMap
     from kg.serving.opening import open_map
     from kg.serving.workers.local_evaluation import update_isolated
-    from kg.store.sparql_client import is_url
 
     if (arguments.file is None) == (arguments.execute is None):
         arguments.usage_error("give FILE.ru, or SPARQL with -e, not both")
@@ -42,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map) as semantic_map:
         # a server evaluates updates in a worker of its own
         update = semantic_map.update
-        if isinstance(semantic_map, StoredMap) and not is_url(arguments.map):
+        if isinstance(semantic_map, StoredMap):
             update = partial(update_isolated, semantic_map, explain=reasons.append)
         change = update(sparql, by=arguments.by, confirmed=arguments.yes)
         sequence = semantic_map.sequence

@@ -42,7 +42,6 @@ from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri, whole_number
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
-from kg.store.sparql_backend import reading_ahead
 from kg.store.transactional import TransactionalStore
 from kg.store.write_limit import check_time
 from kg.store.writer_priority import writing
@@ -125,7 +124,7 @@ class FrameWriter:
         """
         self._store.check_writable()
         _check_unique(update)
-        with writing(), reading_ahead(self._store.engine, self.subjects(update)):
+        with writing():
             self._synchronise()
             if asserted:
                 self._has_assertions = True

@@ -1,8 +1,7 @@
 """Write cache: recently read or written quads of graph:map, by subject.
 
 The cache has the state after one transaction. The writer's own transactions are applied to it; a
-transaction of another writer clears it. Nothing is cached for a shared server, since its other
-writers are not observed.
+transaction of another writer clears it.
 """
 
 from __future__ import annotations
@@ -28,13 +27,10 @@ class WriteCache:
         self._cached: dict[NamedNode, dict[Quad, None]] = {}
         self._at: int | None = None  # the transaction whose state is cached
 
-    def catch_up(self) -> int | None:
-        """Clear the cache if another writer may have changed the map.
-
-        Returns the number of the transaction whose state the cache has; None if it is unknown.
-        """
-        now = None if self._store.shared else self._store.sequence
-        if now is None or now != self._at:
+    def catch_up(self) -> int:
+        """Clear the cache if another writer changed the map; returns its last transaction."""
+        now = self._store.sequence
+        if now != self._at:
             self._cached.clear()
         self._at = now
         return now

@@ -45,8 +45,8 @@ def reload(
 ) -> Reloaded:
     """Validate the ontology at `source` and make it that of the map at `address`.
 
-    `address` is a map's folder, a SPARQL server with a map, or a running `hereabouts serve`, which
-    then uses the new ontology. Unless it is `whole`, a file must contain or import all ontologies
+    `address` is a map's folder or a running `hereabouts serve`, which then uses the new ontology.
+    Unless it is `whole`, a file must contain or import all ontologies
     of the map. `reason` runs HermiT too; `dry` changes nothing. Raises OntologyError for an invalid
     ontology (the map is then unchanged), GraphError, RemoteError.
     """

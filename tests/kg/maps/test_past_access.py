@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import HistoryError, MapNotFoundError, UnknownCategoryError
+from kg.model.errors import HistoryError, UnknownCategoryError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
+from tests.conftest import publish
 
 Frame = Callable[..., MapUpdate]
 BASE = "https://example.org/flat/"
@@ -78,11 +79,11 @@ def test_a_past_that_is_not_kept_is_said_so(lived: Callable[[], SemanticMap]) ->
             semantic_map.places(at="yesterday")
 
 
-def test_a_map_on_a_server_keeps_no_past(sparql_server: str, frame: Frame) -> None:
-    with pytest.raises(MapNotFoundError):
-        open_map(sparql_server)
-    with create_map(sparql_server, base=BASE) as semantic_map:
-        semantic_map.apply(frame(0))
+def test_a_published_map_keeps_no_past(sparql_server: str, frame: Frame) -> None:
+    with in_memory_map(base=BASE) as local:
+        local.apply(frame(0))
+        publish(local, sparql_server)
+    with open_map(sparql_server, read_only=True) as semantic_map:
         for ask in (semantic_map.objects, semantic_map.places):
             assert ask()
             with pytest.raises(HistoryError, match="keeps no history"):

@@ -1,4 +1,4 @@
-"""A map behind a SPARQL server of somebody else's making answers as a map in a folder does."""
+"""A map published on a SPARQL server of somebody else's making is read as in its folder."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from kg.export.serialization import export_text
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
-from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.sparql_client import SparqlClient
+from tests.conftest import publish, running_server, running_virtuoso
 
 BASE = "https://example.org/house/"
 
@@ -52,28 +52,26 @@ def fill(semantic_map: SemanticMap) -> None:
     semantic_map.apply(MapUpdate(objects=moved[1:], removed=(moved[0].iri,), places=(second,)))
 
 
-@pytest.fixture
-def remote(sparql_server: str) -> Iterator[SemanticMap]:
-    with open_or_create_map(sparql_server, title="house", base=BASE) as semantic_map:
-        yield semantic_map
-
-
-@pytest.fixture
-def local() -> Iterator[SemanticMap]:
-    with in_memory_map(title="house", base=BASE) as semantic_map:
-        yield semantic_map
-
-
-@pytest.fixture(scope="module")
-def filled(lasting_sparql_server: str) -> Iterator[tuple[SemanticMap, SemanticMap]]:
-    """The same map on a server and in memory; for tests that only read."""
+@pytest.fixture(scope="module", params=[running_server, running_virtuoso])
+def filled(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[tuple[SemanticMap, SemanticMap]]:
+    """The same map published on a server and in memory."""
     with (
-        open_or_create_map(lasting_sparql_server, title="house", base=BASE) as remote,
+        request.param(tmp_path_factory.mktemp("server")) as address,
         in_memory_map(title="house", base=BASE) as local,
     ):
-        fill(remote)
         fill(local)
-        yield remote, local
+        publish(local, address)
+        with open_map(address, read_only=True) as remote:
+            yield remote, local
+
+
+@pytest.fixture
+def server_with_map(sparql_server: str) -> str:
+    with in_memory_map(title="house", base=BASE) as local:
+        publish(local, sparql_server)
+    return sparql_server
 
 
 @pytest.mark.parametrize(
@@ -124,76 +122,54 @@ def test_from_narrows_what_is_read(filled: tuple[SemanticMap, SemanticMap]) -> N
     assert remote.query(query).rows == ((0,),)
 
 
-def test_the_same_updates_leave_the_same_graph(remote: SemanticMap, local: SemanticMap) -> None:
-    for semantic_map in (remote, local):
-        fill(semantic_map)
-    assert remote.sequence == local.sequence == 2
+def test_a_published_map_is_exported_as_its_folder(
+    filled: tuple[SemanticMap, SemanticMap],
+) -> None:
+    remote, local = filled
     assert [o.iri for o in remote.objects()] == [f"{BASE}object/{n}" for n in range(2, 6)]
     assert remote.places() == local.places()
-    made = "dct:created"
-    there, here = (
-        [line for line in export_text(m, "ttl", ontology=False).splitlines() if made not in line]
-        for m in (remote, local)
-    )
-    assert there == here
+    there, here = (export_text(one, "ttl", ontology=False) for one in filled)
+    assert there == here.removesuffix("\ngraph:dataset here:sequence 2 .\n")
+    assert remote.sequence == local.sequence == 2
 
 
-def test_people_may_write_beside_the_writer(remote: SemanticMap, sparql_server: str) -> None:
-    fill(remote)
-    update = (
-        f"INSERT DATA {{ GRAPH <https://w3id.org/hereabouts/graph/map> {{ <{BASE}object/2> "
-        '<http://www.w3.org/2000/01/rdf-schema#comment> "wobbly" } }'
-    )
-    endpoint = SparqlClient.at(sparql_server)
-    endpoint.update(update)
+@pytest.mark.parametrize("write", [open_map, open_or_create_map, create_map])
+@pytest.mark.parametrize("is_empty", [True, False])
+def test_nobody_writes_a_map_on_a_server_of_another_make(
+    write: Callable[[str], SemanticMap], is_empty: bool, request: pytest.FixtureRequest
+) -> None:
+    address = request.getfixturevalue("sparql_server" if is_empty else "server_with_map")
+    told = f"http://someone:secret@{address.removeprefix('http://')}"
+    with pytest.raises(GraphError, match=f"hereabouts publish FOLDER --to {address}$") as caught:
+        write(told)
+    assert "\n" not in str(caught.value)
+    endpoint = SparqlClient.at(address)
+    assert bool(endpoint.ask("ASK { GRAPH ?g { ?s ?p ?o } }")) is not is_empty
     endpoint.close()
-    remote.apply(MapUpdate(objects=chairs(remote, shift=1.0)[1:]))
-    said = remote.query(
-        "SELECT ?said { ?chair rdfs:comment ?said ; here:x ?x . ?chair a here:Chair }"
-    )
-    assert said.rows == (("wobbly",),)
-
-
-def test_two_handles_number_their_transactions_on(remote: SemanticMap, sparql_server: str) -> None:
-    fill(remote)
-    with open_map(sparql_server) as other:
-        assert other.apply(MapUpdate(objects=chairs(other, shift=2.0)[1:]), Cause("update", "me"))
-    remote.apply(MapUpdate(objects=chairs(remote, shift=3.0)[1:]))
-    assert remote.sequence == 4
-
-
-def test_opening_twice_creates_once(sparql_server: str) -> None:
-    with open_or_create_map(sparql_server, title="once") as first:
-        base = first.base
-    with open_or_create_map(sparql_server, title="twice") as second:
-        assert (second.base, second.description.title) == (base, "once")
-    with pytest.raises(GraphError, match="already"):
-        create_map(sparql_server)
 
 
 def test_a_server_without_a_map_is_said_to_have_none(sparql_server: str) -> None:
     with pytest.raises(MapNotFoundError, match="no map at http://127"):
-        open_map(sparql_server)
+        open_map(sparql_server, read_only=True)
 
 
-def test_a_reader_writes_nothing(remote: SemanticMap, sparql_server: str) -> None:
+def test_a_reader_writes_nothing(filled: tuple[SemanticMap, SemanticMap]) -> None:
+    with pytest.raises(GraphError, match="reading only"):
+        fill(filled[0])
+
+
+def test_a_query_that_does_not_parse_is_one_line(server_with_map: str) -> None:
     with (
-        open_map(sparql_server, read_only=True) as reader,
-        pytest.raises(GraphError, match="reading only"),
+        open_map(server_with_map, read_only=True) as remote,
+        pytest.raises(QueryError, match="does not parse at line 2") as caught,
     ):
-        fill(reader)
-    assert remote.sequence == 0
-
-
-def test_a_query_that_does_not_parse_is_one_line(remote: SemanticMap) -> None:
-    with pytest.raises(QueryError, match="does not parse at line 2") as caught:
         remote.query("SELECT *\nWHERE { ?s ?p }")
     assert "\n" not in str(caught.value)
 
 
-def test_rdflib_needs_the_store_here(remote: SemanticMap) -> None:
+def test_rdflib_needs_the_store_here(filled: tuple[SemanticMap, SemanticMap]) -> None:
     with pytest.raises(GraphError, match="is on a server"):
-        _ = remote.dataset
+        _ = filled[0].dataset
 
 
 def test_nobody_listening_is_one_line_without_the_password() -> None:
@@ -209,7 +185,9 @@ def test_an_answer_cut_off_by_a_time_limit_is_no_answer(
     start_server: Callable[..., str],
 ) -> None:
     hasty = start_server("hasty", "--timeout-s", "1")
-    with create_map(hasty, base=BASE) as semantic_map:
+    with in_memory_map(base=BASE) as local:
+        publish(local, hasty)
+    with open_map(hasty, read_only=True) as semantic_map:
         # rows from the first moment on: what such a server joins beforehand, it does not break off
         runaway = "SELECT ?a ?c { ?a ?p ?b . ?c ?q ?d }"
         with pytest.raises(RemoteError, match="broke off its answer"):

@@ -9,8 +9,6 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, QueryResultsFormat, 
 
 from kg.model import vocabulary as v
 from kg.store.virtuoso import (
-    MAX_QUADS,
-    batches,
     complaint,
     gives_triples,
     is_virtuoso,
@@ -68,19 +66,6 @@ def test_a_complaint_names_the_line_and_not_the_query() -> None:
     assert complaint("Virtuoso 42000 Error SR186:  no permission") == (
         "Virtuoso 42000 Error SR186: no permission"
     )
-
-
-def test_a_load_comes_in_parts_and_the_last_comes_last() -> None:
-    graph = v.MAP_GRAPH
-    things = [NamedNode(f"urn:{n}") for n in range(2 * MAX_QUADS)]
-    quads = [Quad(thing, RDFS_LABEL, Literal("x"), graph) for thing in things]
-    nameless = [
-        Quad(BlankNode("a"), RDFS_LABEL, BlankNode("b"), graph),
-        Quad(things[0], RDFS_LABEL, BlankNode("b"), graph),
-    ]
-    parts = list(batches([*quads[:9], *nameless, *quads[9:]]))
-    assert parts == [nameless, quads[:MAX_QUADS], quads[MAX_QUADS:]]
-    assert list(batches([])) == []
 
 
 def test_it_is_known_by_its_name() -> None:

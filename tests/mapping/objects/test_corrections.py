@@ -68,25 +68,6 @@ def test_the_map_is_as_told_when_reopened_again_and_again(script, make_frame, em
                 as_told(semantic_map, script)
 
 
-def said(script: Script) -> bool:
-    """Whether people only say and unsay: updates are for maps in a folder."""
-    verbs = {step.split()[0] for steps in runs(script.steps) for step in steps}
-    return "say" in verbs and verbs <= {"see", "look", "blind", "view", "say", "unsay"}
-
-
-@pytest.mark.parametrize("script", [*filter(said, SCRIPTS)][::3], ids=lambda script: script.name)
-def test_people_and_mapper_are_two_programs_on_one_server(
-    script: Script, sparql_server: str, make_frame: Callable[..., Frame]
-) -> None:
-    with (
-        create_map(sparql_server, base=BASE) as semantic_map,
-        open_map(sparql_server) as people,
-    ):
-        for steps in runs(script.steps):
-            play(semantic_map, steps, make_frame, people)
-        as_told(semantic_map, script)
-
-
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[SemanticMap, str]]:
     """A map, and the address where it is served to whoever has the token in the environment."""
@@ -150,12 +131,10 @@ def test_a_frame_that_somebody_gets_in_the_way_of_is_mapped_anew(
 
 
 def test_the_mapper_hears_of_what_another_program_moves_removes_and_adds(
-    sparql_server: str, make_frame: Callable[..., Frame]
+    served: tuple[SemanticMap, str], make_frame: Callable[..., Frame]
 ) -> None:
-    with (
-        create_map(sparql_server, base=BASE) as semantic_map,
-        open_map(sparql_server) as other,
-    ):
+    other, url = served
+    with open_map(url) as semantic_map:
         mapper = ReferenceObjectMapper(semantic_map, ReferenceSettings())
         book = PlaceRegistry(semantic_map, ROOM)
         stage = Stage(["see cup left", "see cup right"], Acts(other), make_frame)

@@ -178,17 +178,6 @@ def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
         assert Catalogue.from_quads(home.ontology.quads()) == home.catalogue
 
 
-def test_on_a_server_too(sparql_server: str) -> None:
-    with create_map(sparql_server) as semantic_map:
-        stand(
-            semantic_map,
-            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
-        )
-        assert len(semantic_map.objects("teawhisk")) == 1
-    with open_map(sparql_server) as semantic_map:
-        assert semantic_map.catalogue.find("teawhisk").provisional
-
-
 def test_two_threads_that_learn_the_same_make_one(home: SemanticMap) -> None:
     threads = [
         threading.Thread(

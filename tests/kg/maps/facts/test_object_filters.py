@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +17,9 @@ from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, QueryError, QueryParameterError, UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import in_memory_map, open_map
+from kg.serving.publishing.sources import snapshot_of
+from kg.serving.publishing.target import PublishTarget
 
 BASE = "https://example.org/flat/"
 WHERE = {"banana": (1.0, 1.0), "apple": (1.5, 1.0), "cup": (4.0, 1.0), "chair": (7.0, 7.0)}
@@ -218,11 +221,15 @@ def test_closing_the_map_ends_its_standing_questions() -> None:
 def test_on_a_server_the_commits_of_others_are_noticed(sparql_server: str) -> None:
     heard = Heard()
     with (
-        create_map(sparql_server, base=BASE) as writer,
-        open_map(sparql_server, read_only=True) as reader,
+        in_memory_map(base=BASE) as writer,
+        closing(PublishTarget(sparql_server)) as target,
+        ExitStack() as opened,
     ):
+        target.synchronise(BASE, snapshot_of(writer))
+        reader = opened.enter_context(open_map(sparql_server, read_only=True))
         reader.subscriptions.on(CUPS, heard)
-        writer.apply(MapUpdate(objects=(object_at(writer, 1, "cup", 1.0, 1.0),)))
+        change = writer.apply(MapUpdate(objects=(object_at(writer, 1, "cup", 1.0, 1.0),)))
+        target.apply(BASE, change, 0)
         assert heard.wait() == ([1.0], [])
         assert [o.p_map[0] for o in reader.objects("cup", near=(0.0, 0.0), radius=3)] == [1.0]
         with reader.snapshot() as copy:

@@ -20,8 +20,7 @@ from kg.maps.stored_map import StoredMap
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.rdf.skolem import anonymous, named
-from kg.serving.editing.reloading import reload
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import create_map, in_memory_map
 from kg.store.transactional import TransactionalStore
 
 PREFIXES = "".join(
@@ -347,15 +346,6 @@ def test_a_map_made_when_ontologies_had_blank_nodes_takes_one_in(mine: Path) -> 
     assert rows(old, "mug") == {"office": 0.6}
     assert not any("_:" in str(q) for q in old.engine)
     assert check_map(old.engine) == []
-
-
-def test_a_map_on_a_server_of_another_make_takes_one_in(sparql_server: str, mine: Path) -> None:
-    create_map(sparql_server, title="far").close()
-    done = reload(sparql_server, mine, by="ann")
-    assert [str(change) for change in done.changes][-1].startswith("+ mug located at office 0.6")
-    with open_map(sparql_server, read_only=True) as semantic_map:
-        assert rows(semantic_map, "becher") == {"office": 0.6}
-        assert check_map(semantic_map.engine) == []
 
 
 @pytest.mark.parametrize("ending", ["ttl", "owl", "nt"])

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from kg.model.errors import QueryError, QueryRefusedError, QueryTimeoutError, QueryTooLargeError
-from kg.serving.opening import create_map, in_memory_map
+from kg.serving.opening import in_memory_map, open_map
 from kg.serving.workers.limited_queries import LimitedQueries
+from tests.conftest import publish
 
 COUNT = "SELECT (COUNT(*) AS ?n) { GRAPH graph:dataset { ?map a here:SemanticMap } }"
 PRODUCT = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
@@ -34,9 +35,11 @@ def test_a_map_in_memory_is_asked_by_workers_with_limits() -> None:
         queries.close()  # once more
 
 
-def test_a_map_on_a_server_is_asked_there(lasting_sparql_server: str) -> None:
+def test_a_map_on_a_server_is_asked_there(sparql_server: str) -> None:
+    with in_memory_map() as local:
+        publish(local, sparql_server)
     with (
-        create_map(lasting_sparql_server) as semantic_map,
+        open_map(sparql_server, read_only=True) as semantic_map,
         LimitedQueries(semantic_map, result=1000) as queries,
     ):
         assert queries.ask(COUNT).rows == ((1,),)
