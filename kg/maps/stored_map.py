@@ -1,4 +1,4 @@
-"""A map in a store of this process: a folder, memory, or a plain SPARQL server."""
+"""A map in a store of this process: a folder, memory, or a published map."""
 
 from __future__ import annotations
 

@@ -144,9 +144,9 @@ class MapSubscriptions(ABC):
         """Subscribe `callback(added, removed)` to the rows by which commits change a result.
 
         `question` and `language` are as for `SemanticMap.query`. The callback gets two Tables, on
-        a thread of its own; the rows of the first result are not reported. On a plain SPARQL
-        server, commits of other programs are noticed within a second. Returns a function that ends
-        the subscription; closing the map ends it too.
+        a thread of its own; the rows of the first result are not reported. Commits to a map
+        published on a SPARQL server are noticed within a second. Returns a function that ends the
+        subscription; closing the map ends it too.
         """
         self.catch_up()
         query = resolve_query(question, parameters)

@@ -17,7 +17,7 @@ from kg.model.errors import QueryParameterError
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
-MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of a SPARQL server that holds it"
+MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of its server"
 #: [m] no map is larger than the Earth
 MAX_DISTANCE = 1e7
 END_WITHIN = 12.0  # [s] after a signal that ends a command

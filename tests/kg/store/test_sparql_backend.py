@@ -15,6 +15,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
+from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import SparqlClient
 from tests.conftest import publish, running_server, running_virtuoso
 
@@ -96,6 +97,9 @@ def test_shipped_questions_are_answered_alike(
     filled: tuple[SemanticMap, SemanticMap], question: str, parameters: dict[str, object]
 ) -> None:
     remote, local = filled
+    assert isinstance(remote.engine, SparqlBackend)
+    if question == "why-object" and remote.engine.endpoint.virtuoso:
+        pytest.xfail("Virtuoso 7.2.5 cannot compile the filter of its labels")
     assert remote.query(question, **parameters) == local.query(question, **parameters)
 
 
