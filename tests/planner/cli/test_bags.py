@@ -14,7 +14,9 @@ import pytest
 import rdflib
 import rdflib.compare
 
-from tests.planner.cli.test_remote_maps import BASE, untimed
+from tests.planner.cli.test_served_maps import untimed
+
+BASE = "https://example.org/kitchen/"
 
 pytest.importorskip("rosbags")
 Prints = Callable[..., str]
