@@ -14,6 +14,7 @@ CASES = (
 )
 ABSENT = (
     ("SELECT ?x { ?x geo:hasGeometry ?g }", "has geo:hasGeometry, though exports may"),
+    ("SELECT ?x { ?x here:supports ?y }", "has the property here:supports"),
     ("SELECT ?x { GRAPH graph:mpa { ?x ?p ?g } }", "no graph graph:mpa"),
 )
 

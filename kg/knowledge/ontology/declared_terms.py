@@ -88,11 +88,19 @@ def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) ->
     is_property = any(str(kind).endswith("Property>") for kind in kinds)
     places = ((node, None, None, None), (None, None, node, None), (None, None, None, node))
     if is_property:
-        return f"no statement of the map has the property {v.curie(iri)}"
+        return f"no statement of the map has the property {v.curie(iri)}{_as_inverse(node, engine)}"
     if any(_has(engine, *place) for place in places) or iri in declared:
         return ""
     why = ", though exports may have it" if iri in v.TERMS else like_declared(iri, declared)
     return f"no statement of the map has {v.curie(iri)}{why}"
+
+
+def _as_inverse(node: NamedNode, engine: QuadStore) -> str:
+    """How to ask for a property of which only the inverse is stated; empty for others."""
+    for quad in engine.quads_for_pattern(node, v.OWL_INVERSE_OF, None, v.ONTOLOGY_GRAPH):
+        if isinstance(quad.object, NamedNode) and _has(engine, None, quad.object, None, None):
+            return f", which states its inverse: write ^{v.curie(quad.object.value)}"
+    return ""
 
 
 def _has(engine: QuadStore, *pattern: NamedNode | None) -> bool:
