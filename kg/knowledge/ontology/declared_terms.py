@@ -16,6 +16,7 @@ from kg.rdf.sparql.lexer import tokens_of
 MAX_LENGTH: Final = 20_000  # characters
 MAX_TERMS: Final = 50  # of one query
 
+_INVERSE_OF: Final = NamedNode(v.OWL_INVERSE_OF)
 _MAX_GRAPHS = 8  # named in a message
 _NO_TERMS: Final = ("^", "BASE", "SERVICE", "SILENT")  # what follows is no term of the map
 #: properties that queries may use though no statement has them
@@ -97,7 +98,7 @@ def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) ->
 
 def _as_inverse(node: NamedNode, engine: QuadStore) -> str:
     """How to ask for a property of which only the inverse is stated; empty for others."""
-    for quad in engine.quads_for_pattern(node, v.OWL_INVERSE_OF, None, v.ONTOLOGY_GRAPH):
+    for quad in engine.quads_for_pattern(node, _INVERSE_OF, None, v.ONTOLOGY_GRAPH):
         if isinstance(quad.object, NamedNode) and _has(engine, None, quad.object, None, None):
             return f", which states its inverse: write ^{v.curie(quad.object.value)}"
     return ""
