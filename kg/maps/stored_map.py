@@ -185,7 +185,7 @@ class StoredMap(SemanticMap):
             change = self.store.commit(draft.removed, draft.added, cause, exact_at=exact)
             if allow and change is not None:
                 self.ontology.reread()
-            return noted(change, self.base, *odd)
+            return noted(change, self.base, self._facts.catalogue, *odd)
 
         return self._written(drafted, lambda draft, new: draft.state.is_changed_by(new), write)
 
