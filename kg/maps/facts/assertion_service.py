@@ -28,7 +28,7 @@ from kg.maps.facts.assertions import (
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.map_extent import check_positions
+from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name
 from kg.model.areas import Area
@@ -255,13 +255,16 @@ class AssertionService:
         return named is not None and named.iri == pair["category"]
 
     def _position_checked(self, record: ObjectRecord | PlaceRecord, prop: str, text: str) -> str:
-        """A line about an odd position or area; raises InvalidFactError for an impossible one."""
+        """A line about odd numbers; raises InvalidFactError for impossible ones."""
         points: list[Sequence[float]] = []
         if prop == "position":
             points = [point(text).tolist()]
         elif prop == "area":
             points = [corner for ring in area_of_polygon(text).rings for corner in ring]
-        what = f"{prop} of {record.iri.removeprefix(self._facts.base)}"
+        thing = record.iri.removeprefix(self._facts.base)
+        if prop == "extent":
+            return check_sides(self._store.engine, [(thing, point(text)[:3])])
+        what = f"{prop} of {thing}"
         return check_positions(self._store.engine, points, what) if points else ""
 
     def _check_not_replaced(self, present: Assertion, by: str) -> None:
