@@ -116,10 +116,8 @@ def _check_things(semantic_map: StoredMap, update: MapUpdate) -> None:
 
 
 def _check_where(semantic_map: StoredMap, update: MapUpdate) -> None:
-    """Raise InvalidFactError for positions and sizes that no thing of this map has."""
+    """Raise InvalidFactError for positions and sizes that no object of this map has."""
     engine, base = semantic_map.engine, semantic_map.base
-    corners = [c for place in update.places for ring in place.area.rings for c in ring]
-    check_positions(engine, corners, "corner of a place")
     check_positions(engine, [one.p_map.tolist() for one in update.objects], "position of an object")
     boxes = [(one.iri, one.extent) for one in update.objects if one.extent is not None]
     check_sides(engine, [(iri.removeprefix(base), sides.tolist()) for iri, sides in boxes])
