@@ -72,7 +72,9 @@ def read_token_file(path: Path | str) -> str:
 @cache
 def _warn_of(path: str) -> None:
     """Warn once of a token file that others can read or change."""
-    _log.warning("other users of this machine can read or change the token file %s: chmod 600 it", path)
+    _log.warning(
+        "other users of this machine can read or change the token file %s: chmod 600 it", path
+    )
 
 
 def _tokens() -> list[tuple[str, str]]:
