@@ -55,8 +55,8 @@ def token_for(url: str) -> str | None:
 def read_token_file(path: Path | str) -> str:
     """The text of a file of tokens, of a server or of a client.
 
-    Logs a warning if others than its owner can read or change the file. Raises ServerError where it cannot be
-    read.
+    Logs a warning if others than its owner can read or change the file. Raises ServerError where
+    it cannot be read.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")

@@ -124,4 +124,4 @@ def like_declared(iri: str, declared: Iterable[str]) -> str:
     if not iri.startswith(tuple(v.PREFIXES.values())):
         # in a namespace of others, only the same name is no accident
         names = {name: text for name, text in names.items() if name.lower() == given.lower()}
-    return did_you_mean(given, names)
+    return did_you_mean(given, names, names)
