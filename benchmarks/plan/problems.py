@@ -86,7 +86,7 @@ def _problem(query: dict[str, Any], name: str, worlds: dict[str, _World]) -> Sea
     where = f"query {name!r}"
     world_name = _get(query, "world", where)
     if not isinstance(world_name, str) or world_name not in worlds:
-        hint = did_you_mean(str(world_name), worlds)
+        hint = did_you_mean(str(world_name), list(worlds))
         raise OrderingError(
             f"{where}: no world {world_name!r}{hint}; there are: {', '.join(worlds)}"
         )
@@ -114,7 +114,7 @@ def _object(value: object, where: str) -> dict[str, Any]:
 
 def _get(value: dict[str, Any], key: str, where: str) -> Any:
     if key not in value:
-        raise OrderingError(f"{where} has no {key!r}{did_you_mean(key, value)}")
+        raise OrderingError(f"{where} has no {key!r}{did_you_mean(key, list(value))}")
     return value[key]
 
 

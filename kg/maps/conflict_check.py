@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterator
 from typing import Final
 
 from kg.maps.facts.assertions import Assertions
+from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_map import StoredMap
 from kg.model import vocabulary as v
 from kg.model.errors import ConflictError, HistoryError, InvalidFactError
@@ -47,10 +48,11 @@ def apply_remote_update(
     is written:
 
     - ConflictError, if others changed a thing that the update writes
-    - InvalidFactError, for a thing of another map
+    - InvalidFactError, for a thing of another map, or far from all that this one knows
     """
     with semantic_map.hold():
         _check_things(semantic_map, update)
+        _check_where(semantic_map, update)
         if known_sequence is not None and known_sequence != semantic_map.sequence:
             _check_conflicts(semantic_map, update, known_sequence, own)
         return semantic_map.apply(update, cause)
@@ -111,6 +113,14 @@ def _check_things(semantic_map: StoredMap, update: MapUpdate) -> None:
         raise InvalidFactError(
             f"{iri[:200]!r} is no {kind} of this map; a new one is called {base}{_NAMES[kind]}"
         )
+
+
+def _check_where(semantic_map: StoredMap, update: MapUpdate) -> None:
+    """Raise InvalidFactError for positions and sizes that no object of this map has."""
+    engine, base = semantic_map.engine, semantic_map.base
+    check_positions(engine, [one.p_map.tolist() for one in update.objects], "position of an object")
+    boxes = [(one.iri, one.extent) for one in update.objects if one.extent is not None]
+    check_sides(engine, [(iri.removeprefix(base), sides.tolist()) for iri, sides in boxes])
 
 
 def _things(update: MapUpdate, base: str) -> Iterator[tuple[str, str]]:

@@ -8,20 +8,26 @@ is taken, with a line that says so. A map that knows nothing yet has no extent t
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError, InvalidFactError
+from kg.rdf.literals import SIDES
 from kg.rdf.quad_store import QuadStore
 
 MAX_DISTANCE: Final = 100.0  # [m] from a map, or ...
 MAX_SHARE: Final = 2.0  # ... times its diagonal, beyond which no position belongs to it
 ODD_DISTANCE: Final = 10.0  # [m] from a map, beyond which a position is odd
 MAX_SIDE: Final = 1000.0  # [m] of one place; larger ones are in millimetres
+LARGE_SIDE: Final = 20.0  # [m] of one object, which may be in any map
+ODD_SIDE: Final = 6.0  # [m] of one object, beyond which it is odd
+_AT_ONCE: Final = 32  # coordinates of a predicate that are read at once
 _AXES: Final = ((v.X, v.X_MIN, v.X_MAX), (v.Y, v.Y_MIN, v.Y_MAX), (v.Z,))
 #: predicate -> which point of its subject it is of, and the axis
 _PLACES_OF: Final = {
@@ -63,6 +69,12 @@ def map_extent(engine: QuadStore) -> MapExtent | None:
 
     Asserted positions do not count, since a wrong one would vouch for the next.
     """
+    extents = deque(_growing_extents(engine), maxlen=1)
+    return extents[0] if extents else None
+
+
+def _growing_extents(engine: QuadStore) -> Iterator[MapExtent]:
+    """Extents of more and more of the map, the last one of all of it."""
     position = Literal("position")
     asserted = {
         of.object
@@ -74,17 +86,23 @@ def map_extent(engine: QuadStore) -> MapExtent | None:
         )
     }
     low, high = [math.inf] * 3, [-math.inf] * 3
-    for axis, predicates in enumerate(_AXES):
-        for predicate in predicates:
-            for quad in engine.quads_for_pattern(None, NamedNode(predicate), None, v.MAP_GRAPH):
+    found = [
+        (axis, engine.quads_for_pattern(None, NamedNode(predicate), None, v.MAP_GRAPH))
+        for axis, predicates in enumerate(_AXES)
+        for predicate in predicates
+    ]
+    more = True
+    while more:
+        more = False
+        for axis, quads in found:
+            for quad in islice(quads, _AT_ONCE):
+                more = True
                 if quad.subject not in asserted and isinstance(quad.object, Literal):
                     value = _number(quad.object.value)
                     low[axis], high[axis] = min(low[axis], value), max(high[axis], value)
-    if not (low[0] <= high[0] and low[1] <= high[1]):
-        return None
-    if not low[2] <= high[2]:
-        low[2], high[2] = 0.0, 0.0
-    return MapExtent((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+        if low[0] <= high[0] and low[1] <= high[1]:
+            z = (low[2], high[2]) if low[2] <= high[2] else (0.0, 0.0)
+            yield MapExtent((low[0], low[1], z[0]), (high[0], high[1], z[1]))
 
 
 def check_positions(
@@ -99,12 +117,14 @@ def check_positions(
     points, as in "position of cup 2".
     """
     points = list(points)
-    extent = map_extent(engine) if points else None
+    extent, distance = None, 0.0
+    farthest: Sequence[float] = ()
+    for extent in _growing_extents(engine) if points else ():
+        farthest = max(points, key=extent.distance)
+        distance = extent.distance(farthest)
+        if distance <= ODD_DISTANCE:
+            return ""  # the rest of a large map brings it no farther away
     if extent is None:
-        return ""
-    farthest = max(points, key=extent.distance)
-    distance = extent.distance(farthest)
-    if distance <= ODD_DISTANCE:
         return ""
     farthest = [number for number in farthest if not math.isnan(number)]
     shown = f"({', '.join(f'{number:g}' for number in farthest)})"
@@ -116,6 +136,34 @@ def check_positions(
             f"({metres})"
         )
     return problem
+
+
+def check_sides(engine: QuadStore, boxes: Iterable[tuple[str, Iterable[float]]]) -> str:
+    """A line about the longest side [m] of `boxes` (names and sides), or "" where it is usual.
+
+    Raises InvalidFactError for an object larger than all that the map knows.
+    """
+    longest, name = max(((max(sides), name) for name, sides in boxes), default=(0.0, ""))
+    extent = map_extent(engine) if longest > ODD_SIDE else None
+    if extent is None:
+        return ""
+    problem = f"{name} has a side of {longest:,g} m"
+    if longest > max(LARGE_SIDE, math.dist(extent.low, extent.high)):
+        raise InvalidFactError(
+            f"{problem}, more than all that the map knows ({extent}): are these millimetres? "
+            f"metres would work, as in {longest / 1000:g}"
+        )
+    return f"{problem}; sides are in metres"
+
+
+def written_sides(quads: Iterable[Quad]) -> Iterator[tuple[str, list[float]]]:
+    """Sides [m] that quads of graph:map give to objects, with the IRI of the object."""
+    for quad in quads:
+        if quad.predicate.value not in SIDES or quad.graph_name != v.MAP_GRAPH:
+            continue
+        if isinstance(quad.object, Literal) and isinstance(quad.subject, NamedNode):
+            side = _number(quad.object.value)
+            yield quad.subject.value, [0.0 if math.isnan(side) else side]
 
 
 def written_positions(quads: Iterable[Quad]) -> Iterator[Sequence[float]]:

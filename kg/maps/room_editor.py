@@ -94,7 +94,7 @@ class RoomEditor:
             )
             asserted = {iri: assertions for iri, (_, assertions) in result.places.items()}
             change = self._writer.change(update, Cause("rooms", by.strip(), note), asserted)
-            return noted(change, self._facts.base, odd)
+            return noted(change, self._facts.base, self._facts.catalogue, odd)
 
     def _result(self, edit: RoomEdit, by: str) -> _Result:
         known = {place.iri: place for place in self._facts.places(self._store.engine)}

@@ -22,7 +22,12 @@ from kg.maps.facts.assertions import noted
 from kg.maps.facts.coordinate_frames import changed_frame, maps_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
-from kg.maps.map_extent import check_positions, written_positions
+from kg.maps.map_extent import (
+    check_positions,
+    check_sides,
+    written_positions,
+    written_sides,
+)
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
@@ -174,7 +179,10 @@ class StoredMap(SemanticMap):
             drop_inferred_types(draft, update)
             check_facts(len(draft.added) + len(draft.removed))
             self._complete(draft, by, allow, confirmed)
-            odd[:] = [check_positions(self.engine, written_positions(draft.added), "position")]
+            odd[:] = [
+                check_positions(self.engine, written_positions(draft.added), "position"),
+                check_sides(self.engine, written_sides(draft.added)),
+            ]
             return draft
 
         def write(draft: ChangeDraft) -> ChangeSet | None:
@@ -186,7 +194,7 @@ class StoredMap(SemanticMap):
             )
             if allow and change is not None:
                 self.ontology.reread()
-            return noted(change, self.base, *odd)
+            return noted(change, self.base, self._facts.catalogue, *odd)
 
         return self._written(drafted, lambda draft, new: draft.state.is_changed_by(new), write)
 

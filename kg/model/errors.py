@@ -199,15 +199,14 @@ class PictureError(HereaboutsError):
     """A picture or a viewer's file cannot be written: unknown format, or no such folder."""
 
 
-def did_you_mean(given: str, known: Iterable[str] | Mapping[str, str]) -> str:
+def did_you_mean(given: str, known: Iterable[str], shown: Mapping[str, str] | None = None) -> str:
     """A clause that names the known name of the closest spelling, or an empty string.
 
-    Case does not matter. A mapping has the text to show for each name.
+    Case does not matter. `shown` has the text to show for each name, if it is not the name itself.
 
     >>> did_you_mean("bananna", ["banana", "apple"])
     '; did you mean banana?'
     """
-    texts = known if isinstance(known, Mapping) else {name: name for name in known}
-    names = {name.lower(): text for name, text in reversed(list(texts.items()))}
+    names = {name.lower(): (shown or {}).get(name, name) for name in reversed(list(known))}
     close = difflib.get_close_matches(given.lower(), names, n=1, cutoff=0.6)
     return f"; did you mean {names[close[0]]}?" if close else ""

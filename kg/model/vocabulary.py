@@ -249,6 +249,7 @@ OWL_ANNOTATION_PROPERTY: Final = "http://www.w3.org/2002/07/owl#AnnotationProper
 OWL_AXIOM: Final = "http://www.w3.org/2002/07/owl#Axiom"
 OWL_NOTHING: Final = "http://www.w3.org/2002/07/owl#Nothing"
 OWL_EQUIVALENT_CLASS: Final = "http://www.w3.org/2002/07/owl#equivalentClass"
+OWL_INVERSE_OF: Final = "http://www.w3.org/2002/07/owl#inverseOf"
 OWL_DISJOINT_WITH: Final = "http://www.w3.org/2002/07/owl#disjointWith"
 RDFS_DATATYPE: Final = "http://www.w3.org/2000/01/rdf-schema#Datatype"
 RDFS_DOMAIN: Final = "http://www.w3.org/2000/01/rdf-schema#domain"

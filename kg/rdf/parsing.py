@@ -17,6 +17,8 @@ from kg.model.errors import OntologyError
 from kg.model.regular_files import read_bytes
 
 #: Message for RDF/XML with a DOCTYPE.
+NO_LOADER: Final = "LoadDocumentCallback"  # in the parser's words on a remote @context
+REMOTE_CONTEXT: Final = "a remote @context is not fetched; write the context into the document"
 DOCUMENT_TYPE: Final = (
     "RDF/XML with a DOCTYPE is refused, since its entities can grow without limit; "
     "write IRIs in full, or use Turtle"
@@ -69,8 +71,8 @@ def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
         reason = re.sub(r"^Parser error[^:]*: ", "", error.msg or "it does not parse")
         number = error.lineno or _line(data, reason)
         line = f", line {number}" if number else ""
-        if "LoadDocumentCallback" in reason:
-            reason = "a remote @context is not fetched; write the context into the file"
+        if NO_LOADER in reason:
+            reason = REMOTE_CONTEXT
         raise OntologyError(f"{path}{line}: {reason}") from None
 
 

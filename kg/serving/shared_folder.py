@@ -124,7 +124,7 @@ class FolderServer:
     def _answer(
         self, name: str, arguments: tuple[Any, ...], keywords: dict[str, Any], *, lost: bool
     ) -> tuple[bool, Any]:
-        """Whether a request succeeded, and its result or error."""
+        """Whether a request succeeded, and its result or error, of wrong arguments too."""
         try:
             if name in ("hold", "release", "sequence"):
                 return True, self._opened().sequence
@@ -138,7 +138,7 @@ class FolderServer:
             for word in name.split("."):
                 part = getattr(part, word)
             return True, part(*arguments, **keywords)
-        except HereaboutsError as error:
+        except (HereaboutsError, AttributeError, LookupError, TypeError, ValueError) as error:
             return False, error
 
     def _snapshot(self, folder: str, at_least: int, known: int) -> bool:

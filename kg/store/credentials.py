@@ -25,6 +25,7 @@ FILE_VARIABLE: Final = "HEREABOUTS_TOKEN_FILE"
 HINT: Final = (
     f"one of its tokens goes into {TOKEN_VARIABLE}, and its address into {SERVER_VARIABLE}"
 )
+_OTHERS: Final = stat.S_IRGRP | stat.S_IWGRP | stat.S_IROTH | stat.S_IWOTH
 _PORTS: Final = {"http": 80, "https": 443}
 
 
@@ -54,8 +55,8 @@ def token_for(url: str) -> str | None:
 def read_token_file(path: Path | str) -> str:
     """The text of a file of tokens, of a server or of a client.
 
-    Logs a warning if others than its owner can read the file. Raises ServerError where it cannot be
-    read.
+    Logs a warning if others than its owner can read or change the file. Raises ServerError where
+    it cannot be read.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -63,15 +64,17 @@ def read_token_file(path: Path | str) -> str:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
         raise ServerError(f"cannot read the token file {path}: {reason}") from error
-    if stat.S_ISREG(mode) and mode & (stat.S_IRGRP | stat.S_IROTH):
+    if stat.S_ISREG(mode) and mode & _OTHERS:
         _warn_of(str(path))
     return text
 
 
 @cache
 def _warn_of(path: str) -> None:
-    """Warn once of a token file that others can read."""
-    _log.warning("other users of this machine can read the token file %s: chmod 600 it", path)
+    """Warn once of a token file that others can read or change."""
+    _log.warning(
+        "other users of this machine can read or change the token file %s: chmod 600 it", path
+    )
 
 
 def _tokens() -> list[tuple[str, str]]:

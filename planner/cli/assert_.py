@@ -38,7 +38,10 @@ def add_what(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "property",
-        choices=("category", "position", "extent", "existence", "label", "on", "inside", "area"),
+        choices=(
+            *("category", "position", "extent", "existence", "label", "name"),
+            *("on", "inside", "area"),
+        ),
         help="property of the thing",
     )
 
@@ -56,9 +59,9 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.property in ("on", "inside") and value != "nothing":
             value = thing_named(semantic_map, value)
         change = semantic_map.assertions.add(thing, arguments.property, value, by=by)
-        (assertion,) = (
-            a for a in semantic_map.assertions.all(thing) if a.property == arguments.property
-        )
+        # a name is a category with its own label
+        stated = "category" if arguments.property == "name" else arguments.property
+        (assertion,) = (a for a in semantic_map.assertions.all(thing) if a.property == stated)
         sequence = semantic_map.sequence
     if arguments.json:
         write_json(

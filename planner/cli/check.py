@@ -54,11 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
         write_json([asdict(finding) for finding in findings])
     elif findings:
         print_table(
-            ("subject", "property", "value", "problem"),
-            [(f.focus, f.path, f.value, f.message) for f in findings],
+            ("severity", "subject", "property", "value", "problem"),
+            [(f.severity, f.focus, f.path, f.value, f.message) for f in findings],
         )
-    note(counted(len(findings), "finding"))
-    return 1 if findings else 0
+    wrong = sum(finding.severity == "violation" for finding in findings)
+    warned = f", {counted(len(findings) - wrong, 'warning')}" if wrong < len(findings) else ""
+    note(f"{counted(wrong, 'finding')}{warned}")
+    return 1 if wrong else 0
 
 
 def _note_missing_history(semantic_map: SemanticMap) -> None:

@@ -48,6 +48,6 @@ def _item(text: str) -> Item:
             f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
         )
     if label not in OBJECTS:
-        near = did_you_mean(label, OBJECTS) or f"; it has {', '.join(sorted(OBJECTS))}"
+        near = did_you_mean(label, list(OBJECTS)) or f"; it has {', '.join(sorted(OBJECTS))}"
         raise LayoutError(f"the simulated house has no {label!r}{near}")
     return Item(label, x, y, z)

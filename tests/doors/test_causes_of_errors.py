@@ -14,6 +14,7 @@ CASES = (
 )
 ABSENT = (
     ("SELECT ?x { ?x geo:hasGeometry ?g }", "has geo:hasGeometry, though exports may"),
+    ("SELECT ?x { ?x here:hasObject ?y }", "states its inverse: write ^here:inPlace"),
     ("SELECT ?x { GRAPH graph:mpa { ?x ?p ?g } }", "no graph graph:mpa"),
 )
 
@@ -80,3 +81,11 @@ def test_a_warning_of_an_ontology_is_in_the_answer(house: House) -> None:
     assert "owl:deprecated is not used" in warning["message"]
     with pytest.raises(RefusedError, match="edit the ontology files and reload them"):
         answered(requests.post(url, line.replace("Frisbee", "Cup"), headers=headers, timeout=120))
+
+
+def test_a_remote_context_is_refused_in_our_words(house: House) -> None:
+    document = '{"@context": "https://schema.org/", "@id": "urn:x", "name": "x"}'
+    headers = {"Content-Type": "application/ld+json", **house.bearer}
+    for url in ("graphs/ontology", "graphs?graph=urn:mine"):
+        with pytest.raises(RefusedError, match="a remote @context is not fetched"):
+            answered(requests.put(house.server.url + url, document, headers=headers, timeout=120))

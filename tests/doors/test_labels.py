@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterator
 import pytest
 import requests
 
+from kg.history.replay.map_state import Categories
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
+from kg.model import vocabulary as v
 from tests.doors.doors import PATIENCE, House, RefusedError, command, open_house
 from tests.planner.flat import fill
 
@@ -93,3 +95,8 @@ def test_a_parameter_of_the_address_is_before_the_header(polyglot: House) -> Non
 def test_what_is_no_language_is_refused(polyglot: House) -> None:
     with pytest.raises(RefusedError, match="a language is written de, en-GB"):
         _command(polyglot, 'de" )')
+
+
+def test_the_page_has_the_english_label(polyglot: House) -> None:
+    engine = polyglot.map.engine
+    assert Categories.of(engine).label(v.HERE + "Cup") == "cup"

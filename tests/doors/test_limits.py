@@ -19,6 +19,11 @@ BEYOND = {
     "a label": (f"INSERT DATA {{ <object/1> rdfs:label '{'x' * 501}' }}", "501 characters"),
     "a text": (f"INSERT DATA {{ <object/1> rdfs:comment '{'x' * 100_001}' }}", "100,001"),
     "an IRI": (f"INSERT DATA {{ <object/1> rdfs:seeAlso <urn:{'x' * 8000}> }}", "8,004"),
+    "the side of a thing, in millimetres": (
+        "DELETE { <object/2> here:extentX ?x } INSERT { <object/2> here:extentX 120e0 } "
+        "WHERE { OPTIONAL { <object/2> here:extentX ?x } }",
+        "millimetres",
+    ),
     "the name of a thing": (
         f"INSERT DATA {{ <urn:{'x' * 8000}> rdfs:comment 'x' }}",
         "8,004 characters",
@@ -41,4 +46,13 @@ def test_an_asserted_label_beyond_the_limit_is_refused(house: House, door: str) 
     before = house.map.sequence
     with pytest.raises(RefusedError, match="characters"):
         ASSERTING[door](house, "object/1", "label", "x" * 501)
+    assert house.map.sequence == before
+
+
+@pytest.mark.parametrize("door", ASSERTING)
+@pytest.mark.parametrize("prop", ["position", "extent"])
+def test_millimetres_are_refused(house: House, door: str, prop: str) -> None:
+    before = house.map.sequence
+    with pytest.raises(RefusedError, match="millimetres"):
+        ASSERTING[door](house, "object/2", prop, "1200 400 750")
     assert house.map.sequence == before

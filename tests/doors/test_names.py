@@ -9,6 +9,7 @@ import pytest
 import requests
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import InvalidFactError
 from tests.doors.doors import (
     ASSERTING,
     PATIENCE,
@@ -284,3 +285,27 @@ def test_a_name_stays_as_it_was_given_everywhere(house: House) -> None:
         assert "detected there as cup" in plan["untrusted_answer"][0]
     finally:
         house.map.assertions.retract(CUP, "category", by="bob")
+
+
+@pytest.mark.parametrize("door", ASSERTING)
+def test_a_name_outranks_the_label_of_an_earlier_one(house: House, door: str) -> None:
+    """And whoever gave the earlier one takes back no label that replaced it."""
+    assertions = house.map.assertions
+    assertions.add("object/9", "name", "\u2615 mug", by="zoe")
+    if door != "command line":  # which writes to the copy
+        ASSERTING[door](house, "object/9", "name", "blue mug")
+        stated = {one.property: one.value for one in assertions.all("object/9")}
+        assert stated["label"] == "blue mug"
+    assertions.add("object/9", "label", "cup of bob", by="bob")
+    with pytest.raises(InvalidFactError, match="after that of zoe"):
+        assertions.retract("object/9", "label", by="zoe")
+
+
+def test_a_note_has_the_words_and_the_time_of_what_it_replaces(house: House) -> None:
+    assertions = house.map.assertions
+    assertions.add(BED, "name", "zoe tool", by="zoe")
+    change = assertions.add(BED, "category", "chair", by="bob")
+    assert change is not None
+    (line,) = change.notes
+    assert "zoe tool" in line
+    assert "days" not in line

@@ -93,12 +93,19 @@ class Categories:
         return cls(engine, names)
 
     def label(self, iri: str) -> str:
-        """The label of a category, or else the end of its IRI."""
+        """The label of a category, in English if it has one, or else the end of its IRI."""
         quads = self.engine.quads_for_pattern(
             NamedNode(iri), NamedNode(v.RDFS_LABEL), None, v.ONTOLOGY_GRAPH
         )
-        labels = (q.object.value for q in quads if isinstance(q.object, Literal))
-        return min(labels, default=iri.rpartition("#")[2].rpartition("/")[2])
+        labels = [q.object for q in quads if isinstance(q.object, Literal)]
+        if not labels:
+            return iri.rpartition("#")[2].rpartition("/")[2]
+        return min((not _is_english(label), label.value) for label in labels)[1]
+
+
+def _is_english(label: Literal) -> bool:
+    """Whether a label has no language, or that of the shipped ontologies."""
+    return (label.language or "en").lower().partition("-")[0] == "en"
 
 
 def present_state(engine: QuadStore, categories: Categories, base: str) -> State:

@@ -16,6 +16,7 @@ from kg.rdf.sparql.lexer import tokens_of
 MAX_LENGTH: Final = 20_000  # characters
 MAX_TERMS: Final = 50  # of one query
 
+_INVERSE_OF: Final = NamedNode(v.OWL_INVERSE_OF)
 _MAX_GRAPHS = 8  # named in a message
 _NO_TERMS: Final = ("^", "BASE", "SERVICE", "SILENT")  # what follows is no term of the map
 #: properties that queries may use though no statement has them
@@ -88,11 +89,19 @@ def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) ->
     is_property = any(str(kind).endswith("Property>") for kind in kinds)
     places = ((node, None, None, None), (None, None, node, None), (None, None, None, node))
     if is_property:
-        return f"no statement of the map has the property {v.curie(iri)}"
+        return f"no statement of the map has the property {v.curie(iri)}{_as_inverse(node, engine)}"
     if any(_has(engine, *place) for place in places) or iri in declared:
         return ""
     why = ", though exports may have it" if iri in v.TERMS else like_declared(iri, declared)
     return f"no statement of the map has {v.curie(iri)}{why}"
+
+
+def _as_inverse(node: NamedNode, engine: QuadStore) -> str:
+    """How to ask for a property of which only the inverse is stated; empty for others."""
+    for quad in engine.quads_for_pattern(node, _INVERSE_OF, None, v.ONTOLOGY_GRAPH):
+        if isinstance(quad.object, NamedNode) and _has(engine, None, quad.object, None, None):
+            return f", which states its inverse: write ^{v.curie(quad.object.value)}"
+    return ""
 
 
 def _has(engine: QuadStore, *pattern: NamedNode | None) -> bool:
@@ -115,4 +124,4 @@ def like_declared(iri: str, declared: Iterable[str]) -> str:
     if not iri.startswith(tuple(v.PREFIXES.values())):
         # in a namespace of others, only the same name is no accident
         names = {name: text for name, text in names.items() if name.lower() == given.lower()}
-    return did_you_mean(given, names)
+    return did_you_mean(given, names, names)

@@ -145,7 +145,7 @@ def _unused_of_ours(predicate: str, value: str, kind: str) -> str | None:
 def _unused(predicate: str) -> str:
     advice = _INSTEAD.get(predicate)
     names = {v.local_name(term): v.curie(term) for term in sorted(_USED)}
-    other = f"; {advice}" if advice else did_you_mean(v.local_name(predicate), names)
+    other = f"; {advice}" if advice else did_you_mean(v.local_name(predicate), names, names)
     return f"{v.curie(predicate)} is not used{other}"
 
 

@@ -28,7 +28,7 @@ from kg.maps.facts.assertions import (
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.map_extent import check_positions
+from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name
 from kg.model.areas import Area
@@ -134,13 +134,16 @@ class AssertionService:
             odd = self._position_checked(record, prop, text)
             asserted = self._of(record.iri)
             made = {prop: self._made(record, asserted, prop, text, by)}
-            if name and self._facts.catalogue.title(text, record.iri) != name:
+            if name and (
+                "label" in asserted or self._facts.catalogue.title(text, record.iri) != name
+            ):
                 made["label"] = self._made(record, asserted, "label", name, by)
                 made["label"] = replace(made["label"], stamp=made[prop].stamp)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")
             change = self._restate(record, {**asserted, **made}, cause)
+            change = noted(change, self._facts.base, self._facts.catalogue, odd)
             self._forget_name(asserted.get(prop), by)
-            return noted(change, self._facts.base, odd)
+            return change
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract the assertion of `prop`: the estimate of perception takes effect again.
@@ -169,9 +172,10 @@ class AssertionService:
             if _exists_by_assertion_alone(record, asserted, rest):
                 return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
             change = self._restate(record, rest, cause)
+            change = noted(change, self._facts.base, self._facts.catalogue)
             for former in asserted.keys() - rest.keys():
                 self._forget_name(asserted[former], by)
-            return noted(change, self._facts.base)
+            return change
 
     def with_assertions(
         self, target: Mapping[str, PropertyAssertions]
@@ -251,13 +255,16 @@ class AssertionService:
         return named is not None and named.iri == pair["category"]
 
     def _position_checked(self, record: ObjectRecord | PlaceRecord, prop: str, text: str) -> str:
-        """A line about an odd position or area; raises InvalidFactError for an impossible one."""
+        """A line about odd numbers; raises InvalidFactError for impossible ones."""
         points: list[Sequence[float]] = []
         if prop == "position":
             points = [point(text).tolist()]
         elif prop == "area":
             points = [corner for ring in area_of_polygon(text).rings for corner in ring]
-        what = f"{prop} of {record.iri.removeprefix(self._facts.base)}"
+        thing = record.iri.removeprefix(self._facts.base)
+        if prop == "extent":
+            return check_sides(self._store.engine, [(thing, point(text)[:3])])
+        what = f"{prop} of {thing}"
         return check_positions(self._store.engine, points, what) if points else ""
 
     def _check_not_replaced(self, present: Assertion, by: str) -> None:
@@ -275,13 +282,15 @@ class AssertionService:
 
     def _own_events(self, present: Assertion, by: str) -> Iterator[HistoryEvent]:
         """The assertions and retractions by `by` of a property of a thing, the latest first."""
-        about = f"{present.subject} {present.property}"
+        # a name is a label as well
+        stated = ("label", "category") if present.property == "label" else (present.property,)
+        about = tuple(f"{present.subject} {prop} " for prop in stated)
         try:
             events = [*self._history.events(present.subject)]
         except HereaboutsError:  # a map without a history, or a thing older than it
             return
         for event in reversed(events):
-            if event.cause.by == by and f"{event.cause.note} ".startswith(f"{about} "):
+            if event.cause.by == by and f"{event.cause.note} ".startswith(about):
                 yield event
 
     def _forget_name(self, former: Assertion | None, by: str | None) -> None:

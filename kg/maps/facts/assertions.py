@@ -154,7 +154,9 @@ class Assertions:
         )
 
 
-def noted(change: ChangeSet | None, base: str, *notes: str) -> ChangeSet | None:
+def noted(
+    change: ChangeSet | None, base: str, catalogue: Catalogue, *notes: str
+) -> ChangeSet | None:
     """The transaction with notes: those given, and one for each assertion of others it replaced."""
     if change is None:
         return None
@@ -168,8 +170,14 @@ def noted(change: ChangeSet | None, base: str, *notes: str) -> ChangeSet | None:
         if by == change.cause.by:
             continue
         subject, _, prop = node.removeprefix(f"{base}assertion/").rpartition("/")
-        value = was.get(v.ASSERTED_VALUE, "").rpartition("#")[2] or "the same value"
-        since = seconds(was.get(v.PROV_GENERATED_AT, "1970-01-01T00:00:00Z"))
+        value = was.get(v.ASSERTED_VALUE, "") or "the same value"
+        if prop == "category":
+            known = catalogue.by_iri(value)
+            value = value.rpartition("#")[2] if known is None else known.label
+        value = value.removeprefix(base)
+        # what both have in common, such as the second, is not among the changes
+        when = was.get(v.PROV_GENERATED_AT)
+        since = time.time() if when is None else seconds(when)
         done = "replaced" if node in added else "retracted"
         others.append(
             f"the {prop} of {unquote(subject)} that {by} asserted {ago(since)} ago was {done}: "

@@ -60,8 +60,9 @@ def update_text(delete: Iterable[Quad], insert: Iterable[Quad]) -> str:
 def why_unchanged(update: GroundUpdate, engine: QuadStore) -> str:
     """Why an update that changed nothing deleted nothing: its statement is in another graph, has
     another value, or does not exist; empty for an update without deletions."""
-    quad = next((quad for step in update.steps for quad in step.delete), None)
-    if quad is None:
+    deleted = [quad for step in update.steps for quad in step.delete]
+    quad = next((quad for quad in deleted if not any(engine.quads_for_pattern(*quad))), None)
+    if quad is None:  # none, or what is deleted is inserted again
         return ""
     subject, predicate, value, graph = quad
     triple = " ".join(map(_short, (subject, predicate, value)))

@@ -14,8 +14,8 @@ from kg.model import vocabulary as v
 from kg.model.errors import did_you_mean
 from kg.rdf.sparql.lexer import Token, tokens_of
 
-MAX_ALTERNATIVES: Final = 6  # expected tokens in a message; the engine lists all
-
+_SIGNS: Final = {"AND": "&&", "OR": "||"}  # of other query languages' words
+_BLOCKS: Final = ("OPTIONAL", "UNION", "MINUS", "EXISTS")
 _BRACKETS: Final = {"{": "}", "(": ")", "[": "]"}
 _FORMS: Final = (
     *("SELECT", "ASK", "CONSTRUCT", "DESCRIBE", "PREFIX", "BASE", "INSERT", "DELETE", "WITH"),
@@ -68,27 +68,29 @@ def explained(
     offset = sum(len(row) for row in sparql.splitlines(keepends=True)[: int(line) - 1]) + at - 1
     tokens = list(tokens_of(sparql))
     cause = (
-        _undeclared_prefix(tokens, reason)
-        or _unclosed_text(sparql, tokens, reason)
+        _undeclared_prefix(tokens)
+        or _unclosed_text(sparql, tokens, reason, offset)
         or _first_word(tokens)
         or _word(tokens, terms)
         or _unclosed(sparql, tokens)
         or _bare_expression(tokens)
+        or _misfit(tokens)
+        or _of_variables(reason)
         or _stop(tokens, offset)
-        or _expected(reason)
+        or _near(tokens, offset)
     )
     return f"does not parse at line {line}, column {at}: {cause}"
 
 
-def _undeclared_prefix(tokens: list[Token], reason: str) -> str:
-    if "Prefix not found" not in reason:
-        return ""
+def _undeclared_prefix(tokens: list[Token]) -> str:
     declared = [
         after.text.rstrip(":") for token, after in pairwise(tokens) if token.keyword == "PREFIX"
     ]
     known = {*declared, *v.PREFIXES}
     used = (token.text.partition(":")[0] for token in tokens if token.kind == "name")
-    prefix = next((name for name in used if name not in known), "")
+    prefix = next((name for name in used if name not in known), None)
+    if prefix is None:
+        return ""
     namespace = _ELSEWHERE.get(prefix)
     near = "" if namespace else did_you_mean(f"{prefix}:", [f"{name}:" for name in known])
     return (
@@ -117,18 +119,19 @@ def _word(tokens: list[Token], terms: Callable[[], Iterable[str]]) -> str:
     known = sorted(terms(), key=lambda iri: (iri.startswith(v.HERE), iri))
     names = {v.local_name(iri): v.curie(iri) for iri in known if not v.curie(iri).startswith("<")}
     exact = {name.lower(): text for name, text in names.items()}.get(word.lower())
+    exact = _SIGNS.get(word.upper(), exact)
     near = f"; did you mean {exact}?" if exact else did_you_mean(word, _KEYWORDS)
     near = near or did_you_mean(word, names)
     forms = '; terms are prefix:name, <IRI>, ?variable or "text"'
     return f"{word!r} is neither a keyword nor a term{near or forms}"
 
 
-def _unclosed_text(sparql: str, tokens: list[Token], reason: str) -> str:
+def _unclosed_text(sparql: str, tokens: list[Token], reason: str, offset: int) -> str:
     """The cause, where a string or an IRI is not closed."""
-    for token in tokens:
+    for token in reversed([token for token in tokens if token.start < offset]):
         if token.kind == "other" and token.text in "\"'":
             return f"the string that begins at {_place(sparql, token)} is not closed"
-        if token.kind == "other" and token.text == "<" and reason.endswith('">"'):
+        if token.kind == "other" and token.text == "<" and '">"' in reason:
             return f"the IRI that begins at {_place(sparql, token)} has a space, or no >"
     return ""
 
@@ -168,11 +171,48 @@ def _bare_expression(tokens: list[Token]) -> str:
     return ""
 
 
+def _misfit(tokens: list[Token]) -> str:
+    """The cause, where a keyword or a comma is followed by what never follows it."""
+    for token, after in pairwise(tokens):
+        word, next_text = token.keyword, after.text
+        if word in ("FILTER", "HAVING") and after.kind not in ("mark", "word", "iri", "name"):
+            return f"the condition after {token.text} needs brackets: {word}({next_text} ...)"
+        if word in ("ORDER", "GROUP") and after.keyword != "BY":
+            return f"after {token.text} comes BY: {word} BY {next_text}"
+        if word in _BLOCKS and next_text != "{":
+            return f"what follows {token.text} needs braces: {word} {{ {next_text} ... }}"
+        if word == "SELECT" and _has_comma(token.end, tokens):
+            return "variables after SELECT have spaces between them, and no commas"
+        if token.text == next_text == "=":
+            return "SPARQL compares by =, and not by =="
+    return ""
+
+
+def _has_comma(start: int, tokens: list[Token]) -> bool:
+    """Whether a comma stands between the variables that SELECT gives."""
+    depth = 0
+    for token in tokens:
+        depth += (token.text == "(") - (token.text == ")")
+        if token.start >= start and depth == 0 and token.text in (",", "{"):
+            return token.text == ","
+    return False
+
+
+def _of_variables(reason: str) -> str:
+    """The parser's sentence on a variable, such as one neither grouped nor counted."""
+    options = reason.removeprefix("expected ").removeprefix("one of ").split(", ")
+    found = (option for option in options if " variable " in option)
+    return next((option[0].lower() + option[1:] for option in found), "")
+
+
 def _stop(tokens: list[Token], offset: int) -> str:
     """The cause, where a text ends too early, or a bracket stands where a term should be."""
     after = next((token for token in tokens if token.start >= offset), None)
+    if not tokens:
+        return "the text is empty"
     if after is None:
-        return f"the text ends after {tokens[-1].text!r}" if tokens else "the text is empty"
+        closed = tokens[-1].text in _BRACKETS.values()
+        return "" if closed else f"the text ends after {tokens[-1].text!r}"
     if after.text in (*_BRACKETS.values(), ".", ";", ","):
         return f"{after.text!r} comes too early: a term, variable or value is missing before it"
     return ""
@@ -183,11 +223,7 @@ def _place(sparql: str, token: Token) -> str:
     return f"line {before.count(chr(10)) + 1}, column {token.start - before.rfind(chr(10))}"
 
 
-def _expected(reason: str) -> str:
-    """What the parser expected, without its classes of characters."""
-    options = reason.removeprefix("expected one of ").removeprefix("expected ").split(", ")
-    readable = [option for option in options if not option.startswith("[") and " | " not in option]
-    if not reason.startswith("expected") or not readable:
-        return " ".join(reason.split())[:200]
-    more = ", ..." if len(readable) > MAX_ALTERNATIVES else ""
-    return f"expected {', '.join(readable[:MAX_ALTERNATIVES])}{more}"
+def _near(tokens: list[Token], offset: int) -> str:
+    """The last token that the parser read; what it expected there is rarely what is missing."""
+    read = [token for token in tokens if token.start < offset] or tokens
+    return f"{read[-1].text!r} does not fit here; before it, a '.', ';' or bracket may be missing"

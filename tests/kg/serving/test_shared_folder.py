@@ -129,6 +129,13 @@ def test_edits_of_a_program_are_the_writers_own(writer: SemanticMap) -> None:
     assert writer.apply(frame_update(4)) is not None
 
 
+def test_wrong_arguments_are_the_callers_error_and_end_nothing(writer: SemanticMap) -> None:
+    with open_map(path_of(writer)) as other:
+        with pytest.raises(TypeError, match="label"):
+            other.assertions.add("object/1", label="throne", by="ann")  # type: ignore[call-arg]
+        assert other.assertions.add("object/1", "label", "throne", by="ann") is not None
+
+
 def test_who_holds_the_map_delays_its_writer_for_a_limited_time(writer: SemanticMap) -> None:
     with open_map(path_of(writer)) as editor:
         with editor.hold():

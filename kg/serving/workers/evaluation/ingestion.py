@@ -18,7 +18,7 @@ from pyoxigraph import Quad, RdfFormat, Store, parse, serialize
 from kg.maps.update import execution
 from kg.maps.update.ground_update import check_triple_terms
 from kg.model.errors import ConflictError, QueryRefusedError
-from kg.rdf.parsing import DOCUMENT_TYPE, has_document_type
+from kg.rdf.parsing import DOCUMENT_TYPE, NO_LOADER, REMOTE_CONTEXT, has_document_type
 from kg.rdf.sparql.dataset_clauses import with_graphs
 from kg.rdf.sparql.order_by import with_total_order
 
@@ -78,6 +78,11 @@ def quads_of_document(request: Request) -> list[Quad]:
     assert form is not None
     if form == RdfFormat.RDF_XML and has_document_type(body):
         raise QueryRefusedError(DOCUMENT_TYPE)
-    quads = list(parse(body, format=form, base_iri=request["base_iri"]))
+    try:
+        quads = list(parse(body, format=form, base_iri=request["base_iri"]))
+    except SyntaxError as error:
+        if NO_LOADER not in str(error):
+            raise
+        raise SyntaxError(REMOTE_CONTEXT) from None
     check_triple_terms(quads)
     return quads

@@ -35,6 +35,20 @@ def semantic_map():  # type: ignore[no-untyped-def]
         ("SELECT ?x { ?x here:x }", "'}' comes too early"),
         ("SELECT ?x { ?x a here:Cup } LIMIT", "the text ends after 'LIMIT'"),
         ("SELECT COUNT(?x) { ?x a here:Cup }", "(COUNT(...) AS ?name)"),
+        ("SELECT (math:sqrt(4.0) AS ?x) {}", "the prefix math: is not declared"),
+        ("SELECT ?x { ?x a <here:Cup }", "the IRI that begins at line 1, column 18 has a space"),
+        (
+            "SELECT ?x { FILTER(?x < 3 && ?x = <here:Cup) }",
+            "the IRI that begins at line 1, column 35",
+        ),
+        ("SELECT ?x, ?y { ?x a ?y }", "no commas"),
+        ("SELECT (CONCAT('a', 'b') AS ?y) { ?x here:x > 3 }", "a '.', ';' or bracket may be"),
+        ("SELECT ?x { ?x here:x ?y FILTER ?y > 3 }", "needs brackets: FILTER(?y ...)"),
+        ("SELECT ?x { ?x a here:Cup } ORDER ?x", "after ORDER comes BY"),
+        ("SELECT ?x { ?x a ?y OPTIONAL ?x here:x ?z }", "needs braces: OPTIONAL { ?x ... }"),
+        ("SELECT ?x { ?x here:x ?y FILTER(?y == 3) }", "by =, and not by =="),
+        ("SELECT ?x { ?x here:x ?y FILTER(?y > 3 and ?y < 4) }", "did you mean &&?"),
+        ("SELECT ?x ?y { ?x a ?y } GROUP BY ?x", "the SELECT contains a variable that is unbound"),
     ],
 )
 def test_the_cause_of_a_syntax_error(semantic_map: SemanticMap, sparql: str, cause: str) -> None:
