@@ -16,7 +16,7 @@ import importlib
 
 TYPE_CHECKING = False  # type checkers assume true; `typing` takes longer to import than this module
 if TYPE_CHECKING:
-    from kg.export.exporter import Exporter
+    from kg.export.plain_documents import Exporter
     from kg.maps.query.evaluation import Table
     from kg.maps.semantic_map import SemanticMap
     from kg.model.errors import HereaboutsError, MapNotFoundError, RecordingError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
         open_or_create_map,
         watch_map,
     )
-    from kg.serving.publishing.merging import merged
+    from kg.serving.publishing.publisher import merged
     from kg.serving.server.app import MapServer
     from kg.serving.server.http.bearer_tokens import BearerTokens
     from kg.serving.server.http.settings import Settings as ServerSettings
@@ -90,7 +90,7 @@ __all__ = [
 #: module -> its public names; ``inner:public`` where the public name differs
 _SOURCES = {
     "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map watch_map",
-    "kg.serving.publishing.merging": "merged",
+    "kg.serving.publishing.publisher": "merged",
     "kg.maps.semantic_map": "SemanticMap",
     "kg.maps.query.evaluation": "Table",
     "kg.model.records": "MapUpdate ObjectRecord PlaceRecord",
@@ -101,7 +101,7 @@ _SOURCES = {
     "perception.frames": "Frame Detections",
     "perception.camera.intrinsics": "Intrinsics",
     "perception.sources.listing": "Format:RecordingFormat RecordingListing FrameEntry",
-    "kg.export.exporter": "Exporter",
+    "kg.export.plain_documents": "Exporter",
     "perception.sources.recording": "open_recording",
     "perception.sources.recording_options": "RecordingOptions",
     "perception.inference.detector": "load_detector",

@@ -21,8 +21,7 @@ from pyoxigraph import Literal, NamedNode, Quad, Store
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from kg.history.replay.past_state import PastStates, replay
-from kg.history.replay.point_in_time import state_of
+from kg.history.replay.point_in_time import PastStates, replay, state_of
 from kg.history.storage.compaction import compact
 from kg.history.storage.log import HistoryLog
 from kg.knowledge.ontology.catalogue import Catalogue
@@ -31,7 +30,7 @@ from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.query_files import find_query
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause, ChangeSet
-from kg.rdf.grid_cells import cell_of
+from kg.rdf.literals import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.store.transaction_quads import sequence_quad
 

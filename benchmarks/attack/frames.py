@@ -17,7 +17,7 @@ from kg.maps.facts.coordinate_frames import frame_iri
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map
-from kg.serving.publishing.merging import merged
+from kg.serving.publishing.publisher import merged
 
 ATTEMPTS: Final = 4
 EVERYWHERE: Final = 1e9  # [m]

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,7 @@ def parameters_for(question: ParameterizedQuery, building: Building) -> dict[str
 
 
 def asking(
-    semantic_map: SemanticMap, question: ParameterizedQuery, values: dict[str, object]
+    semantic_map: SemanticMap, question: ParameterizedQuery, values: dict[str, Any]
 ) -> Callable[[], int]:
     """A run of a question, that tells how many rows it got."""
     return lambda: len(semantic_map.query(question.name, **values).rows)

@@ -20,7 +20,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.query.evaluation import evaluate
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
-from kg.rdf.grid_cells import cell_of
+from kg.rdf.literals import cell_of
 from kg.rdf.shacl import as_rdflib
 from kg.rdf.sparql.parameters import substitute
 

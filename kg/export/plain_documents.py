@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -187,3 +189,11 @@ def _footprint(record: ObjectRecord) -> list[list[float]] | None:
 
 def _finite(value: float) -> float | None:
     return round(float(value), 3) if math.isfinite(value) else None
+
+
+@dataclass(frozen=True, slots=True)
+class Exporter:
+    """An export format; its name is that of its entry point in `hereabouts.exporters`."""
+
+    ending: str  # of its files, such as ".csv"
+    write: Callable[[SemanticMap, Path], str]  # writes the file; returns a summary for people

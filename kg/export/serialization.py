@@ -22,13 +22,11 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, OntologyError, did_you_mean
-from kg.rdf.jsonld import to_jsonld
-from kg.rdf.literals import by_subject
+from kg.rdf.literals import by_subject, in_xml
 from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
-from kg.rdf.standard_terms import geometry_quads, standard_quads
-from kg.rdf.xml_characters import in_xml
-from kg.store.atomic_file import write_atomically
+from kg.rdf.standard_terms import geometry_quads, standard_quads, to_jsonld
+from kg.store.folder import write_atomically
 
 #: format -> endings of its files
 FORMATS: Final[dict[str, tuple[str, ...]]] = {

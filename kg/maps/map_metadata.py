@@ -12,10 +12,8 @@ from kg.knowledge.ontology.shipped import CompiledOntology, shipped_ontology
 from kg.maps.facts.coordinate_frames import frame_quads, maps_in
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, InvalidFactError, MapNotFoundError
-from kg.rdf.datetimes import now
-from kg.rdf.literals import first, properties_of
+from kg.rdf.literals import first, now, properties_of, shown
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.xml_characters import shown
 from kg.store.transactional import TransactionalStore
 
 MAPS = "https://w3id.org/hereabouts/maps/"

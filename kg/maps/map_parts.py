@@ -53,7 +53,7 @@ class MapHistory(Protocol):
     def explain(self, what: str) -> tuple[Explanation, ...]:
         """The explanation of a thing (object/17), or of a fact ("object/17 here:inPlace").
 
-        Terms may be short (`kg.history.curies`). A map without a history explains what it can.
+        Terms may be short (`kg.history.timestamps`). A map without a history explains what it can.
         Raises QueryParameterError for a fact that the map never had.
         """
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.model.records import ObjectRecord, PlaceRecord
-from kg.rdf.xml_characters import shown
+from kg.rdf.literals import shown
 
 if TYPE_CHECKING:
     import networkx as nx

@@ -386,9 +386,10 @@ class SemanticMap(ABC):
         """This map with those of its store whose frames have a known way to its own, in its frame.
 
         A store of published or merged maps has several, and their coordinates are comparable in one
-        frame only; maps without a known way are left out (`kg.maps.frame_view`). `name`, a title or
-        IRI, chooses another map. The result is this map itself where all coordinates are in its
-        frame, else a read-only copy in memory. Raises QueryParameterError for an unknown name.
+        frame only; maps without a known way are left out (`kg.maps.facts.coordinate_frames`).
+        `name`, a title or IRI, chooses another map. The result is this map itself where all
+        coordinates are in its frame, else a read-only copy in memory. Raises QueryParameterError
+        for an unknown name.
         """
         return self
 

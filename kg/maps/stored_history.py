@@ -8,15 +8,13 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
-from kg.history.curies import thing
 from kg.history.replay.map_state import Categories
-from kg.history.replay.past_state import PastStates, PastStore
-from kg.history.replay.point_in_time import Difference, difference, state_of
+from kg.history.replay.point_in_time import Difference, PastStates, PastStore, difference, state_of
 from kg.history.reports.comparison import FAR, Comparison, compare
 from kg.history.reports.events import HistoryEvent, history_events
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import without_past
-from kg.history.timestamps import Instant, sequence_of
+from kg.history.timestamps import Instant, sequence_of, thing
 from kg.model.errors import HistoryError
 from kg.model.transactions import ChangeSet
 from kg.store.transactional import TransactionalStore

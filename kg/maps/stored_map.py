@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from numpy.typing import ArrayLike
 from pyoxigraph import NamedNode
 
-from kg.history.replay.past_state import background_changes
+from kg.history.replay.point_in_time import background_changes
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
@@ -19,9 +19,14 @@ from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.assertions import noted
-from kg.maps.facts.coordinate_frames import changed_frame, maps_in
+from kg.maps.facts.coordinate_frames import (
+    changed_frame,
+    chosen_map,
+    is_one_frame,
+    maps_in,
+    quads_in_one_frame,
+)
 from kg.maps.facts.frame_writer import FrameWriter
-from kg.maps.frame_view import chosen_map, is_one_frame, quads_in_one_frame
 from kg.maps.map_extent import (
     check_positions,
     check_sides,
@@ -36,11 +41,10 @@ from kg.maps.stored_ontology import StoredOntology
 from kg.maps.subscriptions import StoredSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
-from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.maps.update.completion import complete_change
 from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
 from kg.maps.update.execution import evaluate_update
-from kg.maps.update.ground_update import GroundUpdate
 from kg.maps.update.validation import drop_inferred_types
 from kg.model import vocabulary as v
 from kg.model.records import MapUpdate

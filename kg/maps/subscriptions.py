@@ -9,9 +9,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from kg.maps.query.evaluation import Table
+from kg.maps.query.evaluation import Row, Table
 from kg.maps.query.query_files import resolve_query
-from kg.maps.query.result_rows import Row
 from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet, Listener
 from kg.store.transactional import TransactionalStore

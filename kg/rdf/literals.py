@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
+import time
 from collections.abc import Iterable, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Final
 
@@ -13,8 +16,43 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.rdf.datetimes import date_time, seconds
+from kg.model.vocabulary import CELL
 from kg.rdf.quad_store import QuadStore
+
+_DATE_TIME = NamedNode(v.XSD + "dateTime")
+
+
+def date_time(stamp: float) -> Literal:
+    """The xsd:dateTime of `stamp` [s], to the second.
+
+    Raises:
+        ValueError, OverflowError, OSError: the year is outside of 1 to 9999.
+    """
+    return _at_second(round(stamp))
+
+
+@lru_cache(maxsize=1024)
+def _at_second(second: int) -> Literal:
+    moment = datetime.fromtimestamp(second, UTC)
+    # strftime writes years before 1000 without their leading zeros
+    return Literal(moment.strftime("%Y-%m-%dT%H:%M:%SZ").zfill(20), datatype=_DATE_TIME)
+
+
+def seconds(text: str) -> float:
+    """Seconds since 1970 of the lexical form of an xsd:dateTime; UTC without a time zone."""
+    moment = datetime.fromisoformat(text)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def transaction_time() -> float:
+    """The current time [s] in whole milliseconds, the precision of `--at` and of the feeds."""
+    return time.time_ns() // 1_000_000 / 1000
+
+
+def now() -> Literal:
+    """The current time."""
+    return date_time(time.time())
+
 
 #: predicate IRI -> objects (IRIs and lexical forms) of one subject
 Properties = dict[str, list[str]]
@@ -146,3 +184,75 @@ def stamp_of(properties: Mapping[str, Sequence[str]], predicate: str) -> float:
 def iri_order(iri: str) -> tuple[int, str]:
     """Sort key that orders IRIs by their final numbers."""
     return len(iri), iri
+
+
+SIDE = 5.0  # [m]
+MAX_CELLS = 2500  # in a query; with more, a plain filter is as quick
+
+
+def cell_of(x: float, y: float) -> str:
+    """IRI of the cell that contains (x, y) [m]."""
+    return f"{CELL}{math.floor(x / SIDE)}_{math.floor(y / SIDE)}"
+
+
+def cells_of_box(xmin: float, xmax: float, ymin: float, ymax: float) -> tuple[str, ...] | None:
+    """IRIs of all cells that touch the box [m]; None for more than `MAX_CELLS`."""
+    if not all(math.isfinite(side) for side in (xmin, xmax, ymin, ymax)):
+        return None
+    west, east = math.floor(xmin / SIDE), math.floor(xmax / SIDE)
+    south, north = math.floor(ymin / SIDE), math.floor(ymax / SIDE)
+    if (east - west + 1) * (north - south + 1) > MAX_CELLS:
+        return None
+    columns, rows = range(west, east + 1), range(south, north + 1)
+    return tuple(f"{CELL}{column}_{row}" for column in columns for row in rows)
+
+
+def cells_of_disc(x: float, y: float, radius: float) -> tuple[str, ...] | None:
+    """IRIs of all cells that touch the bounding box of the disc [m]; None for too many."""
+    return cells_of_box(x - radius, x + radius, y - radius, y + radius)
+
+
+_UNWRITABLE: Final = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+#: the same in UTF-8, and the carriage return, which an XML parser reads as a line feed
+_BYTES: Final = re.compile(rb"[\x00-\x08\x0b\x0c\x0d\x0e-\x1f]|\xef\xbf[\xbe\xbf]")
+
+
+def unwritable(text: str) -> str | None:
+    """The first character of `text` that XML does not allow, as U+0001; None without one."""
+    match = _UNWRITABLE.search(text)
+    return None if match is None else f"U+{ord(match[0]):04X}"
+
+
+def shown(text: str) -> str:
+    """`text` with U+FFFD for each character that XML does not allow."""
+    return _UNWRITABLE.sub("\ufffd", text)
+
+
+def in_xml(body: bytes) -> bytes:
+    """A UTF-8 XML document in which all characters are allowed."""
+    return _BYTES.sub(lambda match: b"&#13;" if match[0] == b"\r" else "\ufffd".encode(), body)
+
+
+def is_xml(media_type: str) -> bool:
+    """Whether the media type is one of XML."""
+    return media_type.endswith(("/xml", "+xml"))
+
+
+class XmlPieces:
+    """`in_xml` for a document in pieces of any length."""
+
+    def __init__(self) -> None:
+        self._pending = b""
+
+    def take(self, piece: bytes) -> bytes:
+        """The next characters, without an incomplete one at the end."""
+        body = self._pending + piece
+        # the first bytes of a character of three bytes that may have to be replaced
+        cut = next((n for n in (2, 1) if body.endswith(b"\xef\xbf"[:n])), 0)
+        body, self._pending = (body[:-cut], body[-cut:]) if cut else (body, b"")
+        return in_xml(body)
+
+    def rest(self) -> bytes:
+        """The bytes of an incomplete character at the end of the document."""
+        rest, self._pending = self._pending, b""
+        return rest

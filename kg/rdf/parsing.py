@@ -52,7 +52,7 @@ def _parse_here(data: bytes, form: RdfFormat) -> Iterable[Quad]:
 def parse_file(path: Path, parse: Parse = _parse_here) -> Iterator[Quad]:
     """The triples of an ontology file (Turtle, RDF/XML, N-Triples, JSON-LD), as quads.
 
-    `parse` may run in another process (`kg.serving.workers.document_parsing`).
+    `parse` may run in another process (`kg.serving.workers.updates`).
 
     Raises:
         OntologyError: the file cannot be read or does not parse, is RDF/XML with a DOCTYPE, or

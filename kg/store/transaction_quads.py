@@ -9,8 +9,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
+from kg.rdf.literals import unwritable
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.xml_characters import unwritable
 
 MAX_TEXT: Final = 100_000  # characters of one text, but for the cells of the floor
 MAX_NAME: Final = 500  # characters of a label or title

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from kg.knowledge.ontology.carriers import carrier_kinds
+from kg.knowledge.ontology.catalogue import carrier_kinds
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord, Relation, RelationKind
 from mapping.objects.existence import usual_sizes

@@ -107,8 +107,10 @@ class ListTools:
             ends = [self._context.iri(one) for one in (near, to)]
             for iri in ends:
                 _position(semantic_map, iri)  # raises for anything else than an object
-            strip = {"one": ends[0], "other": ends[1], "width": radius, "least": least}
-            return list(semantic_map.query("between", **strip).records())
+            found = semantic_map.query(
+                "between", one=ends[0], other=ends[1], width=radius, least=least
+            )
+            return list(found.records())
         if near is not None:
             iri = self._context.iri(near)
             x, y = _position(semantic_map, iri)

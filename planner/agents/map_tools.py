@@ -12,7 +12,7 @@ from pydantic import Field
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents import answers as a
 from planner.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from planner.agents.map_context import MapContext, clock, state_of, time_or_none

@@ -20,7 +20,7 @@ from kg.serving.server.http.clients import ReadingThreads
 from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.metrics import Metrics
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.assertion_tools import AssertionTools
 from planner.agents.change_tools import ChangeTools
 from planner.agents.lean_tool import LeanTool, Method

@@ -105,15 +105,14 @@ def _opened(arguments: argparse.Namespace) -> SemanticMap:
 
     if not arguments.member:
         return open_map(arguments.map, read_only=True)
-    from kg.serving.publishing.merging import merged
+    from kg.serving.publishing.publisher import merged
 
     return merged(arguments.member)
 
 
 def _note_frames(semantic_map: SemanticMap) -> None:
     """Note which maps of several have no known way to the frame of the first."""
-    from kg.maps.facts.coordinate_frames import maps_in
-    from kg.maps.frame_view import apart_from
+    from kg.maps.facts.coordinate_frames import apart_from, maps_in
 
     if len(maps_in(semantic_map.engine)) > 1:
         apart = [frame.title for frame in apart_from(semantic_map.engine, semantic_map.base)]

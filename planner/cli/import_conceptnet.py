@@ -12,9 +12,9 @@ from planner.cli.arguments import add_json
 from planner.cli.console import note, print_table, progress, shorten, write_json
 
 if TYPE_CHECKING:
-    from kg.knowledge.conceptnet.edits import RelationChange
     from kg.knowledge.conceptnet.importing import ConceptNetImport
     from kg.knowledge.conceptnet.relate import ImportedRelation
+    from kg.knowledge.conceptnet.turtle import RelationChange
 
 _FOUND = ("what", "", "where", "p", "weight", "against", "wording")
 _CHANGES = ("change", "what", "", "where", "p before", "p after")

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from kg.maps.semantic_map import SemanticMap
     from kg.serving.server import Settings
-    from kg.serving.workers.limited_queries import LimitedQueries
+    from kg.serving.workers.local_evaluation import LimitedQueries
 
 _INTERRUPTED = 130  # exit code, as shells have it
 
@@ -61,10 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
     if importlib.util.find_spec("mcp") is None:
         raise ServerError("this needs the package mcp: pip install 'hereabouts[mcp]'")
-    from kg.maps.frame_view import check_one_map
+    from kg.maps.facts.coordinate_frames import check_one_map
     from kg.serving.opening import open_map, watch_map
     from kg.serving.workers.isolation.confinement import hide_memory
-    from kg.serving.workers.limited_queries import LimitedQueries
+    from kg.serving.workers.local_evaluation import LimitedQueries
     from planner.agents.map_context import MapContext
     from planner.agents.tool_server import PATH, ToolHttpServer, tool_server
 

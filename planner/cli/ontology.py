@@ -137,7 +137,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.diagnostics import inspect, line_of
     from kg.knowledge.ontology.import_closure import load_with_imports
     from kg.model.resources import ONTOLOGIES
-    from kg.serving.workers.document_parsing import IsolatedParser
+    from kg.serving.workers.updates import IsolatedParser
 
     rows: list[dict[str, object]] = []
     with IsolatedParser() as parse:
@@ -226,7 +226,7 @@ def _vocabulary(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.import_closure import load_with_imports
     from kg.knowledge.ontology.vocabulary_page import vocabulary_page
     from kg.model.resources import ONTOLOGIES
-    from kg.serving.workers.document_parsing import IsolatedParser
+    from kg.serving.workers.updates import IsolatedParser
 
     with IsolatedParser() as parse:
         source = Path(arguments.source) if arguments.source else ONTOLOGIES
@@ -236,7 +236,7 @@ def _vocabulary(arguments: argparse.Namespace) -> int:
 
 def _write_page(page: str, output: str | None) -> int:
     """Write a page to a file, or to stdout."""
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     if output is None:
         write(page)

@@ -111,7 +111,7 @@ def _tree(reason: Explanation) -> Tree:
 def _grow(tree: Tree, reason: Explanation) -> None:
     from rich.text import Text
 
-    from kg.history.reports.text_report import label_of
+    from kg.history.reports.events import label_of
 
     for behind in reason.because:
         _grow(tree.add(Text.assemble((label_of(behind), "dim"), behind.text)), behind)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.facts.occupancy import tile_iri
-from kg.maps.query.result_rows import Value
+from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.errors import LayoutError

@@ -32,7 +32,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from planner.cli import main

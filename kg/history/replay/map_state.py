@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import HistoryLog
+from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
 

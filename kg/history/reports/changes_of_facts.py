@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.storage.change_lines import ChangeLines, lines_of, quads_of
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.log_reader import Commit
+from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_of
 from kg.rdf.quad_store import Term
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.curies import brief, short, word
-from kg.history.replay.point_in_time import subject_line
-from kg.history.storage.change_lines import ChangeLines, quads_of
+from kg.history.replay.point_in_time import Difference, subject_line
+from kg.history.reports.comparison import Comparison
+from kg.history.reports.explanation import Explanation
 from kg.history.storage.log import HistoryLog
+from kg.history.storage.log_reader import ChangeLines, quads_of
+from kg.history.timestamps import brief, iso, short, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
@@ -113,3 +116,65 @@ def _by_predicate(quads: Iterable[Quad]) -> dict[Term, list[Term]]:
     for quad in quads:
         found.setdefault(quad.predicate, []).append(quad.object)
     return found
+
+
+#: Labels of the kinds of steps; the other labels are the kinds themselves.
+_LABELS: Final = {
+    **dict.fromkeys(("thing", "fact", "was"), ""),
+    "observation": "evidence",
+    "commit": "written",
+    "change": "last change",
+    "person": "by",
+    "view": "views",
+}
+
+
+def log_text(entries: Iterable[HistoryEvent]) -> str:
+    """A line for each transaction."""
+    return _lines(
+        f"#{entry.sequence} {iso(entry.time)} {_cause(entry)}: {entry.words}" for entry in entries
+    )
+
+
+def difference_text(found: Difference, base: str) -> str:
+    """A line for each differing property of a thing."""
+    return _lines(
+        f"{sign} {subject} {what}: {_words_of(before, after)}"
+        for sign, subject, what, before, after in found.rows(base)
+    )
+
+
+def comparison_text(found: Comparison) -> str:
+    """A line for each change of an object, and one for floor and surface."""
+    changes = (
+        f"{one.kind} {one.iri} {one.category}: {_words_of(*one.sides)}" for one in found.changes
+    )
+    return _lines((*changes, found.area_words))
+
+
+def reasons_text(reasons: Iterable[Explanation]) -> str:
+    """A line for each step, indented by its depth."""
+    return _lines(
+        f"{'  ' * depth}{label_of(step)}{step.text}"
+        for reason in reasons
+        for depth, step in reason.walk()
+    )
+
+
+def label_of(step: Explanation) -> str:
+    """Relation of a step to the one before it, as ``evidence: ``; empty for things and facts."""
+    label = _LABELS.get(step.kind, step.kind)
+    return f"{label}: " if label else ""
+
+
+def _cause(entry: HistoryEvent) -> str:
+    cause = entry.cause
+    return " ".join(filter(None, (cause.kind, cause.note, cause.by and f"by {cause.by}")))
+
+
+def _words_of(before: str, after: str) -> str:
+    return f"{before} -> {after}" if before and after else after or before
+
+
+def _lines(lines: Iterable[str]) -> str:
+    return "".join(f"{line}\n" for line in lines)

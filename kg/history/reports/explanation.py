@@ -12,17 +12,16 @@ from typing import Literal as Choice
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.curies import short, statement
 from kg.history.replay.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
 from kg.history.reports.changes_of_facts import FactChanges, same
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, short, statement
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import agent_iri, agent_name
 from kg.model.records import SURFACE
-from kg.rdf.datetimes import seconds
+from kg.rdf.literals import seconds
 from kg.rdf.quad_store import QuadStore, Term
 
 Kind = (

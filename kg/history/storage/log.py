@@ -1,7 +1,7 @@
 """The log: a write-ahead log of all transactions in one SQLite file beside the store.
 
 A row of ``change`` is one transaction as compressed lines of N-Quads
-(`kg.history.storage.change_lines`); ``touched`` lists the transactions that changed each subject.
+(`kg.history.storage.log_reader`); ``touched`` lists the transactions that changed each subject.
 The rows of ``state`` with one number are a key frame: all facts at one moment, so that replay is
 short. The first key frame, the floor, has the facts before the first recorded transaction. Changes
 of the ontology and of common sense are rows of ``background``. Those graphs are large and hardly
@@ -21,14 +21,21 @@ from typing import Final, Self
 
 from pyoxigraph import Quad
 
-from kg.history.storage.change_lines import LineCodec, dictionary_for, lines_of, subject_of
-from kg.history.storage.log_reader import PAGE, Commit, LogReader
+from kg.history.storage.log_reader import (
+    PAGE,
+    Commit,
+    LineCodec,
+    LogReader,
+    dictionary_for,
+    lines_of,
+    subject_of,
+)
 from kg.history.storage.schema import SCHEMA, check_schema, check_tables, connect, is_empty
 from kg.model import sqlite_files
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import ChangeSet
-from kg.store.disk_space import write_error
+from kg.store.folder import write_error
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
 #: graphs without key frames; inferred types follow from the other graphs, so no change has them

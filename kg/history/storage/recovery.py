@@ -18,12 +18,12 @@ from pathlib import Path
 
 from pyoxigraph import DefaultGraph, NamedNode, Quad, Store
 
-from kg.history.storage.change_lines import quads_of
 from kg.history.storage.log import WITHOUT_KEY_FRAMES, HistoryLog
+from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError
 from kg.model.transactions import Cause, ChangeSet
-from kg.rdf.datetimes import transaction_time
+from kg.rdf.literals import transaction_time
 from kg.store.transactional import TransactionalStore
 
 FILE = "history.sqlite"

@@ -14,21 +14,21 @@ from kg.knowledge.conceptnet.api import ApiClient, ResponseCache, read_api
 from kg.knowledge.conceptnet.collecting import EdgeCollection
 from kg.knowledge.conceptnet.dump import DumpStatistics, Progress, read_dump
 from kg.knowledge.conceptnet.edges import Edge, EdgeFilter
-from kg.knowledge.conceptnet.edits import (
+from kg.knowledge.conceptnet.names import TermMatcher
+from kg.knowledge.conceptnet.relate import ImportedRelation, relate
+from kg.knowledge.conceptnet.review import apply_review, read_review, review_text
+from kg.knowledge.conceptnet.turtle import (
     ImportedFile,
     RelationChange,
     merge,
     read_imported_file,
 )
-from kg.knowledge.conceptnet.names import TermMatcher
-from kg.knowledge.conceptnet.relate import ImportedRelation, relate
-from kg.knowledge.conceptnet.review import apply_review, read_review, review_text
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from kg.knowledge.conceptnet.edits import ImportedFile
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.conceptnet.turtle import full_iri, key_of, prefixed
+from kg.knowledge.conceptnet.turtle import ImportedFile, full_iri, key_of, prefixed
 from kg.knowledge.ontology.relations import Key
 from kg.model.errors import ConceptNetError
 

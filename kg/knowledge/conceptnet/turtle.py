@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from typing import Final
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final, TypeVar
 
-from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, serialize
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.ontology.import_digest import mark_of
-from kg.knowledge.ontology.relations import Key
+from kg.knowledge.ontology.import_digest import as_imported, mark_of
+from kg.knowledge.ontology.relations import Key, Notes, annotated_key
 from kg.model import vocabulary as v
+from kg.model.errors import ConceptNetError, OntologyError
+from kg.rdf.parsing import parse_file
 
 ATTRIBUTION: Final = (
     "This work includes data from ConceptNet 5, compiled by the Commonsense Computing Initiative"
@@ -145,3 +150,166 @@ def _literal(literal: Literal) -> str:
 
 def _double(value: float) -> Literal:
     return Literal(f"{value!r}e0", datatype=v.XSD_DOUBLE)
+
+
+_KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
+#: Header properties that the importer writes; people wrote the others.
+_OF_HEADER: Final = (
+    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
+    *(v.OWL_VERSION_INFO, v.IMPORTED_RELATIONS),
+)
+_IMPORTS: Final = (NamedNode(v.OBJECTS_ONTOLOGY), NamedNode(v.PLACES_ONTOLOGY))
+
+_Term = TypeVar("_Term")
+
+
+@dataclass(frozen=True, slots=True)
+class RelationChange:
+    """Difference in one relation of a file between before and after an import."""
+
+    what: str  # added, removed, changed, yours (edited by people), left out (removed by people)
+    kind: str  # IRI
+    subject: str  # IRI
+    target: str  # IRI
+    before: float | None = None  # probability
+    after: float | None = None
+
+
+@dataclass(slots=True)
+class ImportedFile:
+    """Parsed imported file: the importer's relations, and statements of people."""
+
+    imported: dict[Key, tuple[float | None, str]] = field(default_factory=dict)  # p, digest
+    listed: set[Key] = field(default_factory=set)
+    edited_by_people: set[Key] = field(default_factory=set)  # relations people wrote or edited
+    header: list[Triple] = field(default_factory=list)
+    people: list[Triple] = field(default_factory=list)
+
+    @property
+    def removed(self) -> set[Key]:
+        """Imported relations that people removed."""
+        return self.listed - set(self.imported) - self.edited_by_people
+
+
+def read_imported_file(path: Path) -> ImportedFile:
+    """Parse the file of an earlier import; empty if there is no file.
+
+    Raises:
+        ConceptNetError: the file does not parse, or no import wrote it.
+    """
+    if not path.exists():
+        return ImportedFile()
+    triples = _parsed(path)
+    header = Triple(NamedNode(v.CONCEPTNET_ONTOLOGY), v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY))
+    if header not in triples:
+        raise ConceptNetError(
+            f"{path} is no file of this importer (no ontology <{v.CONCEPTNET_ONTOLOGY}> in it): "
+            "name a new file, the import would overwrite this one"
+        )
+    return _classified(triples)
+
+
+def _parsed(path: Path) -> list[Triple]:
+    try:
+        return [quad.triple for quad in parse_file(path)]
+    except OntologyError as error:
+        raise ConceptNetError(str(error)) from None
+
+
+def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[Triple]:
+    """The triples with blank nodes named in order of occurrence, so that output is stable."""
+
+    def stable(term: _Term) -> _Term | BlankNode:
+        if not isinstance(term, BlankNode):
+            return term
+        return names.setdefault(term, BlankNode(f"p{len(names)}"))
+
+    return [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
+
+
+def _classified(triples: list[Triple]) -> ImportedFile:
+    file = ImportedFile()
+    notes: dict[object, Notes] = defaultdict(list)
+    for t in triples:
+        notes[t.subject].append((t.predicate.value, t.object))
+    keys = {node: key for node, found in notes.items() if (key := annotated_key(found))}
+    imported: dict[object, Key] = {
+        node: key
+        for node, key in keys.items()
+        if isinstance(node, BlankNode) and as_imported(notes[node])
+    }
+    edited = {key for node, key in keys.items() if node not in imported}
+    for node, key in imported.items():
+        file.imported[key] = (_probability(notes[node]), _literal_text(notes[node], v.IMPORT_MARK))
+    stated = {key for t in triples if (key := _stated(t))}
+    file.imported = {key: notes for key, notes in file.imported.items() if key in stated - edited}
+    file.edited_by_people = stated - set(file.imported)
+    for t in triples:
+        _assign(t, file, imported)
+    names: dict[object, BlankNode] = {}
+    file.header = _renamed(file.header, names)
+    file.people = _renamed(file.people, names)
+    return file
+
+
+def _assign(t: Triple, file: ImportedFile, imported: dict[object, Key]) -> None:
+    """Add a triple to the header or to people's triples, unless the importer wrote it."""
+    if t.subject == NamedNode(v.CONCEPTNET_ONTOLOGY):
+        if t.predicate.value == v.IMPORTED_RELATIONS and isinstance(t.object, Literal):
+            file.listed |= listed_in(t.object.value)
+        elif t.predicate.value not in _OF_HEADER and not (
+            t.predicate.value == v.OWL_IMPORTS and t.object in _IMPORTS
+        ):
+            file.header.append(t)
+    elif t.subject not in imported and _stated(t) not in file.imported:
+        file.people.append(t)
+
+
+def _stated(t: Triple) -> Key | None:
+    if t.predicate.value not in _KINDS:
+        return None
+    if isinstance(t.subject, NamedNode) and isinstance(t.object, NamedNode):
+        return t.predicate.value, t.subject.value, t.object.value
+    return None
+
+
+def _literal_text(notes: Notes, predicate: str) -> str:
+    return next((o.value for p, o in notes if p == predicate and isinstance(o, Literal)), "")
+
+
+def _probability(notes: Notes) -> float | None:
+    text = _literal_text(notes, v.PROBABILITY)
+    return float(text) if text else None
+
+
+def merge(
+    file: ImportedFile, found: Iterable[ImportedRelation]
+) -> tuple[str, list[RelationChange]]:
+    """Merge an import into a file; returns the new text and the changes, sorted by relation."""
+    new = {key_of(relation): relation for relation in found}
+    removed = file.removed
+    written = {k: r for k, r in new.items() if k not in file.edited_by_people and k not in removed}
+    changes = [RelationChange("left out", *key) for key in removed & set(new)]
+    changes += [RelationChange("yours", *key) for key in file.edited_by_people & set(new)]
+    for key in set(written) | set(file.imported):
+        changes += _change(key, file.imported.get(key), written.get(key))
+    # relations that people edited or removed stay in the list
+    listed = set(written) | removed | (file.listed & file.edited_by_people)
+    text = file_text(written.values(), listed, file.header, file.people)
+    return text, sorted(changes, key=lambda c: (c.kind, c.subject, c.target))
+
+
+def _change(
+    key: Key, old: tuple[float | None, str] | None, new: ImportedRelation | None
+) -> list[RelationChange]:
+    if old is None and new is not None:
+        return [RelationChange("added", *key, None, new.probability)]
+    if new is None and old is not None:
+        return [RelationChange("removed", *key, old[0], None)]
+    if (
+        old is not None
+        and new is not None
+        and _literal_text([*notes_of(new)], v.IMPORT_MARK) != old[1]
+    ):
+        return [RelationChange("changed", *key, old[0], new.probability)]
+    return []

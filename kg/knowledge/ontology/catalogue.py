@@ -6,7 +6,7 @@ import re
 import threading
 import unicodedata
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -316,3 +316,37 @@ def _detected_words(quads: tuple[Quad, ...]) -> set[str]:
 
 def _local_name(iri: str) -> str:
     return re.split("[#/:]", iri)[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class CarrierKinds:
+    """IRIs of categories that objects may be on or inside of, subclasses included."""
+
+    supports: frozenset[str]
+    containers: frozenset[str]
+    backs: Mapping[str, float]  # [m] usual height of backrest or headboard over the surface
+
+
+def carrier_kinds(ontology: Iterable[Quad]) -> CarrierKinds:
+    """The carriers declared in an ontology's quads."""
+    ontology = tuple(ontology)
+    carried: dict[str, set[str]] = {v.ON: set(), v.INSIDE: set()}
+    backs: dict[str, float] = {}
+    for quad in ontology:
+        value = str(getattr(quad.object, "value", ""))
+        if not isinstance(quad.subject, NamedNode):
+            continue
+        if quad.predicate.value == v.CARRIES and value in carried:
+            carried[value].add(quad.subject.value)
+        elif quad.predicate.value == v.BACK_HEIGHT:
+            backs[quad.subject.value] = float(value)
+    above = superclasses(ontology)
+    return CarrierKinds(
+        frozenset(iri for iri, kinds in above.items() if carried[v.ON] & {*kinds}),
+        frozenset(iri for iri, kinds in above.items() if carried[v.INSIDE] & {*kinds}),
+        {
+            iri: max(backs[kind] for kind in kinds if kind in backs)
+            for iri, kinds in above.items()
+            if any(kind in backs for kind in kinds)
+        },
+    )

@@ -32,7 +32,7 @@ def load_with_imports(source: Path, parse: Parse | None = None) -> Ontology:
     """The ontology in a file, or in all files of a folder, with its imports.
 
     Untrusted files, and their neighbours, which are read for their headers, may be parsed in
-    another process by `parse` (`kg.serving.workers.document_parsing`).
+    another process by `parse` (`kg.serving.workers.updates`).
 
     Raises:
         OntologyError: there is no ontology, a file does not parse, or an import is not found.

@@ -24,8 +24,12 @@ from kg.knowledge.placement.belief_model import (
     posterior,
     posterior_belief,
 )
-from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence
-from kg.knowledge.placement.map_counts import MapCounts, map_counts
+from kg.knowledge.placement.evidence import (
+    MapCounts,
+    PlacementEvidence,
+    map_counts,
+    placement_evidence,
+)
 from kg.knowledge.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
 from kg.knowledge.placement.surveys import room_frequencies
 from kg.model import vocabulary as v

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, readings
-from kg.knowledge.words.spelling import corrected, suggestions
-from kg.knowledge.words.tables import Relation, Sense, WordTable, word_table
+from kg.knowledge.words.tables import Relation, Sense, WordTable, corrected, suggestions, word_table
 from kg.model.errors import UnknownCategoryError
 
 MAX_NAME: Final = 100  # characters of a name

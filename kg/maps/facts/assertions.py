@@ -27,7 +27,7 @@ from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri, agent_name
 from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
 from kg.model.transactions import ChangeSet
-from kg.rdf.datetimes import date_time, seconds
+from kg.rdf.literals import date_time, seconds
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
 

@@ -16,7 +16,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord, PlaceRecord
-from kg.rdf.grid_cells import cells_of_disc
+from kg.rdf.literals import cells_of_disc
 from kg.rdf.quad_store import QuadStore
 
 

@@ -27,7 +27,6 @@ from kg.model.records import (
     ObjectRecord,
     PlaceRecord,
 )
-from kg.rdf.grid_cells import cell_of
 from kg.rdf.literals import (
     AXES,
     SIDES,
@@ -35,6 +34,7 @@ from kg.rdf.literals import (
     axes_of,
     axis_literals,
     by_subject,
+    cell_of,
     first,
     iri_node,
     iri_order,

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.maps.query.result_rows import Value
+from kg.maps.query.evaluation import Value
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import TALL, FloorTile
-from kg.rdf.datetimes import seconds
-from kg.rdf.literals import number_literal, properties_of, time_literal
+from kg.rdf.literals import number_literal, properties_of, seconds, time_literal
 from kg.rdf.quad_store import QuadStore
 from kg.store.sparql_backend import reading_ahead
 

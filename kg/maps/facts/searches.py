@@ -11,7 +11,6 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
-from kg.rdf.datetimes import seconds
 from kg.rdf.literals import (
     Properties,
     first,
@@ -19,6 +18,7 @@ from kg.rdf.literals import (
     iri_order,
     number_literal,
     properties_of,
+    seconds,
     stamp_of,
     subject_quads,
     text_of,

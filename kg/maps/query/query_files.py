@@ -38,7 +38,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
 from kg.model.regular_files import read_text
 from kg.model.resources import QUERIES
-from kg.rdf.grid_cells import cells_of_box, cells_of_disc
+from kg.rdf.literals import cells_of_box, cells_of_disc
 from kg.rdf.sparql.parameters import (
     Term,
     insert_into_pattern,

@@ -24,13 +24,16 @@ from kg.maps.facts.object_relations import relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.deletion_guard import is_place
-from kg.maps.update.implicit_assertions import assert_perceived_properties, categories
-from kg.maps.update.relation_assertions import assert_relations, check_computed_relations
+from kg.maps.update.implicit_assertions import (
+    assert_perceived_properties,
+    assert_relations,
+    categories,
+    check_computed_relations,
+)
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri, whole_number
-from kg.rdf.datetimes import now
-from kg.rdf.grid_cells import cell_of
+from kg.rdf.literals import cell_of, now
 from kg.rdf.wkt import area_of_polygon
 from kg.store.write_limit import check_facts
 

@@ -20,8 +20,7 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryS
 from pyoxigraph import Triple as TripleTerm
 
 from kg.knowledge.ontology.declared_terms import known_terms
-from kg.maps.update.change_draft import Term
-from kg.maps.update.ground_update import GroundUpdate, QuadChange
+from kg.maps.update.change_draft import GroundUpdate, QuadChange, Term
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.sparql.extension_functions import FUNCTIONS

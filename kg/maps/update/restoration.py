@@ -16,10 +16,9 @@ from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.curies import thing
-from kg.history.replay.past_state import replay
-from kg.history.replay.point_in_time import Difference, difference
+from kg.history.replay.point_in_time import Difference, difference, replay
 from kg.history.storage.log import BACKGROUND, HistoryLog
+from kg.history.timestamps import thing
 from kg.knowledge.ontology.replacement import check_used_terms
 from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.assertions import Assertions

@@ -18,14 +18,13 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Triple
 from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
 from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
 from kg.maps.facts.coordinate_frames import FRAME
-from kg.maps.update.change_draft import ChangeDraft
-from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError, ShapeError
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
+from kg.rdf.shacl import Finding
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import inferred_changes
 from kg.store.write_limit import check_time

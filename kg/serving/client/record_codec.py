@@ -13,11 +13,10 @@ from typing import Any, TypeVar, get_args
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.history.replay.point_in_time import Difference
-from kg.history.reports.comparison import Comparison, ObjectChange
+from kg.history.reports.comparison import Comparison, ObjectChange, Timeline
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.explanation import Kind as ReasonKind
-from kg.history.reports.timeline import Timeline
 from kg.history.timestamps import iso, moment
 from kg.maps.update.restoration import Restored
 from kg.model.errors import RemoteError

@@ -28,12 +28,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap, frame_cause
 from kg.maps.stored_ontology import ontology_quads
 from kg.maps.surface.voxels import Surface
-from kg.maps.update.ground_update import update_text
+from kg.maps.update.change_draft import update_text
 from kg.maps.update.restoration import Restored
 from kg.model.errors import GraphError, HistoryError
 from kg.model.records import Assertion, MapUpdate
 from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
+from kg.serving.client.change_stream import RemoteSubscriptions
 from kg.serving.client.record_codec import (
     Json,
     assertion_from_json,
@@ -44,7 +45,6 @@ from kg.serving.client.record_codec import (
     reason_from_json,
     restored_from_json,
 )
-from kg.serving.client.remote_subscriptions import RemoteSubscriptions
 from kg.serving.client.served_server import ServedClient, change_of_reply, served_at
 from kg.serving.client.update_codec import update_to_json
 from kg.store.sparql_backend import SparqlBackend

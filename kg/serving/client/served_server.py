@@ -15,8 +15,7 @@ import requests
 
 from kg.maps.facts.assertions import is_unicode
 from kg.maps.object_pictures import MAX_BYTES
-from kg.maps.surface.voxels import Surface
-from kg.maps.surface.wire_format import MEDIA_TYPE, decoded
+from kg.maps.surface.voxels import MEDIA_TYPE, Surface, decoded
 from kg.model import errors
 from kg.model import vocabulary as v
 from kg.model.errors import (

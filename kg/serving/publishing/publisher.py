@@ -1,4 +1,4 @@
-"""Publisher: mirrors one map into a target, from a snapshot or from the last transaction.
+"""Publisher: mirrors maps into a target, from a snapshot or from the last transaction.
 
 Each transaction is one update of the target. If the target does not acknowledge an update, the
 publisher first reads from the target whether it was applied. So it continues at the right
@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from kg.maps.facts.coordinate_frames import is_one_frame, quads_in_one_frame
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import HistoryError, RemoteError, UnreachableError
+from kg.maps.stored_map import StoredMap
+from kg.model.errors import GraphError, HistoryError, RemoteError, UnreachableError
 from kg.model.transactions import ChangeSet
 from kg.serving.client.remote_map import RemoteMap
 from kg.serving.opening import open_map
 from kg.serving.publishing.sources import snapshot_of
 from kg.serving.publishing.target import PublishTarget
+from kg.store.transactional import TransactionalStore
+from kg.store.type_inference import complete_types
 
 PAUSES: Final = (0.2, 0.5, 1.0, 2.0)  # [s] before the 1st, 2nd, ... attempt after a failed one
 ATTEMPTS: Final = 5  # that a server refuses in a row
@@ -138,3 +142,32 @@ class Publisher:
     def _apply(self, base: str, change: ChangeSet) -> None:
         self._target.apply(base, change, self.acknowledged)
         self.acknowledged = change.sequence
+
+
+def merged(addresses: Sequence[str]) -> SemanticMap:
+    """The maps at `addresses`, folders or servers, as one read-only map.
+
+    IRIs are unique to each map, so their facts stay apart in the same graphs; relative IRIs of a
+    query are those of the first map. Maps with a known transform to the frame of the first are
+    moved into it; the others keep their own coordinates. Raises GraphError where two are the same
+    map, or one cannot be read.
+    """
+    bases: dict[str, str] = {}
+    store = TransactionalStore.in_memory((), read_only=True)
+    for address in addresses:
+        with open_map(address, read_only=True) as member:
+            if member.base in bases:
+                raise GraphError(
+                    f"{address} is the same map as {bases[member.base]} ({member.base}); "
+                    "give each map once"
+                )
+            bases[member.base] = address
+            store.native.bulk_extend(snapshot_of(member).quads)
+    if not bases:
+        raise GraphError("no map to merge was given")
+    complete_types(store.native)
+    home = next(iter(bases))
+    if is_one_frame(store.engine, home):
+        return StoredMap(store, base=home)
+    quads = quads_in_one_frame(store.engine, home, rest=True)
+    return StoredMap(TransactionalStore.in_memory(quads, read_only=True), base=home)

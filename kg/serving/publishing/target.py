@@ -15,8 +15,7 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad, Store
 
 from kg.history.storage.log import BACKGROUND
-from kg.maps.facts.coordinate_frames import MapFrame
-from kg.maps.frame_view import apart_from
+from kg.maps.facts.coordinate_frames import MapFrame, apart_from
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet

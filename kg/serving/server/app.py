@@ -24,14 +24,20 @@ from kg.maps.stored_map import StoredMap
 from kg.model.errors import HereaboutsError, ServerError
 from kg.serving.server.app_state import AppState, Planner, Status
 from kg.serving.server.change_broadcast import ChangeBroadcast
-from kg.serving.server.endpoints.assertion_endpoints import assertions
 from kg.serving.server.endpoints.feed_endpoints import changes, subscribe
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
 from kg.serving.server.endpoints.history_endpoints import diff, log, why
 from kg.serving.server.endpoints.moment_endpoints import find, state, surface, timeline
 from kg.serving.server.endpoints.page_endpoints import page_file, picture, question, questions
 from kg.serving.server.endpoints.sparql_protocol import sparql
-from kg.serving.server.endpoints.write_endpoints import labels, numbers, records, restore, rooms
+from kg.serving.server.endpoints.write_endpoints import (
+    assertions,
+    labels,
+    numbers,
+    records,
+    restore,
+    rooms,
+)
 from kg.serving.server.http.bodies import json_response
 from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.middleware import RequestGuard

@@ -20,9 +20,8 @@ from starlette.responses import Response
 
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import RequestParameters, query_parameters
-from kg.serving.server.http.conditions import State, sequence_at
 from kg.serving.server.http.event_stream import unless_gone
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import Problem, State, sequence_at
 from kg.serving.workers.process import Answer
 from kg.store.sparql_client import SEQUENCE
 

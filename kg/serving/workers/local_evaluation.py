@@ -7,9 +7,10 @@ using all resources of the machine.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Final
+from typing import Final, Self
 
 from pyoxigraph import QueryResultsFormat, RdfFormat, parse, parse_query_results
 
@@ -20,10 +21,12 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import QueryError
 from kg.model.transactions import ChangeSet
+from kg.rdf.sparql.vetting import check_length, check_unicode, vet
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import request_of
 from kg.serving.workers.updates import UpdateRequest, update_map
+from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import Triples
 
 SECONDS: Final = 3600.0
@@ -95,3 +98,69 @@ def table_of(media_type: str, body: bytes) -> Table:
         return answer_of(parse_query_results(body, format=QueryResultsFormat.JSON))
     except (SyntaxError, ValueError) as error:
         raise QueryError(f"the answer is no {ACCEPTED}: {' '.join(str(error).split())}") from error
+
+
+_WAITING: Final = 8  # queries that wait for the worker
+
+
+class LimitedQueries:
+    """Evaluates untrusted SPARQL on one map; a context manager, safe from several threads.
+
+    `seconds` and `result` [bytes] limit each answer, `memory_mb` a worker. For a map in a folder or
+    in memory the first query starts a `QueryPool`; a server uses its own.
+    """
+
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        *,
+        seconds: float = 10.0,
+        memory_mb: int = 512,
+        result: int = 4 << 20,
+    ) -> None:
+        self._map, self._seconds = semantic_map, seconds
+        self._memory, self._result = memory_mb, result
+        self._pool: QueryPool | None = None
+        self._guard = threading.Lock()
+
+    def ask(self, sparql: str) -> Table:
+        """The answer to a query.
+
+        Raises QueryError for a query that does not parse, QueryRefusedError for a query that writes
+        or reads other sources, QueryTimeoutError, QueryTooLargeError, PoolBusyError,
+        and RemoteError of a server.
+        """
+        check_length(sparql)
+        check_unicode(sparql)
+        engine, base = self._map.engine, self._map.base
+        if not isinstance(engine, SparqlBackend):
+            return table_of_answer(self._workers().run(sparql, accept=ACCEPTED, base=base))
+        vet(sparql)
+        return table_of(
+            *engine.fetch(sparql, (), (), base=base, seconds=self._seconds, max_bytes=self._result)
+        )
+
+    def _workers(self) -> QueryPool:
+        with self._guard:
+            if self._pool is None:
+                self._pool = QueryPool(
+                    self._map,
+                    workers=1,
+                    timeout=self._seconds,
+                    memory_mb=self._memory,
+                    max_result_bytes=self._result,
+                    queue=_WAITING,
+                )
+            return self._pool
+
+    def close(self) -> None:
+        """End the workers; a second call does nothing."""
+        with self._guard:
+            if self._pool is not None:
+                self._pool.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

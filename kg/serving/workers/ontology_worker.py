@@ -19,7 +19,7 @@ from pyoxigraph import RdfFormat
 from kg.knowledge.ontology.diff import OntologyChange
 from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan
 from kg.maps.stored_map import StoredMap
-from kg.maps.update.ground_update import GroundUpdate
+from kg.maps.update.change_draft import GroundUpdate
 from kg.model.errors import (
     ConflictError,
     OntologyError,
@@ -27,7 +27,7 @@ from kg.model.errors import (
     QueryTooLargeError,
 )
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.findings import Finding
+from kg.rdf.shacl import Finding
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.process import Answer, WorkerProcess
 from kg.serving.workers.worker_set import all_busy

@@ -8,19 +8,21 @@ concurrency control). The last attempt makes other writers wait for a limited ti
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.maps.stored_map import StoredMap
-from kg.maps.update.ground_update import GroundUpdate, why_unchanged
-from kg.model.errors import ConflictError
+from kg.maps.update.change_draft import GroundUpdate, why_unchanged
+from kg.model.errors import ConflictError, OntologyError, QueryError, ShapeError
 from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.process import WorkerProcess, settings_of
 
 ATTEMPTS: Final = 3  # evaluations without a lock
 HELD: Final = 1.0  # [s] of an evaluation with the lock of the writer; validation needs some, too
@@ -108,3 +110,55 @@ def parsed_document(pool: QueryPool, body: bytes, form: RdfFormat, base: str) ->
         "body": base64.b64encode(body).decode("ascii"),
     }
     return list(parse(pool.request(b"L", request).body, format=RdfFormat.N_QUADS))
+
+
+SECONDS: Final = 60.0  # for one document
+MEMORY: Final = 1024  # [MB]
+RESULT: Final = 1 << 30  # [bytes] of N-Quads
+_LINE: Final = re.compile(r"at line (\d+)")
+
+
+class IsolatedParser:
+    """Parses one document at a time; a `kg.rdf.parsing.Parse` and a context manager."""
+
+    def __init__(self) -> None:
+        self._worker: WorkerProcess | None = None
+
+    def __call__(self, data: bytes, form: RdfFormat) -> Iterable[Quad]:
+        """The quads; raises SyntaxError with the line, OntologyError if the worker ends."""
+        if self._worker is None or not self._worker.alive:
+            self.close()
+            self._worker = WorkerProcess(settings_of(MEMORY))
+        request = {
+            "form": form.media_type,
+            "base_iri": None,
+            "body": base64.b64encode(data).decode("ascii"),
+            "max_bytes": RESULT,
+        }
+        try:
+            answer = self._worker.ask(request, SECONDS, b"L")
+        except (QueryError, ShapeError) as error:
+            raise _as_syntax_error(error) from error
+        return parse(answer.body, format=RdfFormat.N_QUADS)
+
+    def close(self) -> None:
+        """End the worker."""
+        if self._worker is not None:
+            self._worker.close()
+            self._worker = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _as_syntax_error(error: QueryError | ShapeError) -> Exception:
+    message = str(error).removeprefix("the query cannot be answered: ")
+    if type(error) is not QueryError:
+        return OntologyError(message)
+    # as the parser raises it in its own process
+    found, line = SyntaxError(re.sub(r" \(line \d+\)$", "", message)), _LINE.search(message)
+    found.lineno = int(line[1]) if line else None
+    return found

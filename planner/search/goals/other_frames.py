@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from kg.maps.facts.coordinate_frames import maps_in
-from kg.maps.frame_view import apart_from
+from kg.maps.facts.coordinate_frames import apart_from, maps_in
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.search.goals.known_objects import KnownObject, known_objects

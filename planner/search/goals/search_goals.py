@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category
-from kg.maps.query.result_rows import Value
+from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from planner.freespace.planning_map import Row, number, time_or_none

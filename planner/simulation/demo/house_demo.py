@@ -324,7 +324,7 @@ def _ask(semantic_map: SemanticMap, report: OnProgress) -> tuple[DemoAnswer, ...
     """Three questions; the third builds on the answer to the second."""
     answers: list[DemoAnswer] = []
 
-    def ask(question: str, query: str, **parameters: str | float) -> Table:
+    def ask(question: str, query: str, **parameters: Any) -> Table:
         report(DemoProgress("ask", len(answers), 3, question))
         answers.append(
             DemoAnswer(question, query, parameters, semantic_map.query(query, **parameters))

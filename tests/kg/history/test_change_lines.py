@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.history.storage import change_lines
-from kg.history.storage.change_lines import (
+from kg.history.storage import log_reader
+from kg.history.storage.log_reader import (
     LineCodec,
     dictionary_for,
     lines_of,
@@ -100,7 +100,7 @@ def test_a_damaged_row_is_one_line(data: bytes) -> None:
 def test_a_row_that_unpacks_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     line = b'<urn:a> <urn:b> "' + b"x" * 5000 + b'" .'
     data = _CODEC.encode([line])
-    monkeypatch.setattr(change_lines, "MAX_TEXT", 4000)
+    monkeypatch.setattr(log_reader, "MAX_TEXT", 4000)
     with pytest.raises(HistoryError, match="more than 4,000 bytes"):
         _CODEC.state(data)
     with pytest.raises(InvalidFactError, match="at most 4,000"):

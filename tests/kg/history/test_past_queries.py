@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pyoxigraph import NamedNode, QueryBoolean, Store
 
-from kg.history.replay.past_state import PastStates
+from kg.history.replay.point_in_time import PastStates
 from kg.history.storage.recovery import attach
 from kg.maps.query.query_files import shipped_queries
 from kg.maps.semantic_map import SemanticMap

@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
-from kg.history.replay.past_state import replay
-from kg.history.replay.point_in_time import difference
+from kg.history.replay.point_in_time import difference, replay
 from kg.history.storage import log as log_module
 from kg.history.storage.recovery import attach
 from kg.history.timestamps import duration, iso, moment
@@ -207,7 +206,7 @@ def test_a_clock_set_back_does_not_turn_the_past_round(
     written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with written(3) as semantic_map:
-        monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 10**12)
+        monkeypatch.setattr("kg.rdf.literals.time.time_ns", lambda: 10**12)
         semantic_map.apply(frame(3))
         times = [change.time for change in semantic_map.history.changes()]
         assert times == sorted(times) and times[0] > 1000.0
@@ -216,8 +215,8 @@ def test_a_clock_set_back_does_not_turn_the_past_round(
 def test_times_are_what_is_printed_even_within_the_millisecond_a_history_begins(
     written: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("kg.rdf.datetimes.time.time_ns", lambda: 1_795_344_157_514_876_543)
-    monkeypatch.setattr("kg.rdf.datetimes.time.time", lambda: 1_795_344_157.514876)
+    monkeypatch.setattr("kg.rdf.literals.time.time_ns", lambda: 1_795_344_157_514_876_543)
+    monkeypatch.setattr("kg.rdf.literals.time.time", lambda: 1_795_344_157.514876)
     with written(3) as semantic_map:
         times = [change.time for change in semantic_map.history.changes()]
         assert times and all(moment(iso(time)) == time for time in times)

@@ -17,7 +17,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, ProtectedError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 
 BASE = "https://example.org/flat/"
 APPLE, CAT = f"{BASE}object/1", f"{BASE}object/2"

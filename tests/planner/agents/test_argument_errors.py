@@ -12,7 +12,7 @@ from mcp import Client
 from mcp.server import MCPServer
 
 from kg.maps.semantic_map import SemanticMap
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from tests.planner.flat import fill

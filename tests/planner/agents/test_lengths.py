@@ -15,7 +15,7 @@ from mcp.server import MCPServer
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 

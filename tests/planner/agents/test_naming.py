@@ -12,7 +12,7 @@ from mcp import Client
 from kg.maps.object_pictures import ObjectPictures
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.map_tools import MapTools
 from planner.agents.tool_server import tool_server

@@ -15,7 +15,7 @@ from mcp.server import MCPServer
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import ReferenceSettings

@@ -15,7 +15,7 @@ from mcp.server import MCPServer
 from kg.maps.object_pictures import ObjectPictures
 from kg.model.records import DepartedRecord, Evidence, MapUpdate, PlaceViews, Relation
 from kg.serving.opening import create_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from tests.planner.flat import fill, thing

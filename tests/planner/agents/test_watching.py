@@ -18,7 +18,7 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, open_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from planner.agents.watching import MAX_WATCHED

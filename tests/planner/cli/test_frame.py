@@ -10,7 +10,7 @@ import pytest
 
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, open_map
-from kg.serving.publishing.merging import merged
+from kg.serving.publishing.publisher import merged
 from planner.cli import main
 
 LABELS = ("cup", "chair", "couch", "tv", "book", "laptop", "clock", "vase", "bed", "toaster")

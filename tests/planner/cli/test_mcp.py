@@ -26,7 +26,7 @@ from pyoxigraph import Literal
 
 from kg.model.records import MapUpdate, PlaceRecord, PlaceViews
 from kg.serving.opening import create_map, in_memory_map, open_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.agents.map_context import MapContext
 from planner.agents.tool_server import tool_server
 from planner.cli import main

@@ -23,19 +23,25 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from kg.export.serialization import prefixes_of
-from kg.maps.update.ground_update import GroundUpdate, QuadChange
+from kg.maps.update.change_draft import GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import HereaboutsError
 from kg.model.transactions import ChangeSet
+from kg.rdf.literals import in_xml
 from kg.rdf.skolem import anonymous_triple
-from kg.rdf.xml_characters import in_xml
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
 from kg.serving.server.http.clients import asker_of
-from kg.serving.server.http.conditions import State, check_preconditions, state_of
 from kg.serving.server.http.media_types import negotiated
-from kg.serving.server.http.problems import Problem, problem_of, problem_response
+from kg.serving.server.http.problems import (
+    Problem,
+    State,
+    check_preconditions,
+    problem_of,
+    problem_response,
+    state_of,
+)
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import ALIASES, GRAPH_TYPES
 from kg.serving.workers.dumps import Dump

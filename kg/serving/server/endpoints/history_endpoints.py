@@ -19,9 +19,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
 from kg.serving.server.http.clients import asker_of
-from kg.serving.server.http.conditions import MAX_DIGITS, sequence_at
 from kg.serving.server.http.event_stream import unless_gone
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import MAX_DIGITS, Problem, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
 from kg.store.sparql_client import SEQUENCE
 

@@ -11,8 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.maps.surface.voxels import Surface
-from kg.maps.surface.wire_format import MEDIA_TYPE, encoded
+from kg.maps.surface.voxels import MEDIA_TYPE, Surface, encoded
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON

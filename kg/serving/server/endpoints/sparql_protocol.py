@@ -18,10 +18,9 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.clients import asker_of
-from kg.serving.server.http.conditions import sequence_at
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.description import service_description
 from kg.serving.workers.process import Answer

@@ -10,7 +10,7 @@ from pyoxigraph import Quad, RdfFormat, Triple
 from starlette.requests import Request
 
 from kg.export.serialization import serialised
-from kg.rdf.jsonld import to_jsonld
+from kg.rdf.standard_terms import to_jsonld
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import GRAPH_TYPES, negotiate

@@ -1,14 +1,26 @@
-"""Error responses: a status and one line, as text or as problem details (RFC 9457)."""
+"""Problem details (RFC 9457) for errors, and conditional requests (RFC 9110, section 13)."""
 
 from __future__ import annotations
 
 import http
 import json
+import math
+import re
+import time
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import format_datetime, parsedate_to_datetime
+from functools import partial
 from pathlib import Path
+from typing import Final
 
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
 from starlette.responses import Response
 
+from kg.history.timestamps import moment, sequence_of
+from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     ConflictError,
     DiskFullError,
@@ -115,3 +127,131 @@ def problem_response(problem: Problem, accept: str | None) -> Response:
         headers=problem.headers,
         media_type="text/plain",
     )
+
+
+MAX_DIGITS: Final = 18  # of a transaction's number
+MAX_DATE: Final = 60  # letters
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The state of the map in a response."""
+
+    sequence: int
+    modified: int | None  # [s] since 1970, of the last change; None: not known
+    form: str = ""  # format, if all responses of a state in this format are the same
+    past: bool = True  # whether `modified` is past; until then more may change
+
+    @property
+    def tag(self) -> str:
+        """Entity tag; weak if responses in other formats have the same tag."""
+        return f'"{self.sequence}-{self.form}"' if self.form else f'W/"{self.sequence}"'
+
+    @property
+    def headers(self) -> dict[str, str]:
+        """Response headers."""
+        headers = {"ETag": self.tag, "Cache-Control": "no-cache"}
+        if self.modified is not None and self.past:
+            moment = datetime.fromtimestamp(self.modified, UTC)
+            headers["Last-Modified"] = format_datetime(moment, usegmt=True)
+        return headers
+
+    def is_known_to(self, request: Request) -> bool:
+        """Whether the client has this state already; tags take precedence over dates."""
+        tags = request.headers.get("if-none-match")
+        if tags is not None:
+            given = {tag.removeprefix("W/") for tag in _tags(tags)}
+            return "*" in given or self.tag.removeprefix("W/") in given
+        since = _moment(request.headers.get("if-modified-since"))
+        if since is None or self.modified is None or not self.past:
+            return False
+        return self.modified <= since
+
+
+def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
+    """Raise Problem 412 if the precondition of a write names another state.
+
+    The format of the state does not matter. A weak tag never matches in If-Match.
+    """
+    match = request.headers.get("if-match")
+    if match is not None:
+        matches = exists and any(_is_of(tag, state) for tag in _tags(match))
+        _check(
+            matches, f"the map is at {state.sequence}, which If-Match does not name; read it again"
+        )
+    elif request.headers.get("if-unmodified-since"):
+        since = _moment(request.headers["if-unmodified-since"])
+        unmodified = since is None or (state.modified is not None and state.modified <= since)
+        _check(unmodified, "it was changed since; read it again")
+    none = request.headers.get("if-none-match")
+    if none is not None:
+        tags = [tag.removeprefix("W/") for tag in _tags(none)]
+        absent = not (exists and any(_is_of(tag, state) for tag in tags))
+        _check(absent, "it exists, against If-None-Match")
+
+
+def _check(holds: bool, why: str) -> None:
+    if not holds:
+        raise Problem(412, why)
+
+
+def _is_of(tag: str, state: State) -> bool:
+    return tag == "*" or re.fullmatch(rf'"{state.sequence}(-\w+)?"', tag) is not None
+
+
+def _tags(header: str) -> list[str]:
+    return [tag.strip() for tag in header.split(",")]
+
+
+def state_of(semantic_map: SemanticMap) -> State:
+    """The current state of the map.
+
+    HTTP dates are whole seconds, so a commit has the date of the second after it. Until that second
+    there is no date, so that a further commit of the same second is not missed.
+    """
+    sequence = semantic_map.sequence
+    try:
+        last = semantic_map.history.log.last_time
+    except HistoryError:
+        return State(sequence, None)
+    if not last > 0:
+        return State(sequence, None)
+    modified = math.floor(last) + 1
+    return State(sequence, modified, past=modified <= time.time())
+
+
+async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
+    """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
+
+    Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
+    """
+    text = text.strip()
+    if re.fullmatch(rf"#?[0-9]{{1,{MAX_DIGITS}}}", text):
+        when: int | str = int(text.removeprefix("#"))
+    else:
+        when = text
+        try:
+            moment(text)
+        except HistoryError as error:
+            raise Problem(
+                400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
+            ) from error
+    return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))
+
+
+def http_date(text: str) -> float:
+    """A date of HTTP (RFC 9110, section 5.6.7) in seconds since 1970; raises ValueError."""
+    if len(text) > MAX_DATE:
+        raise ValueError(f"a date of {len(text)} letters")
+    try:
+        given = parsedate_to_datetime(text)
+        return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+    except OverflowError as error:
+        raise ValueError(str(error)) from error
+
+
+def _moment(text: str | None) -> float | None:
+    try:
+        return http_date(text) if text else None
+    except ValueError:
+        return None

@@ -26,8 +26,7 @@ from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
-from kg.serving.server.http.conditions import http_date, sequence_at
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import Problem, http_date, sequence_at
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
     iri_at,

@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.model import vocabulary as v
-from kg.rdf.xml_characters import shown
+from kg.rdf.literals import shown
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
 from kg.serving.server.http.media_types import HTML, negotiated

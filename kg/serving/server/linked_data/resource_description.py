@@ -21,8 +21,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError
 from kg.model.iris import AGENT, agent_iri, agent_name
-from kg.rdf.datetimes import date_time
-from kg.rdf.literals import properties_of
+from kg.rdf.literals import date_time, properties_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.standard_terms import (
     CRS,

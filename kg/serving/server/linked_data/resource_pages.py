@@ -17,9 +17,8 @@ from kg.export.serialization import prefixes_of
 from kg.model import vocabulary as v
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
-from kg.serving.server.http.conditions import state_of
 from kg.serving.server.http.media_types import HTML, document, negotiated
-from kg.serving.server.http.problems import Problem
+from kg.serving.server.http.problems import Problem, state_of
 from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (

@@ -49,6 +49,7 @@ from kg.model.errors import (
     NotAcceptableError,
     QueryTooLargeError,
 )
+from kg.rdf.literals import XmlPieces, is_xml
 from kg.rdf.sparql import extension_functions
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.syntax_errors import explained
@@ -59,12 +60,11 @@ from kg.rdf.sparql.vetting import (
     reads_chosen_graphs,
     vet,
 )
-from kg.rdf.xml_characters import XmlPieces, is_xml
 from kg.serving.workers.isolation.confinement import confine
-from kg.store.disk_space import is_disk_full
+from kg.store.folder import is_disk_full
 
 if TYPE_CHECKING:
-    from kg.history.replay.past_state import PastStates
+    from kg.history.replay.point_in_time import PastStates
 
 HEAD = struct.Struct("<cI")
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
@@ -149,7 +149,7 @@ class Evaluator:
 
     def _past_state(self, request: Request) -> Store:
         """The state right after the transaction ``at``, replayed or cached."""
-        from kg.history.replay.past_state import (
+        from kg.history.replay.point_in_time import (
             PastStates,  # few workers evaluate queries about the past
         )
         from kg.serving.workers.evaluation.history_tasks import past_store

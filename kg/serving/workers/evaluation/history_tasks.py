@@ -14,23 +14,20 @@ from typing import Any, Final
 
 from pyoxigraph import Store
 
-from kg.history.curies import thing
 from kg.history.replay.map_state import Categories, present_state, state_after
-from kg.history.replay.past_state import PastStates
-from kg.history.replay.point_in_time import difference
-from kg.history.reports.comparison import compare
-from kg.history.reports.events import history_events
-from kg.history.reports.explanation import explain_fact
-from kg.history.reports.prov_export import provenance
-from kg.history.reports.text_report import (
+from kg.history.replay.point_in_time import PastStates, difference
+from kg.history.reports.comparison import compare, timeline
+from kg.history.reports.events import (
     comparison_text,
     difference_text,
+    history_events,
     log_text,
     reasons_text,
 )
-from kg.history.reports.timeline import timeline
+from kg.history.reports.explanation import explain_fact
+from kg.history.reports.prov_export import provenance
 from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, thing
 from kg.maps.facts.robot_and_recordings import recordings_in
 from kg.serving.client.record_codec import (
     comparison_to_json,

@@ -16,11 +16,11 @@ from typing import Any
 from pyoxigraph import Quad, RdfFormat, Store, parse, serialize
 
 from kg.maps.update import execution
-from kg.maps.update.ground_update import check_triple_terms
+from kg.maps.update.change_draft import check_triple_terms
 from kg.model.errors import ConflictError, QueryRefusedError
 from kg.rdf.parsing import DOCUMENT_TYPE, NO_LOADER, REMOTE_CONTEXT, has_document_type
-from kg.rdf.sparql.dataset_clauses import with_graphs
 from kg.rdf.sparql.order_by import with_total_order
+from kg.rdf.sparql.update_parser import with_graphs
 
 Request = dict[str, Any]
 
@@ -53,7 +53,7 @@ class SnapshotView:
 
 
 def evaluate_update(view: SnapshotView, request: Request) -> tuple[dict[str, Any], bytes]:
-    """The evaluated update, encoded by `kg.maps.update.ground_update.GroundUpdate.encode`."""
+    """The evaluated update, encoded by `kg.maps.update.change_draft.GroundUpdate.encode`."""
     sparql = with_graphs(request["sparql"], request["default_graphs"], request["named_graphs"])
     if request.get("total_order"):
         sparql = with_total_order(sparql)

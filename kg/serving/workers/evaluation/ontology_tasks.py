@@ -14,7 +14,7 @@ from pyoxigraph import Store
 from kg.knowledge.ontology.diagnostics import check_valid
 from kg.knowledge.ontology.loading import SHAPES_FILE, ontology_of
 from kg.knowledge.ontology.replacement import plan_replacement
-from kg.maps.update.ground_update import GroundUpdate, QuadChange
+from kg.maps.update.change_draft import GroundUpdate, QuadChange
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.skolem import anonymous
 from kg.serving.workers.evaluation.ingestion import quads_of_document

@@ -10,7 +10,7 @@ import shapely
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.maps.facts.moved_facts import moved
+from kg.maps.facts.coordinate_frames import moved
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model.records import ObjectRecord
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from kg.maps.query.evaluation import Row
 from kg.maps.query.label_languages import preferred_languages
 from kg.maps.query.query_files import parse_query_file, shipped_queries
-from kg.maps.query.result_rows import Row
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import QueryError, QueryParameterError
 from kg.serving.opening import in_memory_map

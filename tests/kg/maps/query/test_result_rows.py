@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, QuerySolutions, Store
 
-from kg.maps.query.result_rows import PIECE, rows_of, value_of
+from kg.maps.query.evaluation import PIECE, rows_of, value_of
 from kg.model import vocabulary as v
 
 NUMERIC = ("integer", "int", "decimal", "double", "float", "boolean", "dateTime", "date", "long")

@@ -11,8 +11,7 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg.maps.stored_map import StoredMap
-from kg.maps.update.change_draft import ChangeDraft
-from kg.maps.update.ground_update import GroundUpdate, QuadChange
+from kg.maps.update.change_draft import ChangeDraft, GroundUpdate, QuadChange
 from kg.model import vocabulary as v
 from kg.model.errors import (
     ConflictError,

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from pyoxigraph import Literal, Store
 
 from kg.model.errors import QueryRefusedError
-from kg.rdf.sparql.dataset_clauses import with_graphs
 from kg.rdf.sparql.lexer import keywords_of, replace_tokens, tokens_of
 from kg.rdf.sparql.parameters import substitute
+from kg.rdf.sparql.update_parser import with_graphs
 from kg.rdf.sparql.vetting import vet
 
 SYNTAX = st.text(st.sampled_from("aA0:_?$@<>'\"\\\\#\n{}()[];.-% \u00e9\u3001u"), max_size=60)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, QuerySolutions, Store
 
-from kg.maps.query.result_rows import Value
+from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.rdf.sparql.order_by import with_total_order

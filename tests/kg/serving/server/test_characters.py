@@ -21,7 +21,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import MapUpdate, PlaceRecord
-from kg.rdf.xml_characters import XmlPieces, in_xml, shown, unwritable
+from kg.rdf.literals import XmlPieces, in_xml, shown, unwritable
 from kg.serving.opening import in_memory_map
 from kg.serving.server import Limits, MapServer, Settings
 from tests.kg.serving.server.conftest import BASE, PATIENCE, Served, furnished

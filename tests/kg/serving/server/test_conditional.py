@@ -19,7 +19,7 @@ PAGES = (THING, GRAPH, "resource?iri=https://w3id.org/hereabouts%23Cup")
 def long_ago(served: Served, monkeypatch: pytest.MonkeyPatch, seconds: float = 5.0) -> None:
     """As if the map's last commit had been so long ago."""
     last = served.map.history.log.last_time
-    monkeypatch.setattr("kg.serving.server.http.conditions.time.time", lambda: last + seconds)
+    monkeypatch.setattr("kg.serving.server.http.problems.time.time", lambda: last + seconds)
 
 
 @pytest.mark.parametrize("path", PAGES)

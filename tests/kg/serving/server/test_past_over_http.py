@@ -13,7 +13,7 @@ import pytest
 import rdflib
 from pyoxigraph import Quad
 
-from kg.history.reports.text_report import (
+from kg.history.reports.events import (
     comparison_text,
     difference_text,
     log_text,

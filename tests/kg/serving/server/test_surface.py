@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kg.maps.surface.voxels import FrameVoxels, Surface, keys_of
-from kg.maps.surface.wire_format import MEDIA_TYPE, decoded, encoded
+from kg.maps.surface.voxels import MEDIA_TYPE, FrameVoxels, Surface, decoded, encoded, keys_of
 from kg.serving.opening import open_map
 
 

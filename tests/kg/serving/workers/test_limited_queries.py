@@ -6,7 +6,7 @@ import pytest
 
 from kg.model.errors import QueryError, QueryRefusedError, QueryTimeoutError, QueryTooLargeError
 from kg.serving.opening import in_memory_map, open_map
-from kg.serving.workers.limited_queries import LimitedQueries
+from kg.serving.workers.local_evaluation import LimitedQueries
 from tests.conftest import publish
 
 COUNT = "SELECT (COUNT(*) AS ?n) { GRAPH graph:dataset { ?map a here:SemanticMap } }"
