@@ -98,8 +98,6 @@ def test_shipped_questions_are_answered_alike(
 ) -> None:
     remote, local = filled
     assert isinstance(remote.engine, SparqlBackend)
-    if question == "why-object" and remote.engine.endpoint.virtuoso:
-        pytest.xfail("Virtuoso 7.2.5 cannot compile the filter of its labels")
     assert remote.query(question, **parameters) == local.query(question, **parameters)
 
 
