@@ -87,7 +87,8 @@ class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         example = f"; {self.epilog}" if "example:" in (self.epilog or "") else ""
         message = self._with_suggestion(message)
-        self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the options\n")
+        what = "options" if " " in self.prog else "commands"
+        self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the {what}\n")
 
     def _with_suggestion(self, message: str) -> str:
         """The message with the nearest of the known choices or options, in place of all choices."""

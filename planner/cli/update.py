@@ -62,5 +62,8 @@ def _text(path: Path) -> str:
 
     try:
         return read_text(path)
+    except FileNotFoundError as error:
+        given = " ".join(str(path).split())[:80]
+        raise QueryError(f"no file {given!r}; the text of an update is given with -e") from error
     except (OSError, UnicodeDecodeError) as error:
         raise QueryError(f"cannot read the update {path}: {error}") from error
