@@ -64,6 +64,8 @@ def _text(path: Path) -> str:
         return read_text(path)
     except FileNotFoundError as error:
         given = " ".join(str(path).split())[:80]
-        raise QueryError(f"cannot read the update {given!r}: no such file; give text with -e") from error
+        raise QueryError(
+            f"cannot read the update {given!r}: no such file; give text with -e"
+        ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise QueryError(f"cannot read the update {path}: {error}") from error
