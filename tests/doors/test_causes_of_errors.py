@@ -16,6 +16,14 @@ ABSENT = (
     ("SELECT ?x { ?x geo:hasGeometry ?g }", "has geo:hasGeometry, though exports may"),
     ("SELECT ?x { ?x here:hasObject ?y }", "states its inverse: write ^here:inPlace"),
     ("SELECT ?x { GRAPH graph:mpa { ?x ?p ?g } }", "no graph graph:mpa"),
+    (
+        "SELECT ?x { GRAPH graph:map { ?x a here:Food } }",
+        "here:Food follows from it in graph:inferred",
+    ),
+    (
+        "SELECT ?x FROM graph:map { { ?x a here:Food } }",
+        "here:Food follows from it in graph:inferred",
+    ),
 )
 
 
@@ -56,7 +64,8 @@ def test_a_syntax_error_names_its_cause(house: House, door) -> None:  # type: ig
 def test_what_the_map_lacks_is_told(house: House, door) -> None:  # type: ignore[no-untyped-def]
     for sparql, note in ABSENT:
         assert note in door(house, sparql)
-    assert door(house, "SELECT ?x { ?x a here:Cup }") == ""
+    for sparql in ("?x a here:Cup", "?x a here:Food", "GRAPH graph:map { ?x a here:Cup }"):
+        assert door(house, f"SELECT ?x {{ {sparql} }}") == ""
 
 
 def test_an_update_that_deletes_nothing_says_why(house: House) -> None:

@@ -45,41 +45,55 @@ def absent_terms(sparql: str, engine: QuadStore) -> tuple[str, ...]:
     if not used:
         return ()
     declared = declared_terms(engine)
-    found = (_absence(iri, engine, declared, graph=graph) for iri, graph in used.items())
+    found = (_absence(iri, engine, declared, graphs) for iri, graphs in used.items())
     return tuple(message for message in found if message)
 
 
-def _used(sparql: str) -> Iterator[tuple[str, bool]]:
-    """The absolute IRIs of a query, and whether each names a graph; not functions, datatypes,
-    endpoints, and declarations of prefixes."""
+def _used(sparql: str) -> Iterator[tuple[str, frozenset[str] | None]]:
+    """The absolute IRIs of a query, with the graphs that its patterns are limited to there.
+
+    They are None for an IRI that names a graph, and empty for the union of all graphs. Functions,
+    datatypes, endpoints and declarations of prefixes are left out.
+    """
     tokens = list(tokens_of(sparql))
     namespaces = dict(v.PREFIXES)
+    dataset, named = frozenset[str](), frozenset[str]()  # by FROM; by the last GRAPH
+    groups: list[frozenset[str]] = []
     for at, token in enumerate(tokens):
         before, after = (tokens[k].text if 0 <= k < len(tokens) else "" for k in (at - 1, at + 1))
-        if before.upper() == "PREFIX":
+        if token.text == "{":
+            groups.append(named or (groups[-1] if groups else dataset))
+            named = frozenset()
+        elif token.text == "}":
+            del groups[-1:]
+        elif before.upper() == "PREFIX":
             namespaces[token.text.rstrip(":")] = after[1:-1]
         elif token.kind == "iri" and ":" in before and tokens[at - 2].keyword == "PREFIX":
             continue
         elif token.kind in ("iri", "name") and before.upper() not in _NO_TERMS and after != "(":
             prefix, _, local = token.text.partition(":")
             iri = token.text[1:-1] if token.kind == "iri" else namespaces.get(prefix, "") + local
-            if ":" in iri and "\\" not in iri:
-                yield iri, before.upper() in ("GRAPH", "FROM", "NAMED")
+            if ":" not in iri or "\\" in iri:
+                continue
+            if before.upper() == "GRAPH":
+                named = frozenset([iri])
+            elif before.upper() == "FROM":
+                dataset |= {iri}
+            is_graph = before.upper() in ("GRAPH", "FROM", "NAMED")
+            yield iri, None if is_graph else groups[-1] if groups else dataset
 
 
-def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) -> str:
+def _absence(iri: str, engine: QuadStore, declared: set[str], graphs: frozenset[str] | None) -> str:
     """The message for an IRI that the map lacks; empty for one that it has."""
     try:
         node = NamedNode(iri)
     except ValueError:
         return ""
-    if graph:
+    if graphs is None:
         if _has(engine, None, None, None, node):
             return ""
-        graphs = sorted(
-            {q.graph_name for q in engine} if isinstance(engine, Store) else (), key=str
-        )
-        names = ", ".join(v.curie(getattr(name, "value", "")) for name in graphs[:_MAX_GRAPHS])
+        known = sorted({q.graph_name for q in engine} if isinstance(engine, Store) else (), key=str)
+        names = ", ".join(v.curie(getattr(name, "value", "")) for name in known[:_MAX_GRAPHS])
         return f"the map has no graph {v.curie(iri)}{f'; it has {names}' if names else ''}"
     if iri.startswith(v.HERE) and iri not in declared:
         return undeclared(iri, declared)
@@ -91,7 +105,7 @@ def _absence(iri: str, engine: QuadStore, declared: set[str], *, graph: bool) ->
     if is_property:
         return f"no statement of the map has the property {v.curie(iri)}{_as_inverse(node, engine)}"
     if any(_has(engine, *place) for place in places) or iri in declared:
-        return ""
+        return _as_inferred(node, engine, graphs)
     why = ", though exports may have it" if iri in v.TERMS else like_declared(iri, declared)
     return f"no statement of the map has {v.curie(iri)}{why}"
 
@@ -102,6 +116,21 @@ def _as_inverse(node: NamedNode, engine: QuadStore) -> str:
         if isinstance(quad.object, NamedNode) and _has(engine, None, quad.object, None, None):
             return f", which states its inverse: write ^{v.curie(quad.object.value)}"
     return ""
+
+
+def _as_inferred(node: NamedNode, engine: QuadStore, graphs: frozenset[str]) -> str:
+    """Why graph:map alone has no thing of a class; empty for other graphs and stated classes."""
+    if v.MAP_GRAPH.value not in graphs or v.INFERRED_GRAPH.value in graphs:
+        return ""
+    stated, inferred = (
+        _has(engine, None, v.RDF_TYPE, node, graph) for graph in (v.MAP_GRAPH, v.INFERRED_GRAPH)
+    )
+    if stated or not inferred:
+        return ""
+    return (
+        f"graph:map states the most specific class of a thing; {v.curie(node.value)} follows from "
+        "it in graph:inferred: leave out GRAPH or FROM"
+    )
 
 
 def _has(engine: QuadStore, *pattern: NamedNode | None) -> bool:
