@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import re
 import shlex
-from datetime import UTC, datetime
+import time
+from datetime import UTC, datetime, timedelta
 from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode
@@ -16,10 +17,19 @@ from kg.model.errors import HistoryError, QueryParameterError
 from kg.model.iris import whole_number
 from kg.rdf.quad_store import Term
 
-#: ``#42`` or 42 (the 42nd transaction), ISO 8601 text (UTC by default), or a datetime
+#: ``#42`` or 42 (the 42nd transaction), text as of `instant`, or a datetime
 Instant = int | str | datetime
 
 _SECONDS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0, "y": 31557600.0}
+_HOURS: Final = {"minute": 1 / 60, "hour": 1.0, "day": 24.0, "week": 168.0, "month": 730.0}
+_NUMBERS: Final = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "few": 3, "couple": 2, "": 1}
+_SPAN: Final = re.compile(
+    r"(?:last |past )?(?:(\d+|a|an|one|two|three|few|couple)(?: of)? )?"
+    r"(minute|hour|day|week|month)s?(?: ago)?"
+)
+_DAYS: Final = {"today": 0, "this morning": 0, "yesterday": 1, "last night": 1}
+_WEEKDAYS: Final = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
+_MAX_COUNT: Final = 10_000
 
 
 def sequence_of(log: HistoryLog, when: Instant) -> int:
@@ -37,12 +47,12 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
                 f"no transaction #{when} is kept; there are #{log.floor} to #{log.last}"
             )
         return when
-    time = moment(when, "#42 (a transaction) or ")
-    if time < log.floor_time:
+    at = moment(instant(when, time.time()) if isinstance(when, str) else when)
+    if at < log.floor_time:
         began = iso(math.ceil(log.floor_time)).replace(".000", "")
-        given = iso(math.floor(time)).replace(".000", "")
+        given = iso(math.floor(at)).replace(".000", "")
         raise HistoryError(f"the past before {began} is not kept, and {given} is earlier")
-    return log.sequence_at(time)
+    return log.sequence_at(at)
 
 
 def duration(text: str) -> float:
@@ -53,26 +63,57 @@ def duration(text: str) -> float:
     return float(match[1]) * _SECONDS[match[2]]
 
 
-def iso(time: float) -> str:
+def iso(seconds: float) -> str:
     """A time [s since 1970] as ISO 8601 in UTC, to the millisecond."""
-    text = datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds")
+    text = datetime.fromtimestamp(seconds, UTC).isoformat(timespec="milliseconds")
     return text.removesuffix("+00:00") + "Z"
 
 
-def moment(when: str | datetime, others: str = "") -> float:
+def instant(words: str, now: float) -> str:
+    """The moment (ISO 8601 or ``#42``) that words name at `now` [s since 1970].
+
+    Days begin at midnight of this machine's time zone; a time without a zone is in UTC. Raises
+    HistoryError for other words.
+    """
+    text = " ".join(words.split())
+    if re.fullmatch(r"#\d+", text):
+        return text
+    plain = text.casefold().removeprefix("the ")
+    if plain == "now":
+        return iso(now)
+    today = datetime.fromtimestamp(now).astimezone()
+    today = today.replace(hour=0, minute=0, second=0, microsecond=0)
+    days = dict(_DAYS)
+    for number, day in enumerate(_WEEKDAYS):
+        days[day] = days[f"last {day}"] = (today.weekday() - number - 1) % 7 + 1
+    if plain in days:
+        return iso((today - timedelta(days=days[plain])).timestamp())
+    if match := _SPAN.fullmatch(plain):
+        count = _NUMBERS.get(match[1] or "") or (whole_number(match[1]) or _MAX_COUNT)
+        return iso(now - 3600.0 * _HOURS[match[2]] * min(count, _MAX_COUNT))
+    try:
+        if re.fullmatch(r"\d+(\.\d+)?[smhdwy]( ago)?", plain):
+            return iso(now - duration(plain.removesuffix(" ago")))
+        return iso(moment(text.upper()))
+    except (HistoryError, ValueError, OverflowError, OSError):
+        raise HistoryError(
+            f"no moment {text[:60]!r}; now, yesterday, today, an hour ago, the last 3 days, 2h, "
+            "2026-08-01T12:30:00Z and #42 (a transaction) work"
+        ) from None
+
+
+def moment(when: str | datetime) -> float:
     """Seconds since 1970 of ISO 8601 text (UTC by default) or a datetime.
 
-    Raises HistoryError for other texts; the message has `others`, which the caller takes, too.
+    Raises HistoryError for other texts.
     """
     try:
         given = datetime.fromisoformat(when) if isinstance(when, str) else when
-        time = (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
-        iso(time)  # raises for a year beyond 9999
+        seconds = (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
+        iso(seconds)  # raises for a year beyond 9999
     except (ValueError, OverflowError):
-        raise HistoryError(
-            f"no moment {str(when)[:60]!r}; write {others}2026-08-01T12:30:00Z"
-        ) from None
-    return time
+        raise HistoryError(f"no moment {str(when)[:60]!r}; write 2026-08-01T12:30:00Z") from None
+    return seconds
 
 
 _BELIEF = re.compile(r"/belief/([^/]+)$")

@@ -9,10 +9,11 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from kg.history.reports.comparison import FAR, ObjectChange
+from kg.history.timestamps import instant
 from planner.agents import answers as a
 from planner.agents.list_tools import Limit, Skip, ThingName
 from planner.agents.map_context import MapContext, clock
-from planner.questions.moments import instant, read_since
+from planner.questions.moments import read_since
 
 _MAX_CHANGES: Final = 4  # listed for a transaction
 

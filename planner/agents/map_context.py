@@ -8,11 +8,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from kg.history.timestamps import iso
+from kg.history.timestamps import instant, iso
 from kg.maps.semantic_map import SemanticMap
 from planner.agents.answers import MapState
 from planner.freespace.planning_map import Row
-from planner.questions.moments import instant
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.place_names import object_named, place_named, thing_named
 

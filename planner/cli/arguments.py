@@ -78,7 +78,7 @@ def moment_of(text: str) -> str:
 
     Raises HistoryError for other texts.
     """
-    from planner.questions.moments import instant
+    from kg.history.timestamps import instant
 
     return instant(text, time.time())
 

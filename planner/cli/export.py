@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 from kg.model.errors import GraphError, QueryParameterError, did_you_mean
 from kg.model.extensions import EXPORTERS, extensions, load_extension
-from planner.cli.arguments import add_at, add_map, add_start, moment_of, whole
+from planner.cli.arguments import add_at, add_map, add_start, whole
 from planner.cli.console import note
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
         if arguments.at is not None:
-            semantic_map = stack.enter_context(semantic_map.at(moment_of(arguments.at)))
+            semantic_map = stack.enter_context(semantic_map.at(arguments.at))
         if chosen == "reference":
             note(f"wrote {_write_reference(semantic_map, output)}")
         elif chosen in _DOCUMENTS:

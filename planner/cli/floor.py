@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kg.model.errors import LayoutError
-from planner.cli.arguments import add_at, add_json, add_map, count, moment_of
+from planner.cli.arguments import add_at, add_json, add_map, count
 from planner.cli.console import note, write_json
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.at is None:
             grid = _grid(semantic_map, arguments.storey)
         else:
-            with semantic_map.at(moment_of(arguments.at)) as then:
+            with semantic_map.at(arguments.at) as then:
                 grid = _grid(then, arguments.storey)
     image = write_grid(grid, output)
     free, occupied = (round(float(a), 2) for a in grid.areas)

@@ -13,7 +13,7 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_author, add_json, add_map, moment_of
+from planner.cli.arguments import add_author, add_json, add_map
 from planner.cli.console import counted, note, write_json
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map) as semantic_map:
         done = semantic_map.restore(
-            moment_of(arguments.to),
+            arguments.to,
             only=arguments.only,
             by=arguments.by,
             confirmed=arguments.yes,

@@ -19,7 +19,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.history.timestamps import moment, sequence_of
+from kg.history.timestamps import instant, sequence_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     ConflictError,
@@ -221,7 +221,7 @@ def state_of(semantic_map: SemanticMap) -> State:
 
 
 async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
-    """The last transaction at or before a moment: ISO 8601, or a number, 42 or #42.
+    """The last transaction at or before a moment: text as of `instant`, or a number, 42 or #42.
 
     Raises Problem: 400 for an invalid moment, 404 if that past is not kept.
     """
@@ -231,11 +231,9 @@ async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
     else:
         when = text
         try:
-            moment(text)
+            when = instant(text, time.time())
         except HistoryError as error:
-            raise Problem(
-                400, f"no moment {text[:60]!r}; write 42 (a transaction) or 2026-08-01T12:30:00Z"
-            ) from error
+            raise Problem(400, str(error)) from error
     return await run_in_threadpool(partial(sequence_of, semantic_map.history.log, when))
 
 

@@ -217,7 +217,7 @@ def test_a_part_that_does_not_fit_the_rest_is_refused(flat: SemanticMap) -> None
 
 
 def test_what_cannot_be_restored_is_one_line(flat: SemanticMap) -> None:
-    for when in ("#99", "yesterday"):
+    for when in ("#99", "someday", "yesterday"):
         with pytest.raises(HistoryError):
             flat.restore(when)
     with pytest.raises(QueryParameterError, match="there are objects, places, assertions"):

@@ -85,7 +85,8 @@ def test_the_past_may_be_named_by_time_and_in_a_form(moved: Served) -> None:
 @pytest.mark.parametrize(
     ("at", "status", "says"),
     [
-        ("yesterday", 400, "no moment"),
+        ("someday", 400, "no moment"),
+        ("yesterday", 404, "not kept"),
         ("-1", 400, "no moment"),
         ("9" * 30, 400, "no moment"),
         ("0001-01-01T00:00:00+23:00", 400, "no moment"),

@@ -102,7 +102,7 @@ def test_who_may_not_write_may_not_restore(
         '{"to": 1, "only": [], "dry_run": false}',
         '{"to": "#1", "only": "objects", "dry_run": false}',
         '{"to": "#1", "only": ["nothing of the kind"], "dry_run": false}',
-        '{"to": "yesterday", "only": [], "dry_run": false}',
+        '{"to": "someday", "only": [], "dry_run": false}',
     ],
 )
 def test_what_is_no_restoration_is_a_bad_request(guarded: Served, body: str) -> None:
