@@ -80,5 +80,5 @@ def test_mapping_with_a_bounded_past(kitchen: Path, tmp_path: Path, fails: Fails
 def test_a_past_that_is_not_there(mapped: Path, fails: Fails) -> None:
     assert "no moment" in fails("ask", mapped, "objects", "--at", "noon")
     assert "no transaction #99" in fails("diff", mapped, "#1", "#99")
-    assert "no thing" in fails("why", mapped, "nonsense")
+    assert "nothing is called" in fails("why", mapped, "nonsense")
     assert "knows nothing of object/999" in fails("log", mapped, "object/999")
