@@ -173,9 +173,11 @@ def thing_named(semantic_map: SemanticMap, text: str) -> str:
 def fact_named(semantic_map: SemanticMap, text: str) -> str:
     """A thing as in `thing_named`, or a fact of it: subject, predicate and perhaps an object.
 
-    The result is short (``object/17 here:inPlace place/1``). The predicate has a colon.
+    The result is short (``object/17 here:inPlace place/1``). The predicate has a colon, or is ``a``.
     """
     words = text.split()
     at = next((n for n, word in enumerate(words) if n and ":" in word), len(words))
+    if at > 1 and words[at - 1] == "a":
+        at -= 1
     iri = thing_named(semantic_map, " ".join(words[:at]) if at < len(words) else text)
     return " ".join([iri.removeprefix(semantic_map.base), *words[at:]])

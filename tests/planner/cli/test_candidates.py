@@ -138,7 +138,8 @@ def test_a_damaged_report_is_one_line(mapped: Path, fails: Fails, prints: Prints
         assert len(line) < 600
     file.unlink()
     os.mkfifo(file)
-    assert "no regular file" in fails("why", mapped, "--candidates")
+    assert "detections.json, a pipe" in fails("why", mapped, "--candidates")
+    file.unlink()
     prints("find", mapped, "giraffe")
 
 

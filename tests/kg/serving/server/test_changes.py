@@ -146,9 +146,10 @@ def test_slow_follower_is_dropped_and_the_others_are_not(serve: Callable[..., Se
         # more than the sockets' buffers hold, whatever the system gives them; then a few more
         steps, more = iter(range(2000)), iter(range(3))
         for step in steps:
-            text = Literal(f"{step}{'x' * 200_000}")
-            quad = Quad(NamedNode(CUP), NamedNode(v.RDFS_COMMENT), text, v.MAP_GRAPH)
-            served.map.store.commit([], [quad], Cause("import"))
+            texts = [Literal(f"{step} {part}{'x' * 90_000}") for part in "ab"]
+            comment = NamedNode(v.RDFS_COMMENT)
+            quads = [Quad(NamedNode(CUP), comment, text, v.MAP_GRAPH) for text in texts]
+            served.map.store.commit([], quads, Cause("import"))
             assert quick.next()[0] == served.map.sequence
             if feed.dropped and next(more, None) is None:
                 break

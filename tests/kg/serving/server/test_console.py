@@ -97,7 +97,7 @@ def test_a_shipped_question_is_asked_with_a_parameter_and_shown_on_the_map(
 def test_an_error_is_marked_at_its_place(open_page: OpenPage) -> None:
     page = open_page("console")
     ask(page, "SELECT ?x\n{ ?x a here:Cup }}")
-    says(page, "#status", "2:")
+    says(page, "#status", "line 2, column 1")
     says(page, ".cm-line:nth-child(2) .cm-lintRange-error", "}")
     ask(page, CUPS)
     says(page, "#table", "cup 1")

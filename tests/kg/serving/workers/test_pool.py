@@ -324,6 +324,6 @@ def test_questions_about_the_past_leave_places_in_the_queue_for_the_present(
 
 def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: QueryPool) -> None:
     for _ in range(3):
-        with pytest.raises(QueryError, match="expected"):
+        with pytest.raises(QueryError, match="did you mean SELECT"):
             pool.run("SELEKT", at=0)
     assert b"true" in pool.run("ASK {}", at=0).body
