@@ -173,7 +173,7 @@ def thing_named(semantic_map: SemanticMap, text: str) -> str:
 def fact_named(semantic_map: SemanticMap, text: str) -> str:
     """A thing as in `thing_named`, or a fact of it: subject, predicate and perhaps an object.
 
-    The result is short (``object/17 here:inPlace place/1``). The predicate has a colon, or is ``a``.
+    The result is short (``object/17 here:inPlace place/1``). The predicate is ``a`` or has a colon.
     """
     words = text.split()
     at = next((n for n, word in enumerate(words) if n and ":" in word), len(words))
