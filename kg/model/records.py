@@ -12,7 +12,8 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.areas import Area, Outline, Rectangle, footprint
+from kg.model.areas import Area, Outline, Rectangle
+from kg.model.oriented_boxes import footprint
 
 #: in place of a detector's name: the thing stands out of the mapped surface
 SURFACE: Final = "surface"

@@ -37,7 +37,8 @@ from kg.maps.stored_map import StoredMap
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.model.errors import ConflictError, GraphError, HereaboutsError, MapBusyError
 from kg.model.transactions import ChangeSet
-from kg.store.folder import announce, announced, copy_files, write_error
+from kg.store.disk_space import write_error
+from kg.store.folder import announce, announced, copy_files
 from kg.store.snapshots import Snapshots, make_home, remove_home
 from kg.store.transaction_quads import stored_sequence
 from kg.store.transactional import TransactionalStore

@@ -1,29 +1,19 @@
-"""The folder of a map: its store, lock and files, replaced as a whole and flushed to the disk."""
+"""The folder of a map: ``store/`` with Oxigraph's files, and the lock file ``lock``."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
 import fcntl
-import gc
 import glob
 import os
 import shutil
-import sqlite3
-import threading
-import time
-import uuid
-import weakref
-from contextlib import suppress
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
-from pyoxigraph import Store
-
-from kg.model.errors import DiskFullError, GraphError, MapBusyError, MapNotFoundError
+from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 from kg.model.regular_files import copy_regular, read_text
 from kg.model.sqlite_files import JOURNAL, LOG
-from kg.store.process_memory import TRIM_EVERY, trim_heap
 
 _MAX_NAME: Final = 200  # bytes of the name under which a writer serves
 
@@ -200,164 +190,3 @@ def reason_of(error: OSError | RuntimeError) -> str:
     """The message of an error of the file system or of RocksDB, in one line."""
     reason = error.strerror if isinstance(error, OSError) else None
     return " ".join((reason or str(error)).split())
-
-
-#: [bytes] that the store needs to open again, beside what its own log holds
-_ROOM: Final = 2 << 20
-_ATTEMPTS: Final = 20  # to open the store again, while other threads still read the old one
-_PAUSE: Final = 0.05  # [s] between them
-_NUMBERS: Final = (errno.ENOSPC, errno.EDQUOT)
-#: as the engine and SQLite say it, whose errors have no number of the system
-_WORDS: Final = ("no space left on device", "disk quota exceeded", "disk is full")
-
-
-def is_disk_full(error: BaseException) -> bool:
-    """Whether an error of the system, of the engine or of SQLite is one of a full disk."""
-    text = str(error).lower()
-    return getattr(error, "errno", None) in _NUMBERS or any(words in text for words in _WORDS)
-
-
-def write_error(
-    error: OSError | RuntimeError | sqlite3.Error, where: Path | str, action: str
-) -> GraphError:
-    """The error of a failed `action` ("cannot write ...") on the map at `where`."""
-    if is_disk_full(error):
-        return disk_full(where)
-    reason = str(error) if isinstance(error, sqlite3.Error) else reason_of(error)
-    return GraphError(f"{action}: {reason}")
-
-
-def disk_full(where: Path | str) -> DiskFullError:
-    """The error of a map at `where` whose disk has no space; it names the folder, not its path."""
-    return DiskFullError(
-        f"no space left on the disk of map {Path(where).name}; free some and retry"
-    )
-
-
-def has_room(path: Path) -> bool:
-    """Whether the store of the map in the folder `path` has space to be opened for writing.
-
-    Opening writes the store's own log anew.
-    """
-    needed = _ROOM + 2 * sum(file.stat().st_size for file in (path / "store").glob("*.log"))
-    return free_space(path) >= needed
-
-
-def free_space(path: Path) -> int:
-    """Free space [bytes] of the disk of `path`, for this user."""
-    disk = os.statvfs(path)
-    return disk.f_bavail * disk.f_frsize
-
-
-def reopened(folder: Path) -> tuple[Store, OSError | RuntimeError | None]:
-    """The store in `folder`, after all references to the open one were dropped.
-
-    After a failed write the engine refuses all further ones until it is opened again. Where that
-    fails, the store is only for reading, with the reason.
-    """
-    for attempt in range(_ATTEMPTS):
-        try:
-            return Store(str(folder)), None
-        except (OSError, RuntimeError) as error:
-            reason = error
-        if is_disk_full(reason):
-            break
-        gc.collect()
-        if attempt:
-            time.sleep(_PAUSE)
-    return Store.read_only(str(folder)), reason
-
-
-def write_atomically(path: Path, text: str | bytes, *, in_map: bool = False) -> None:
-    """Write `text` (as UTF-8) or bytes to `path` atomically, by renaming a new file.
-
-    Nothing is written into the folder of a map but its own files (`in_map`).
-
-    A device or pipe (/dev/stdout) is written directly; a symbolic link is kept. Raises GraphError
-    if writing fails.
-    """
-    if not in_map:
-        check_outside_maps(path)
-    data = text if isinstance(text, bytes) else text.encode("utf-8")
-    try:
-        if path.exists() and not path.is_file() and not path.is_dir():
-            path.write_bytes(data)
-            return
-        path = path.resolve()
-    except OSError as error:
-        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
-    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
-    try:
-        with beside.open("wb") as out:
-            out.write(data)
-            out.flush()
-            os.fsync(out.fileno())
-        beside.replace(path)
-        sync_folder(path.parent)
-    except OSError as error:
-        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def sync_folder(folder: Path) -> None:
-    """Let the names in `folder` survive a power cut: new, renamed and removed ones.
-
-    Does nothing where the file system cannot sync a folder.
-    """
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
-
-
-FLUSH_EVERY = 3.0  # [s]
-
-
-class Flushable(Protocol):
-    """A store that can be flushed."""
-
-    @property
-    def sequence(self) -> int:
-        """The number of the last transaction."""
-
-    def flush(self) -> None:
-        """Write everything to disk; raises GraphError on failure."""
-
-
-class Flusher:
-    """Flushes a store until it is stopped, or until nobody holds the store any more.
-
-    It also returns free memory to the system while the store is written.
-    """
-
-    def __init__(self, store: Flushable) -> None:
-        self._stop = threading.Event()
-        # a weak reference, so that an unreferenced store is freed although never closed
-        reference = weakref.ref(store)
-        self._thread = threading.Thread(
-            target=_keep_flushing, args=(reference, self._stop), daemon=True
-        )
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread; idempotent."""
-        self._stop.set()
-        self._thread.join()
-
-
-def _keep_flushing(reference: weakref.ref[Flushable], stop: threading.Event) -> None:
-    trimmed, written = time.monotonic(), 0
-    while not stop.wait(FLUSH_EVERY):
-        store = reference()
-        if store is None:
-            return
-        with contextlib.suppress(GraphError):  # the next commit, or closing, reports it
-            store.flush()
-        sequence = store.sequence
-        del store
-        if sequence != written and time.monotonic() - trimmed > TRIM_EVERY:
-            trim_heap()
-            trimmed, written = time.monotonic(), sequence

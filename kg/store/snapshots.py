@@ -24,7 +24,8 @@ from typing import Final
 from pyoxigraph import Store
 
 from kg.model.errors import DiskFullError, GraphError, WorkerDiedError
-from kg.store.folder import disk_full, free_space, is_disk_full, remove_abandoned, write_error
+from kg.store.disk_space import disk_full, free_space, is_disk_full, write_error
+from kg.store.folder import remove_abandoned
 from kg.store.transactional import TransactionalStore
 
 SCRATCH: Final = "scratch"  # folder beside the snapshots

@@ -26,19 +26,10 @@ from kg.model.errors import GraphError
 from kg.model.transactions import Cause, ChangeSet, Listener
 from kg.rdf.literals import transaction_time
 from kg.rdf.quad_store import QuadStore
-from kg.store.folder import (
-    Flusher,
-    check_is_map,
-    check_vacant,
-    disk_full,
-    has_room,
-    locked,
-    made_folder,
-    remove_abandoned,
-    reopened,
-    sync_folder,
-    write_error,
-)
+from kg.store.atomic_file import sync_folder
+from kg.store.disk_space import disk_full, has_room, reopened, write_error
+from kg.store.flushing import Flusher
+from kg.store.folder import check_is_map, check_vacant, locked, made_folder, remove_abandoned
 from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend, graph_blocks
 from kg.store.transaction_quads import (

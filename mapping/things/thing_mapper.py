@@ -18,8 +18,8 @@ from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface, keys_of
 from kg.model import vocabulary as v
-from kg.model.areas import OrientedBox, along, along_nearest_axes
 from kg.model.errors import GraphError
+from kg.model.oriented_boxes import OrientedBox, along, along_nearest_axes
 from kg.model.records import SURFACE, Evidence, ObjectRecord
 from mapping.frames.projection import to_camera
 from mapping.objects.extents.surface_growth import Walls

@@ -112,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _copy_pictures(semantic_map: SemanticMap, folder: Path, min_existence: float) -> int:
     """Copy the pictures of objects of existence `min_existence` and above; returns their number."""
     from kg.maps.object_pictures import ObjectPictures
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
 
     if semantic_map.store.path is None:
         raise QueryParameterError("--pictures needs the folder of a map as MAP")
@@ -183,7 +183,7 @@ def _write_document(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
 
     min_existence = _min_existence(arguments)
     make = geojson_document if chosen == "geojson" else rooms_document
@@ -198,7 +198,7 @@ def _write_document(
 def _write_mesh(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
     from planner.display.viewers.mesh_files import scene_as_glb, scene_as_ply
     from planner.display.viewers.scene import present_scene
 
@@ -210,7 +210,7 @@ def _write_mesh(
 def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
     from planner.display.viewers.scene import past_scenes, present_scene
 
     make = _scene_writer(chosen)

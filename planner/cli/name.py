@@ -152,7 +152,7 @@ def _read(path: Path) -> list[tuple[str, str]]:
 
 
 def _review(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
     from planner.display.naming_sheet import MAX_THINGS, naming_sheet, things_to_name
 
     things = list(islice(things_to_name(semantic_map), MAX_THINGS))

@@ -236,7 +236,7 @@ def _vocabulary(arguments: argparse.Namespace) -> int:
 
 def _write_page(page: str, output: str | None) -> int:
     """Write a page to a file, or to stdout."""
-    from kg.store.folder import write_atomically
+    from kg.store.atomic_file import write_atomically
 
     if output is None:
         write(page)

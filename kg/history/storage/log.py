@@ -35,7 +35,7 @@ from kg.model import sqlite_files
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import ChangeSet
-from kg.store.folder import write_error
+from kg.store.disk_space import write_error
 
 BACKGROUND: Final = (v.ONTOLOGY_GRAPH, v.COMMONSENSE_GRAPH)
 #: graphs without key frames; inferred types follow from the other graphs, so no change has them

@@ -28,7 +28,7 @@ from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
-from kg.store.folder import write_atomically
+from kg.store.atomic_file import write_atomically
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from kg.knowledge.placement.statistics_import import RoomTable
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, OntologyError
 from kg.rdf.parsing import parse_file
-from kg.store.folder import write_atomically
+from kg.store.atomic_file import write_atomically
 
 #: the ontologies with the categories of the statistics
 _IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("objects", "places"))

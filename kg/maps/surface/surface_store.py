@@ -31,7 +31,7 @@ from kg.maps.surface.voxels import (
 )
 from kg.model.errors import GraphError
 from kg.model.sqlite_files import open_sqlite
-from kg.store.folder import disk_full, free_space, is_disk_full
+from kg.store.disk_space import disk_full, free_space, is_disk_full
 
 FILE: Final = "surface.sqlite"
 MAX_BYTES: Final = 1 << 27  # of a file that is read

@@ -19,7 +19,7 @@ from kg.model.errors import GraphError, HereaboutsError, MapBusyError
 from kg.model.sqlite_files import connect, open_sqlite
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, open_map
-from kg.store.folder import write_atomically
+from kg.store.atomic_file import write_atomically
 from planner.cli import main
 from planner.display.plots.picture_file import save_picture
 

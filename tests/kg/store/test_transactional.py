@@ -13,7 +13,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 from kg.model.transactions import Cause
-from kg.store import folder
+from kg.store import flushing
 from kg.store.transaction_quads import sequence_quad
 from kg.store.transactional import TransactionalStore
 
@@ -152,7 +152,7 @@ def test_a_closed_store_says_that_it_is_closed() -> None:
 
 
 def test_writers_flush_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(folder, "FLUSH_EVERY", 0.01)
+    monkeypatch.setattr(flushing, "FLUSH_EVERY", 0.01)
     flushed = threading.Event()
     flush = TransactionalStore.flush
     monkeypatch.setattr(TransactionalStore, "flush", lambda self: (flush(self), flushed.set()))

@@ -61,7 +61,7 @@ from kg.rdf.sparql.vetting import (
     vet,
 )
 from kg.serving.workers.isolation.confinement import confine
-from kg.store.folder import is_disk_full
+from kg.store.disk_space import is_disk_full
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import PastStates
