@@ -85,7 +85,8 @@ def facts(semantic_map: SemanticMap) -> set[Quad]:
     return {
         quad
         for quad in semantic_map.engine
-        if quad.graph_name not in BACKGROUND and quad.predicate.value not in _VOLATILE
+        if quad.graph_name not in (*BACKGROUND, v.INFERRED_GRAPH)
+        and quad.predicate.value not in _VOLATILE
     }
 
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from kg.model.areas import MAX_CORNERS
 from kg.model.errors import InvalidFactError
+
+MAX_CORNERS: Final = 2000  # of a polygon; as `kg.model.areas` has it, without its libraries
 
 Point = tuple[float, float]  # (x, y) [m] of the map
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,26 +17,7 @@ from rdflib.term import Node
 
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class Finding:
-    """Validation result of SHACL or of another check."""
-
-    focus: str  # IRI of the faulty node, or name of a blank node
-    message: str
-    path: str = ""  # IRI of the faulty property, if any
-    value: str = ""  # faulty value, if any
-    severity: str = "violation"  # or "warning"
-
-    def without_value(self) -> Finding:
-        """The finding without its value, to compare faults."""
-        return replace(self, value="")
-
-    def __str__(self) -> str:
-        value = f" (found {self.value})" if self.value else ""
-        return f"{self.severity}: {self.focus}: {self.message}{value}"
-
+from kg.rdf.findings import Finding
 
 #: beginnings of IRIs that pyshacl accepts as focus nodes; it reads others as prefixed names
 _PLAIN = ("http:", "https:", "urn:", "file:")

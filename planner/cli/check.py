@@ -30,7 +30,7 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.lint import check_map, check_ontologies
     from kg.knowledge.ontology.unused import unused_statements
     from kg.model.resources import ONTOLOGIES
-    from kg.rdf.shacl import Finding
+    from kg.rdf.findings import Finding
     from kg.serving.opening import open_map
     from mapping.keepers.kept_files import unreadable_files
 

@@ -19,7 +19,7 @@ from kg.knowledge.ontology.relations import Notes, annotated_key
 from kg.knowledge.ontology.unused import unresolved_imports, unused_statements
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 from kg.rdf.skolem import named
 
 _MAX_LISTED = 3  # findings named in one message

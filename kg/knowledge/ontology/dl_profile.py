@@ -15,7 +15,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.declared_terms import like_declared
 from kg.model import vocabulary as v
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 
 _BETWEEN_CLASSES: Final = {
     v.RDFS_SUB_CLASS_OF,

@@ -29,7 +29,7 @@ from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 from kg.rdf.skolem import named
 
 _PROPERTY_KINDS: Final = {

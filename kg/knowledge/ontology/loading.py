@@ -20,9 +20,9 @@ from kg.knowledge.ontology.relations import CategoryRelation, Notes, annotated_k
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.shacl import Finding
 from kg.store.transaction_quads import MAX_TEXT
 
 #: Shapes validate the other files and are not part of the map.

@@ -20,8 +20,8 @@ from kg.knowledge.ontology.provisional_classes import provisional_to_keep
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.findings import Finding
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.shacl import Finding
 from kg.rdf.skolem import named
 from kg.store.transactional import TransactionalStore
 

@@ -23,7 +23,7 @@ from kg.knowledge.ontology.relations import KINDS, annotated_key
 from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import did_you_mean
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 
 MAX_ALIKE: Final = 20  # warnings about one property; then their number
 

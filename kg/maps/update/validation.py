@@ -22,9 +22,9 @@ from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError, ShapeError
 from kg.model.resources import ONTOLOGIES
+from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
-from kg.rdf.shacl import Finding
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import inferred_changes
 from kg.store.write_limit import check_time

@@ -14,7 +14,7 @@ from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.loading import SHAPES_FILE, Ontology
 from kg.knowledge.ontology.replacement import check_complete
 from kg.model.errors import OntologyError
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 from kg.serving.client.record_codec import Json
 from kg.serving.client.served_server import ServedClient
 from kg.serving.opening import open_map

@@ -27,7 +27,7 @@ from kg.model.errors import (
     QueryTooLargeError,
 )
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.shacl import Finding
+from kg.rdf.findings import Finding
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.process import Answer, WorkerProcess
 from kg.serving.workers.worker_set import all_busy
