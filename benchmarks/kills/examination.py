@@ -127,14 +127,16 @@ def replay(path: Path) -> tuple[str, tuple[str, ...]]:
 def digest(quads: Iterable[Quad]) -> str:
     """A fingerprint of what changes: all but ontology, common sense and the counter."""
     lines = sorted(
-        str(q) for q in quads if q.graph_name not in BACKGROUND and q.predicate.value != v.SEQUENCE
+        str(q)
+        for q in stated(quads)
+        if q.graph_name not in BACKGROUND and q.predicate.value != v.SEQUENCE
     )
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def isomorphic_digest(quads: Iterable[Quad]) -> str:
     """A fingerprint of everything but the counter, whatever its blank nodes are called."""
-    dataset = Dataset(q for q in quads if q.predicate.value != v.SEQUENCE)
+    dataset = Dataset(q for q in stated(quads) if q.predicate.value != v.SEQUENCE)
     dataset.canonicalize(CanonicalizationAlgorithm.RDFC_1_0)
     lines = sorted(str(quad) for quad in dataset)
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()
