@@ -25,7 +25,6 @@ from kg.model.errors import ModelError, RecordingError
 from kg.model.regular_files import read_bytes
 from kg.model.sqlite_files import unreadable
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
-from perception.inference.model_zoo import cache_folder
 
 if TYPE_CHECKING:
     from perception.inference.look_network import LookNetwork
@@ -68,6 +67,12 @@ def network() -> LookNetwork:
     return load_look_network()
 
 
+def _cached() -> Path:
+    from perception.inference.model_zoo import cache_folder  # it loads an HTTP client
+
+    return cache_folder() / FILE
+
+
 class ObjectLooks:
     """Looks of the objects of the map in `folder`.
 
@@ -76,7 +81,7 @@ class ObjectLooks:
 
     def __init__(self, folder: Path, *, read_only: bool = False) -> None:
         self._path, self._pictures = folder / FILE, ObjectPictures(folder)
-        self._kept = cache_folder() / FILE if read_only else self._path
+        self._kept = _cached() if read_only else self._path
 
     def of(self, iris: Iterable[str]) -> dict[str, Looks]:
         """Looks of the objects that have pictures, by IRI.

@@ -9,7 +9,7 @@ from kg.knowledge.words.meaning import Meaning, listed, shown_name, understand
 from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_places
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
-from mapping.looks.known_things import things_that_look_like
+from mapping.looks.word_looks import things_that_look_like
 from planner.search.goals.place_names import in_words, place_category, plain_place
 
 _ALIKE = 3  # things that are said to look like a word

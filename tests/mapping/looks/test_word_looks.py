@@ -5,13 +5,8 @@ from dataclasses import replace
 from kg.model.records import MapUpdate
 from kg.model.vocabulary import UNNAMED_THING
 from kg.serving.opening import in_memory_map, open_map
-from mapping.looks.known_things import (
-    KnownThings,
-    imagenet_classes,
-    recognise,
-    taught,
-    things_that_look_like,
-)
+from mapping.looks.known_things import KnownThings, recognise, taught
+from mapping.looks.word_looks import imagenet_classes, things_that_look_like
 
 
 def test_things_are_ordered_by_what_a_word_means(furnished, cut_out):

@@ -60,4 +60,4 @@ def test_questions_to_a_map_in_a_folder_load_the_engine_alone(tmp_path: Path) ->
         ("why", str(path), iri, "--json"),
         ("log", str(path), iri),
     ):
-        assert not loaded(*words) & (HEAVY - {"requests", "shapely"})
+        assert not loaded(*words) & HEAVY
