@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Literal, Quad, RdfFormat, parse
 
@@ -38,9 +37,9 @@ class Finding:
     seconds: float = 0.0  # that the map took to open
 
 
-def stated(engine: Any) -> set[Any]:
+def stated(quads: Iterable[Quad]) -> set[Quad]:
     """The quads of a store but those that it infers, which no history holds."""
-    return {quad for quad in engine if quad.graph_name != v.INFERRED_GRAPH}
+    return {quad for quad in quads if quad.graph_name != v.INFERRED_GRAPH}
 
 
 def examine(path: Path, before: Known, acknowledged: Known, *, read_only: bool) -> Finding:
@@ -71,9 +70,9 @@ def examine_after_cut(path: Path, told: Known, *, power_safe: bool) -> Finding:
     with open_map(path) as semantic_map:
         seconds = time.monotonic() - started
         known = _known(semantic_map)
-        now = stated(semantic_map.engine)
+        now = set(semantic_map.engine)
         with semantic_map.at(known.sequence) as then:
-            wrong = differs(f"the history at #{known.sequence}", stated(then.engine), now)
+            wrong = differs(f"the history at #{known.sequence}", set(then.engine), now)
         wrong += _torn(semantic_map, known)
         if power_safe:
             wrong += _lost(known, told)
@@ -88,9 +87,9 @@ def examine_mapped(path: Path, commits: int) -> Finding:
     started = time.monotonic()
     with open_map(path) as semantic_map:
         seconds = time.monotonic() - started
-        number, now = semantic_map.sequence, stated(semantic_map.engine)
+        number, now = semantic_map.sequence, set(semantic_map.engine)
         with semantic_map.at(number) as then:
-            wrong = differs(f"the history at #{number}", stated(then.engine), now)
+            wrong = differs(f"the history at #{number}", set(then.engine), now)
         if number < commits:
             wrong.append(f"#{commits} was in the log, the map is at #{number}")
         if bool(semantic_map.recordings()) != (semantic_map.robot() is not None):
@@ -186,15 +185,15 @@ def _misnumbered(semantic_map: SemanticMap, known: Known, before: Known) -> list
 
 
 def _retold(semantic_map: SemanticMap, known: Known, before: Known) -> list[str]:
-    now = stated(semantic_map.engine)
+    now = set(semantic_map.engine)
     with semantic_map.at(known.sequence) as told:
-        wrong = differs(f"the history at #{known.sequence}", stated(told.engine), now)
+        wrong = differs(f"the history at #{known.sequence}", set(told.engine), now)
     with semantic_map.at(before.sequence) as then:
         graph = stated(then.engine)
     for change in semantic_map.history.changes(before.sequence):
         graph -= set(change.removed)
         graph |= set(change.added)
-    return wrong + differs(f"the changes since #{before.sequence}", graph, now)
+    return wrong + differs(f"the changes since #{before.sequence}", graph, stated(now))
 
 
 def differs(name: str, graph: set[Quad], wanted: set[Quad]) -> list[str]:
