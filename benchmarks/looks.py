@@ -25,14 +25,9 @@ from benchmarks.rooms.recordings import TRUTH, room_folders, shared_data
 from kg.maps.object_pictures import MAX_BYTES
 from lab.maps.complete_truth import TrueObject, load_complete_truth
 from mapping.frames.projection import to_map
-from mapping.looks.known_things import (
-    MIN_DISTINCT,
-    MIN_LIKENESS,
-    MIN_RATIO,
-    imagenet_classes,
-    ratio,
-)
+from mapping.looks.known_things import MIN_DISTINCT, MIN_LIKENESS
 from mapping.looks.object_looks import Looks, likeness
+from mapping.looks.word_looks import MIN_RATIO, imagenet_classes, ratio
 from perception.frames import Frame
 from perception.inference.detector import load_detector
 from perception.inference.model_zoo import bundled_pair

@@ -13,17 +13,11 @@ from typing import Final
 
 from kg.maps.facts import room_edits
 from kg.maps.facts.assertion_service import AssertionService, PerceivedRecords
-from kg.maps.facts.assertions import (
-    Assertions,
-    PropertyAssertions,
-    ago,
-    area_text,
-    believed_object,
-    noted,
-)
+from kg.maps.facts.assertions import Assertions, PropertyAssertions, area_text, believed_object
 from kg.maps.facts.doors import doors_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.replaced_values import ago, noted
 from kg.maps.facts.robot_and_recordings import robot_in
 from kg.maps.facts.room_edits import EditedAreas
 from kg.maps.map_extent import check_positions

@@ -18,7 +18,6 @@ from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.replacement import compiled_before, recompiled
 from kg.maps.facts.assertion_service import AssertionService
-from kg.maps.facts.assertions import noted
 from kg.maps.facts.coordinate_frames import (
     changed_frame,
     chosen_map,
@@ -27,6 +26,7 @@ from kg.maps.facts.coordinate_frames import (
     quads_in_one_frame,
 )
 from kg.maps.facts.frame_writer import FrameWriter
+from kg.maps.facts.replaced_values import noted
 from kg.maps.map_extent import (
     check_positions,
     check_sides,

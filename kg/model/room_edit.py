@@ -8,8 +8,6 @@ from typing import Final, Literal
 
 from kg.model.errors import InvalidFactError
 
-MAX_CORNERS: Final = 2000  # of a polygon; as `kg.model.areas` has it, without its libraries
-
 Point = tuple[float, float]  # (x, y) [m] of the map
 
 RoomEditKind = Literal["split", "merge", "wall", "draw", "door", "here", "undo"]
@@ -54,7 +52,13 @@ class RoomEdit:
             raise InvalidFactError(f"{self.kind} needs {places} different places")
         if len(self.points) < points:
             raise InvalidFactError(f"{self.kind} needs {points} points or more, got {self.points}")
-        if len(self.points) > MAX_CORNERS:
-            raise InvalidFactError(f"an edit has at most {MAX_CORNERS} points")
+        _check_corners(len(self.points))
         if self.kind == "here" and not self.name.strip():
             raise InvalidFactError("here needs the name of the room, as in 'room 315'")
+
+
+def _check_corners(points: int) -> None:
+    from kg.model.areas import MAX_CORNERS  # which loads numpy: not for the help of a command
+
+    if points > MAX_CORNERS:
+        raise InvalidFactError(f"an edit has at most {MAX_CORNERS} points")

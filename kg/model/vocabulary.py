@@ -348,5 +348,5 @@ def curie(iri: str) -> str:
 
 
 def local_name(iri: str) -> str:
-    """What follows the last ``#``, ``/`` or ``:`` of an IRI."""
+    """Local name of an IRI: the text after its last ``#``, ``/`` or ``:``."""
     return re.split("[#/:]", iri)[-1]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import uuid
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from hashlib import blake2s
 
@@ -55,17 +55,14 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     for node in reversed(inner_first):
         above = (f"{names.get(q.subject, q.subject)} {q.predicate}" for q in pointing[node])
         names[node] = NamedNode(v.GENID + _digest([content[node], *sorted(above)]))
-    return tuple(
-        dict.fromkeys(
-            Quad(
-                names.get(q.subject, q.subject),
-                q.predicate,
-                names.get(q.object, q.object),
-                q.graph_name,
-            )
-            for q in quads
-        )
-    )
+    return tuple(dict.fromkeys(with_names(quads, names)))
+
+
+def with_names(quads: Iterable[Quad], names: Mapping[object, NamedNode]) -> Iterator[Quad]:
+    """The quads with the IRIs of `names` in place of those subjects and objects."""
+    for quad in quads:
+        subject, value = names.get(quad.subject, quad.subject), names.get(quad.object, quad.object)
+        yield Quad(subject, quad.predicate, value, quad.graph_name)
 
 
 def with_fresh_iris(quads: Iterable[Quad]) -> Iterator[Quad]:

@@ -18,8 +18,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import has_log
+from kg.serving.folder_server import FolderServer
 from kg.serving.shared_folder import (
-    FolderServer,
     SharedMap,
     SharedStore,
     recover_copy,

@@ -125,15 +125,17 @@ class TransactionalStore:
         check_is_map(path)
         lock = locked(path / "lock", path, shared=read_only)
         try:
-            folder, on_disk = str(path / "store"), True
+            folder = str(path / "store")
             engine = Store.read_only(folder) if read_only else Store(folder)
-            if not read_only:
-                complete_types(engine)
-            elif not (on_disk := is_inferred(engine)):
+            inferred = is_inferred(engine)
+            if not inferred and read_only:
                 engine = _copy_with_types(engine)  # since the folder cannot be written
+            elif not inferred:
+                complete_types(engine)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
             os.close(lock)
             raise write_error(error, path, f"cannot open the map at {path}") from error
+        on_disk = inferred or not read_only
         return cls(engine, where=str(path), read_only=read_only, lock=lock, on_disk=on_disk)
 
     @classmethod

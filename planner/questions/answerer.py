@@ -9,7 +9,7 @@ from datetime import datetime
 from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, span
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.counts import NAMED, counted, counted_kinds, counted_unnamed
 from planner.questions.examples import example_questions
@@ -18,7 +18,6 @@ from planner.questions.moments import read_since, since
 from planner.questions.patterns import EVENTS, Kind
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
-from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.status import Value, status, was_there
 from planner.search.goals.targets import Target

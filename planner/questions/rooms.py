@@ -7,12 +7,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from kg.model.records import DoorRecord, PlaceRecord
 from planner.questions.patterns import Kind, Question
-from planner.search.goals.candidate_queries import span
 from planner.search.goals.place_names import (
     listed_places,
     place_category,

@@ -111,7 +111,7 @@ def _absence(iri: str, engine: QuadStore, declared: set[str], graphs: frozenset[
 
 
 def _as_inverse(node: NamedNode, engine: QuadStore) -> str:
-    """How to ask for a property of which only the inverse is stated; empty for others."""
+    """A hint for a property whose inverse alone is stated; empty for other properties."""
     for quad in engine.quads_for_pattern(node, _INVERSE_OF, None, v.ONTOLOGY_GRAPH):
         if isinstance(quad.object, NamedNode) and _has(engine, None, quad.object, None, None):
             return f", which states its inverse: write ^{v.curie(quad.object.value)}"

@@ -12,7 +12,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.relations import KINDS, CategoryRelation, relations
 from kg.model import vocabulary as v
-from kg.rdf.skolem import named
+from kg.rdf.skolem import named, with_names
 
 _DECLARATIONS: Final = {
     v.OWL_CLASS: "class",
@@ -149,7 +149,7 @@ def changes(old: Iterable[Quad], new: Iterable[Quad]) -> list[OntologyChange]:
 def renamed_terms(old: Iterable[Quad], new: Iterable[Quad]) -> dict[str, str]:
     """New IRI by old IRI of the terms that have another IRI and the labels and kinds as before.
 
-    Terms of which several have the same labels are not paired.
+    Terms that share their labels with others are not paired.
     """
     before, after = _labelled(old), _labelled(new)
     pairs: dict[frozenset[object], tuple[list[str], list[str]]] = defaultdict(lambda: ([], []))
@@ -183,15 +183,7 @@ def _with_iris(quads: Iterable[Quad], iris: Mapping[str, str]) -> Iterable[Quad]
     nodes: dict[object, NamedNode] = {
         NamedNode(iri): NamedNode(other) for iri, other in iris.items()
     }
-    return named(
-        Quad(
-            nodes.get(q.subject, q.subject),
-            q.predicate,
-            nodes.get(q.object, q.object),
-            q.graph_name,
-        )
-        for q in quads
-    )
+    return named(with_names(quads, nodes))
 
 
 def _rename(iri: str, other: str, after: OntologySummary) -> OntologyChange:

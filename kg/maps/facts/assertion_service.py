@@ -15,19 +15,17 @@ from kg.maps.facts.assertions import (
     PROPERTIES,
     Assertions,
     PropertyAssertions,
-    ago,
     area_text,
     believed_object,
-    noted,
     perceived_object,
     perceived_place,
     point,
-    shown_value,
     value_of,
 )
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.replaced_values import ago, noted, shown_value
 from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name

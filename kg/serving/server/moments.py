@@ -28,7 +28,7 @@ from kg.store.sparql_client import SEQUENCE
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What a request asks about: its parameters, and a transaction."""
+    """Moment of a request: its parameters, and the transaction that they name."""
 
     given: RequestParameters
     sequence: int

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.history.timestamps import span
 from kg.knowledge.placement.table import PlacementTable
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -359,11 +360,3 @@ def _source_words(source: str, text: str) -> str:
 def _product(row: Row) -> float:
     near = 1.0 if row["nearProbability"] is None else number(row, "nearProbability")
     return number(row, "probability") * near
-
-
-def span(seconds: float) -> str:
-    """A length of time in its largest fitting unit: ``12 h``."""
-    for unit, length in (("years", 31557600.0), ("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.0f} {unit}"
-    return f"{seconds:.0f} s"

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from kg.history.timestamps import span
 from kg.maps.semantic_map import SemanticMap
-from planner.search.goals.candidate_queries import span
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.search_goals import times, with_article
 from planner.search.goals.status import Value, status

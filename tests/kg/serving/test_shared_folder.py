@@ -17,8 +17,9 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ConflictError, GraphError, InvalidFactError, MapBusyError
+from kg.serving.folder_server import FRESH, HELD, FolderClient
 from kg.serving.opening import create_map, open_map, watch_map
-from kg.serving.shared_folder import FRESH, HELD, FolderClient, SharedMap
+from kg.serving.shared_folder import SharedMap
 from kg.store.folder import announced
 from planner.cli import main
 from tests.kg.conftest import BASE, frame_update

@@ -1,4 +1,4 @@
-"""What a page draws of one moment: `/state`, `/surface`, `/timeline`, and search plans, `/find`."""
+"""State of one moment for pages: `/state`, `/surface`, `/timeline`, and search plans, `/find`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What pages load besides the map: `/files`, `/pictures`, and the shipped questions, `/queries`."""
+"""Static parts of pages: `/files`, `/pictures`, and the shipped questions, `/queries`."""
 
 from __future__ import annotations
 
