@@ -140,7 +140,8 @@ def vocabulary_turtle(catalogue: Catalogue, words: Sequence[str] = ()) -> str:
             quads |= dict.fromkeys(class_quads(sense, catalogue))
             continue
         known = {name_key(name) for name in (same.label, *same.synonyms, *same.hidden)}
-        more = [word for word in sense.words if name_key(word) not in known]
+        free = [w for w in sense.words if catalogue.get(w, "object") in (None, same)]
+        more = [word for word in free if name_key(word) not in known]
         german = _german([*sense.words, same.label])
         quads |= dict.fromkeys(_quads(same.iri, [*_names(more, v.SKOS_ALT_LABEL), *german]))
     triples = [Triple(q.subject, q.predicate, q.object) for q in quads]

@@ -125,5 +125,5 @@ def test_a_reasoner_takes_no_unnamed_or_departed_thing_for_an_object(thing: str)
 
 
 def test_the_vocabulary_page_has_the_wider_kinds_of_places() -> None:
-    row = "| kitchen | `here:Kitchen` |  | `here:HomePlace`; `here:IndoorPlace` |"
+    row = "| `here:HomePlace` | home | `bot:Space` |  | Wider kind of places: a part of a home"
     assert row in vocabulary_page(QUADS)
