@@ -50,7 +50,7 @@ class Server:
             made = "import sys; from kg.serving.opening import create_map"
             code = f"{made}; create_map(sys.argv[1]).close()"
         subprocess.run([sys.executable, "-c", code, str(path)], check=True)
-        words = [sys.executable, "-m", "planner.cli", "serve", str(path), "--port", "0"]
+        words = [sys.executable, "-m", "hereabouts.cli", "serve", str(path), "--port", "0"]
         self._process = subprocess.Popen(
             [*words, "--token-file", str(tokens)], stderr=subprocess.PIPE, text=True
         )

@@ -31,6 +31,7 @@ from benchmarks.command_line import run
 from benchmarks.rooms.houses import HOUSES, toured
 from benchmarks.rooms.measuring import each, parts
 from benchmarks.rooms.recordings import detector_of, look, looks, networks, room_folders
+from hereabouts.cli.arguments import count, whole
 from kg.serving.opening import in_memory_map
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from lab.networks.calibration import reliability
@@ -40,7 +41,6 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 from perception.frames import Frame
 from perception.inference.recorded_detections import RecordedDetector
-from planner.cli.arguments import count, whole
 
 SEEDS: Final = (701, 702, 703, 704)  # of the houses
 _RIDGE: Final = 1e-3

@@ -22,6 +22,7 @@ import numpy as np
 from benchmarks.command_line import run
 from benchmarks.rooms.houses import Tour, toured
 from benchmarks.rooms.measuring import each
+from hereabouts.cli.arguments import count, whole
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import ObjectRecord
 from kg.serving.opening import in_memory_map
@@ -30,7 +31,6 @@ from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.surface.surface_mapper import SurfaceMapper
 from perception.frames import Detector, Frame
-from planner.cli.arguments import count, whole
 
 SEEDS: Final = (11, 12, 13, 14, 15)
 GOOD: Final = 0.25  # overlap from which on a box is right

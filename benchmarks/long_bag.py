@@ -78,7 +78,7 @@ def peak(words: list[object]) -> tuple[float, float]:
     """Peak resident memory [MB] of a command, and how long it took [s]."""
     before = time.perf_counter()
     process = subprocess.Popen(
-        [sys.executable, "-m", "planner.cli", *map(str, words)],
+        [sys.executable, "-m", "hereabouts.cli", *map(str, words)],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

@@ -5,7 +5,7 @@
 RECORDING is any recording that `hereabouts map` reads. A module is counted when one of its
 functions is called during the walk, in this process: not when it is only imported, and not in the
 process that evaluates an HTTP query. Modules are listed in the order of their first calls. A room
-is a package or module directly below `kg`, `perception`, `mapping` or `planner`. A return is a step
+is a package or module directly below one of our packages. A return is a step
 in this order from one room into another one that an earlier module was in. To count another
 checkout, run this file with its folder as PYTHONPATH.
 """
@@ -28,7 +28,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-PACKAGES = ("kg.", "perception.", "mapping.", "planner.")
+PACKAGES = ("hereabouts.", "kg.", "perception.", "mapping.", "planner.")
 FRAMES = range(20, 40)  # first and last frame of the window that is counted
 QUERY = "SELECT ?object { ?object a here:Chair }"
 
@@ -125,7 +125,7 @@ def _ask(url: str) -> None:
 
 
 def _command(counter: ModuleCounter, words: list[str]) -> None:
-    main = _first("planner.cli", "planner.commands").main
+    main = _first("hereabouts.cli", "planner.commands").main
     counter.start()
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.command_line import run
 from benchmarks.rooms.recordings import TRUTH, detector_of, look, looks, networks, room_folders
 from benchmarks.rooms.stretches import matcher_of
+from hereabouts.cli.arguments import count
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, open_map
@@ -35,7 +36,6 @@ from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
 from perception.sources.recording import open_recording
-from planner.cli.arguments import count
 
 HEADER: Final = (
     "| room | pictures | things | number | right | wrong | F1 |\n|---|---|---|---|---|---|---|"

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from benchmarks.command_line import run as run_benchmark
 
-HEREABOUTS = (sys.executable, "-m", "planner.cli")
+HEREABOUTS = (sys.executable, "-m", "hereabouts.cli")
 STARTED = "2026-11-22T10:00:00Z"  # of recordings whose stamps count from zero
 BASE = "https://example.org/map/"
 MADE = "<http://purl.org/dc/terms/created>"  # the run's own time

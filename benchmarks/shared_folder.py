@@ -60,7 +60,7 @@ def _asking(path: Path, count: int, pause: float) -> list[subprocess.Popen[str]]
 
 def _mapped(recording: str, path: Path, asking: list | None = None) -> tuple[float, float]:  # type: ignore[type-arg]
     """[s] wall and CPU of mapping, while the processes of `asking` ask."""
-    code = "import sys, time; from planner.cli import main; main(sys.argv[1:]); "
+    code = "import sys, time; from hereabouts.cli import main; main(sys.argv[1:]); "
     code += "print(time.process_time(), file=sys.stderr)"
     began = time.perf_counter()
     command = [sys.executable, "-c", code, "map", recording, "--into", str(path)]

@@ -31,6 +31,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hereabouts.cli.console import print_table
+from hereabouts.demo.house_demo import layout_of
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
 from lab.houses.house_changes import changed_house
@@ -41,9 +43,7 @@ from lab.recordings.simulated_recording import DAY
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame
-from planner.cli.console import print_table
 from planner.search.goals.status import NONE_SEEN, Value, status
-from planner.simulation.demo.house_demo import layout_of
 from planner.simulation.houses.house import OBJECTS, House, HouseRoom
 from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView

@@ -95,7 +95,7 @@ def room(folder: Path, cache: Path) -> Scene:
     """A recording's scene, mapped if its map is not in `cache`."""
     path = cache / f"{folder.name}.map"
     if not path.exists():
-        words = [sys.executable, "-m", "planner.cli", "map", str(folder), "--into", str(path)]
+        words = [sys.executable, "-m", "hereabouts.cli", "map", str(folder), "--into", str(path)]
         subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
     with open_map(path, read_only=True) as semantic_map:
         surface, named = semantic_map.surface(), semantic_map.objects(min_existence=0.5)

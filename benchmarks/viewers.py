@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
+from hereabouts.display.viewers.feed import MappingFeed
+from hereabouts.display.viewers.foxglove_viewer import McapFile
+from hereabouts.display.viewers.rerun_viewer import RerunFile
 from kg.serving.opening import open_map
 from perception.frames import Detections
 from perception.sources.recording import open_recording
-from planner.display.viewers.feed import MappingFeed
-from planner.display.viewers.foxglove_viewer import McapFile
-from planner.display.viewers.rerun_viewer import RerunFile
 
 FRAMES = 120
 BOXES = np.tile(np.array([[10, 20, 100, 90]], np.float32), (10, 1))

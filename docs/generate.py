@@ -77,7 +77,7 @@ def _settle(page: Path, text: str, check: bool) -> bool:
 
 def commands() -> str:
     """The commands of `hereabouts`, their arguments and options."""
-    from planner.cli import build_parser
+    from hereabouts.cli import build_parser
 
     parts = [
         f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
@@ -221,7 +221,7 @@ def _members(owner: type) -> list[str]:
 def _is_ours(member: object) -> bool:
     function = member.fget if isinstance(member, property) else member
     module = getattr(function, "__module__", "") or ""
-    return module.split(".")[0] in {"kg", "perception", "mapping", "planner"}
+    return module.split(".")[0] in {"hereabouts", "kg", "perception", "mapping", "planner"}
 
 
 class _Default:

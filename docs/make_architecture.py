@@ -22,14 +22,14 @@ ROOT: Final = Path(__file__).resolve().parent.parent
 PAGE: Final = ROOT / "docs" / "explanation" / "architecture.md"
 BEGIN: Final = "<!-- made by python docs/make_architecture.py from here on; edit the source -->\n"
 END: Final = "<!-- up to here -->\n"
-PACKAGES: Final = ("planner", "mapping", "perception", "kg")
+PACKAGES: Final = ("hereabouts", "planner", "mapping", "perception", "kg")
 WIDTH: Final = 122  # characters of a line
 MAX_STEPS: Final = 25
 
 #: title -> modules in the order in which the data pass them
 WALKS: Final = {
     "A frame": (
-        "planner.cli.map_recording",
+        "hereabouts.cli.map_recording",
         "mapping.recording_mapper",
         "mapping.frames.read_ahead",
         "perception.sources.recording",
@@ -72,7 +72,7 @@ WALKS: Final = {
         "kg.serving.workers.content_negotiation",
     ),
     "A find": (
-        "planner.cli.find",
+        "hereabouts.cli.find",
         "kg.serving.opening",
         "kg.maps.semantic_map",
         "planner.search.plans.search_state",

@@ -203,7 +203,7 @@ def recorded(recording: str, name: str, folder: Path) -> Path:
 
 def hereabouts(*words: object) -> None:
     """Run a command of the package; its output goes nowhere."""
-    command = [sys.executable, "-m", "planner.cli", *map(str, words)]
+    command = [sys.executable, "-m", "hereabouts.cli", *map(str, words)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

@@ -1,1 +1,1 @@
-"""From questions to goals, plans and searches; and, on top of all rooms, the command line."""
+"""From questions to goals, plans and searches by a robot, real or simulated."""

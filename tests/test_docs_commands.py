@@ -13,8 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted(p for glob in ("*.md", "docs/**/*.md", "lab/**/*.md") for p in ROOT.glob(glob))
 _OF_OTHER_VERSIONS = ("CHANGELOG.md", "upgrading.md")  # they name what there was
-_PACKAGES = ("kg", "perception", "mapping", "planner", "lab")
-_FOLDERS = "kg|perception|mapping|planner|lab|benchmarks|tests|queries|ontologies"
+_PACKAGES = ("hereabouts", "kg", "perception", "mapping", "planner", "lab")
+_MODULE = r"(?:hereabouts\.(?:cli|demo|agents|display)|kg|perception|mapping|planner|lab)(?:\.\w+)+"
+_FOLDERS = "hereabouts|kg|perception|mapping|planner|lab|benchmarks|tests|queries|ontologies"
 
 
 def _name(page: Path) -> str:
@@ -23,7 +24,7 @@ def _name(page: Path) -> str:
 
 @pytest.mark.parametrize("page", PAGES, ids=_name)
 def test_commands_of_a_page_parse(page: Path) -> None:
-    from planner.cli import build_parser
+    from hereabouts.cli import build_parser
 
     parser = build_parser()
     lines = re.findall(
@@ -45,9 +46,7 @@ def test_files_and_modules_of_a_page_exist(page: Path) -> None:
     code = re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))
     paths = [t for t in code if re.fullmatch(rf"(?:{_FOLDERS})/[\w./-]*[\w/]", t)]
     missing = [p for p in paths if "NAME" not in p and not (ROOT / p).exists()]
-    modules = [
-        t for t in code if re.fullmatch(r"(?:kg|perception|mapping|planner|lab)(?:\.\w+)+", t)
-    ]
+    modules = [t for t in code if re.fullmatch(_MODULE, t)]
     missing += [name for name in modules if not _is_importable(name)]
     assert missing == []
 

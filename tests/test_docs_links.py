@@ -40,7 +40,16 @@ def test_links_have_titles_not_names_of_files(page: Path) -> None:
 def test_files_of_the_documentation_that_code_names_exist() -> None:
     named = {
         match
-        for folder in ("kg", "perception", "mapping", "planner", "lab", "benchmarks", "tests")
+        for folder in (
+            "hereabouts",
+            "kg",
+            "perception",
+            "mapping",
+            "planner",
+            "lab",
+            "benchmarks",
+            "tests",
+        )
         for source in (ROOT / folder).rglob("*.py")
         for match in re.findall(r"(?:docs|lab)/[\w./-]+\.md", source.read_text(encoding="utf-8"))
     }

@@ -22,7 +22,7 @@ def test_reference_pages_are_up_to_date() -> None:
 
 
 def test_every_command_has_a_section() -> None:
-    from planner.cli import COMMANDS, LAB_COMMANDS
+    from hereabouts.cli import COMMANDS, LAB_COMMANDS
 
     page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     names = {"map_recording": "map", "import_maps": "import", "assert_": "assert"}

@@ -46,7 +46,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(extension: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": f"{extension}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-m", "planner.cli", *map(str, words)]
+    command = [sys.executable, "-m", "hereabouts.cli", *map(str, words)]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 

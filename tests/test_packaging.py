@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = {"kg", "perception", "mapping", "planner"}
+PACKAGES = {"hereabouts", "kg", "perception", "mapping", "planner"}
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +67,9 @@ def test_a_version_of_the_changelog_has_at_most_60_changes_of_one_line() -> None
         )  # no change goes on in a second line
 
 
-def test_wheel_has_the_public_module_and_the_four_packages(wheel_names: set[str]) -> None:
+def test_wheel_has_the_five_packages(wheel_names: set[str]) -> None:
     tops = {name.split("/")[0] for name in wheel_names}
-    assert {top for top in tops if not top.endswith(".dist-info")} == {"hereabouts.py", *PACKAGES}
+    assert {top for top in tops if not top.endswith(".dist-info")} == PACKAGES
 
 
 @pytest.mark.parametrize("folder", ["ontologies", "queries"])
@@ -113,7 +113,7 @@ def test_without_the_lab_its_commands_say_where_it_is(
     # without the site module, so that no editable install adds the folder of this repository
     path = os.pathsep.join((str(tmp_path), sysconfig.get_path("purelib")))
     done = subprocess.run(
-        [sys.executable, "-S", "-P", "-m", "planner.cli", *words],
+        [sys.executable, "-S", "-P", "-m", "hereabouts.cli", *words],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": path},
         capture_output=True,

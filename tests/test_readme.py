@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"^```bash\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
-HEREABOUTS = [sys.executable, "-m", "planner.cli"]
+HEREABOUTS = [sys.executable, "-m", "hereabouts.cli"]
 
 
 def run(words: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
@@ -46,7 +46,7 @@ def test_first_block_leaves_the_map_its_export_and_its_picture(tmp_path: Path) -
 
 
 def test_indented_examples_are_commands_that_parse() -> None:
-    from planner.cli import build_parser
+    from hereabouts.cli import build_parser
 
     examples = re.findall(r"^    (hereabouts .*)$", README, flags=re.MULTILINE)
     assert len(examples) >= 5

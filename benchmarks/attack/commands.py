@@ -21,7 +21,7 @@ MAX_WAIT: Final = (
 def outcome_of(words: list[str]) -> Outcome:
     """Run ``hereabouts WORDS``; a death by a signal is a crash, exit codes 0 to 2 are none."""
     with tempfile.TemporaryFile() as output:
-        command = [sys.executable, "-m", "planner.cli", *words]
+        command = [sys.executable, "-m", "hereabouts.cli", *words]
         process = subprocess.Popen(command, stdout=output, stderr=output, stdin=subprocess.DEVNULL)
         waited, status, usage = _end(process)
         output.seek(0)

@@ -45,8 +45,8 @@ class Target:
         tokens = folder / "tokens.txt"
         tokens.write_text(f"ann {TOKEN}\nrobot {ROBOT}\n")
         tokens.chmod(0o600)
-        self._words = [sys.executable, "-m", "planner.cli", "serve", str(self.map), "--port", "0",
-                       "--token-file", str(tokens), "--timeout", str(SECONDS)]  # fmt: skip
+        self._words = [sys.executable, "-m", "hereabouts.cli", "serve", str(self.map), "--port",
+                       "0", "--token-file", str(tokens), "--timeout", str(SECONDS)]  # fmt: skip
         self._start()
 
     def _start(self) -> None:

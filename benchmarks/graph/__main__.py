@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 from benchmarks import command_line
 from benchmarks.graph.suite import GraphBench, bench_graph
-from planner.cli.arguments import add_json
-from planner.cli.console import note, print_table, write_json
+from hereabouts.cli.arguments import add_json
+from hereabouts.cli.console import note, print_table, write_json
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,8 +20,8 @@ from benchmarks.kills.frames import frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from benchmarks.kills.writing import create, finding_of
+from hereabouts.cli import main
 from kg.serving.opening import open_map
-from planner.cli import main
 
 MAX_DELAY = 0.4  # [s] from the first frame of a mapper to the kill
 A_MAP = 20  # kills of one map
@@ -116,7 +116,7 @@ def _kill_mappers(
 
 
 _END: Final = {"map": [], "live": ["--idle", "1"]}
-_PACKAGES: Final = ("kg", "mapping", "perception", "planner", "cv2", "scipy", "numpy")
+_PACKAGES: Final = ("hereabouts", "kg", "mapping", "perception", "planner", "cv2", "scipy", "numpy")
 
 
 def _words(command: str, recording: Path, path: Path) -> list[str]:

@@ -20,10 +20,10 @@ from benchmarks.kills.frames import BASE, expected
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
 from benchmarks.kills.writing import create, finding_of
+from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import open_map
 from kg.serving.publishing.target import PublishTarget
-from planner.cli import main
 
 A_SERVER = 50  # kills
 WITHIN = 60.0  # [s] that the server has to start

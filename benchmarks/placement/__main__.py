@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks import command_line
-from planner.cli.arguments import add_json
-from planner.cli.console import heading, note, print_table, progress, write_json
+from hereabouts.cli.arguments import add_json
+from hereabouts.cli.console import heading, note, print_table, progress, write_json
 
 if TYPE_CHECKING:
     from benchmarks.placement.trial import Result, Row

@@ -20,10 +20,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from hereabouts.cli.console import print_table, write
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.serving.opening import in_memory_map
-from planner.cli.console import print_table, write
 from planner.questions.named_things import ROBOT
 from planner.questions.patterns import parsed
 from planner.search.goals.targets import resolve

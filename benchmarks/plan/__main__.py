@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks import command_line
 from benchmarks.ordering.problem import OrderingError
-from planner.cli.arguments import add_json, count, positive
-from planner.cli.console import err, note, progress, write, write_json
+from hereabouts.cli.arguments import add_json, count, positive
+from hereabouts.cli.console import err, note, progress, write, write_json
 
 if TYPE_CHECKING:
     from benchmarks.ordering.solver import Ordering

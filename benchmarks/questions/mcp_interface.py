@@ -27,7 +27,7 @@ class McpInterface:
 
     def __init__(self, asked: AskedMap, url: str) -> None:
         self._since = asked.since
-        words = ["-m", "planner.cli", "mcp", url]
+        words = ["-m", "hereabouts.cli", "mcp", url]
         with ExitStack() as stack:
             self._portal = stack.enter_context(start_blocking_portal())
             self._client = stack.enter_context(

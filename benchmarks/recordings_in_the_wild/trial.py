@@ -19,13 +19,13 @@ import numpy as np
 from benchmarks.recordings_in_the_wild.folders import GRID
 from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import Shot, record
+from hereabouts.cli.recording_options import add_recording_arguments, recording_options
 from kg.model.errors import HereaboutsError
 from perception.camera.poses import Pose
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions
-from planner.cli.recording_options import add_recording_arguments, recording_options
 
-HEREABOUTS: Final = (sys.executable, "-m", "planner.cli")
+HEREABOUTS: Final = (sys.executable, "-m", "hereabouts.cli")
 MAP: Final = ("--scene", "none", "--surface", "none", "--no-floor", "--places", "one",
               "--no-pictures")  # fmt: skip
 FAR: Final = 0.10  # [m] a thing may lie from where the plain recording has it

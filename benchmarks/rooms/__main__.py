@@ -21,7 +21,7 @@ from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.measuring import measured, measured_houses
 from benchmarks.rooms.recordings import networks, room_folders
 from benchmarks.rooms.stretches import STRETCHES
-from planner.cli.arguments import count, whole
+from hereabouts.cli.arguments import count, whole
 
 HOUSES_DRAWN: Final = 4
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks import command_line
-from planner.cli.arguments import add_json, count, positive, share, speed
-from planner.cli.console import heading, note, print_table, progress, write_json
+from hereabouts.cli.arguments import add_json, count, positive, share, speed
+from hereabouts.cli.console import heading, note, print_table, progress, write_json
 from planner.settings import BELIEF
 
 if TYPE_CHECKING:

@@ -31,8 +31,8 @@ from benchmarks.search.homes import Home, read_homes
 from benchmarks.search.priors import PriorKnowledge
 from benchmarks.search.trial import hiding_floors, seeded
 from benchmarks.search.view_policy import Ablation, ViewPolicy, initial_state
-from planner.cli.arguments import count
-from planner.cli.console import heading, print_table
+from hereabouts.cli.arguments import count
+from hereabouts.cli.console import heading, print_table
 from planner.freespace.grid import visible_cells
 from planner.search.viewpoints.candidate_views import Motion, Sensor, angle_between, square
 

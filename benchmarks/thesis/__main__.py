@@ -10,8 +10,8 @@ from pathlib import Path
 from benchmarks import command_line
 from benchmarks.thesis import categorisation, localisation, registration
 from benchmarks.thesis.table_4_5 import run_table_4_5
-from planner.cli.arguments import add_json
-from planner.cli.console import write, write_json
+from hereabouts.cli.arguments import add_json
+from hereabouts.cli.console import write, write_json
 
 TABLES = ("4.1", "4.2", "4.3", "4.4", "4.5")
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.thesis.scenarios import DATA, rows_of
+from hereabouts.cli import build_parser
 from lab.cli.evaluated_maps import evaluated_maps
 from lab.maps.complete_truth import load_complete_truth
 from lab.maps.map_evaluation import evaluate_map
 from lab.maps.truth_matching import Matching, TruthMatcher
-from planner.cli import build_parser
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from hereabouts.cli.arguments import MAP_HELP, add_json, count, positive
+from hereabouts.cli.console import note, print_table, write_json
+from hereabouts.cli.mapping_options import MODES, add_all_arguments
 from kg.model.errors import PictureError
 from lab.cli.evaluate_networks import add_detector, add_scene
 from lab.cli.evaluated_maps import EvaluatedMap, Run, check_usage, evaluated_maps
-from planner.cli.arguments import MAP_HELP, add_json, count, positive
-from planner.cli.console import note, print_table, write_json
-from planner.cli.mapping_options import MODES, add_all_arguments
 
 if TYPE_CHECKING:
     from lab.maps.complete_truth import TrueObject
@@ -141,7 +141,7 @@ def run_map(arguments: argparse.Namespace) -> int:
 
 def _check_pictures(arguments: argparse.Namespace, truths: Sequence[object]) -> None:
     """Raise PictureError for a picture that cannot be drawn, before anything is mapped."""
-    from planner.display.plots.picture_file import checked_ending
+    from hereabouts.display.plots.picture_file import checked_ending
 
     for picture in filter(None, (arguments.picture, arguments.plot)):
         checked_ending(picture)

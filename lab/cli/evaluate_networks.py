@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planner.cli.arguments import add_device, add_json, count
-from planner.cli.console import note, print_table, progress, write_json
-from planner.cli.models import named_detector
+from hereabouts.cli.arguments import add_device, add_json, count
+from hereabouts.cli.console import note, print_table, progress, write_json
+from hereabouts.cli.models import named_detector
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

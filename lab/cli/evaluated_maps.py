@@ -9,12 +9,12 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from hereabouts.cli.arguments import title_for
+from hereabouts.cli.map_recording import map_frames
+from hereabouts.cli.mapping_options import MODES, open_inputs
+from hereabouts.cli.network_options import Networks
+from hereabouts.cli.recording_options import recording_options
 from kg.model.errors import LayoutError
-from planner.cli.arguments import title_for
-from planner.cli.map_recording import map_frames
-from planner.cli.mapping_options import MODES, open_inputs
-from planner.cli.network_options import Networks
-from planner.cli.recording_options import recording_options
 
 if TYPE_CHECKING:
     import numpy as np

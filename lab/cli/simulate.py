@@ -7,10 +7,10 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from planner.cli.arguments import add_json, count, positive, share
-from planner.cli.console import note, print_table, progress, write_json
-from planner.cli.live import require_ros, until_signal
-from planner.cli.simulated_house import add_hide, house_with
+from hereabouts.cli.arguments import add_json, count, positive, share
+from hereabouts.cli.console import note, print_table, progress, write_json
+from hereabouts.cli.live import require_ros, until_signal
+from hereabouts.cli.simulated_house import add_hide, house_with
 
 if TYPE_CHECKING:
     from lab.recordings.simulated_recording import SimulatedSession, SimulationOptions

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from hereabouts.display.plots.layout import DPI
+from hereabouts.display.plots.palette import FAINT, INK, OUTLINE
+from hereabouts.display.plots.picture_file import checked_ending, picture_style, save_picture
 from lab.networks.calibration import BINS, Calibration
-from planner.display.plots.layout import DPI
-from planner.display.plots.palette import FAINT, INK, OUTLINE
-from planner.display.plots.picture_file import checked_ending, picture_style, save_picture
 
 _SIZE: Final = (6.4, 7.2)  # [inch] without the legend
 _ROW: Final = 0.22  # [inch] of the legend

@@ -26,6 +26,9 @@ from mcp import Client
 from mcp.server import MCPServer
 from rdflib.plugins.stores.sparqlstore import SPARQLStore, SPARQLUpdateStore
 
+from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.tool_server import tool_server
+from hereabouts.cli import main
 from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -33,9 +36,6 @@ from kg.model.errors import HereaboutsError
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers.local_evaluation import LimitedQueries
-from planner.agents.map_context import MapContext
-from planner.agents.tool_server import tool_server
-from planner.cli import main
 
 TOKEN: Final = "a-token-of-the-tests-0123"
 PATIENCE: Final = 120.0  # [s] for what comes at once, on a machine however slow

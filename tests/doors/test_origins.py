@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import requests
 
+from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.tool_server import PATH, ToolHttpServer
 from kg.serving.opening import in_memory_map
 from kg.serving.server import BearerTokens, MapServer, Settings
 from kg.serving.workers.local_evaluation import LimitedQueries
-from planner.agents.map_context import MapContext
-from planner.agents.tool_server import PATH, ToolHttpServer
 from tests.doors.doors import PATIENCE, RefusedError, command
 
 GREETING = {

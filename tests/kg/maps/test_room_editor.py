@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
 from kg.model.errors import InvalidFactError
 from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.model.room_edit import RoomEdit
 from kg.serving.opening import create_map
-from planner.cli import main
 
 KITCHEN, HALL = "place/1", "place/2"
 

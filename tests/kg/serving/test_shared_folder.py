@@ -15,13 +15,13 @@ from pathlib import Path
 
 import pytest
 
+from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ConflictError, GraphError, InvalidFactError, MapBusyError
 from kg.serving.folder_server import FRESH, HELD, FolderClient
 from kg.serving.opening import create_map, open_map, watch_map
 from kg.serving.shared_folder import SharedMap
 from kg.store.folder import announced
-from planner.cli import main
 from tests.kg.conftest import BASE, frame_update
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -38,7 +38,7 @@ with open_map(sys.argv[1]) as semantic_map:
 def run(*words: str) -> subprocess.CompletedProcess[str]:
     """A command in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "planner.cli", *words], cwd=ROOT, capture_output=True, text=True
+        [sys.executable, "-m", "hereabouts.cli", *words], cwd=ROOT, capture_output=True, text=True
     )
 
 

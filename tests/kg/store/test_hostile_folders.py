@@ -13,6 +13,8 @@ import pytest
 from matplotlib.figure import Figure
 from pyoxigraph import NamedNode, Quad
 
+from hereabouts.cli import main
+from hereabouts.display.plots.picture_file import save_picture
 from kg.history.storage.log import HistoryLog
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.model.errors import GraphError, HereaboutsError, MapBusyError
@@ -20,8 +22,6 @@ from kg.model.sqlite_files import connect, open_sqlite
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, open_map
 from kg.store.atomic_file import write_atomically
-from planner.cli import main
-from planner.display.plots.picture_file import save_picture
 
 _MAGIC = bytes([0xD9, 0xD5, 0x05, 0xF9, 0x20, 0xA1, 0x63, 0xD7])
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import area_of
 from kg.model.records import FREE, TALL, UNKNOWN, FloorTile, MapUpdate, ObjectRecord, PlaceRecord
@@ -16,7 +17,6 @@ from kg.serving.opening import create_map, in_memory_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.places.found_places import find_places
-from planner.cli import main
 
 SIDE, CELL = 256, 0.05  # one tile of 12.8 m
 KITCHEN, OFFICE = "kitchen", "office"

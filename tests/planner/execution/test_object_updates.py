@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hereabouts.demo.house_demo import HIDDEN, layout_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
@@ -16,7 +17,6 @@ from perception.frames import Detections
 from planner.execution.object_updates import DetectionUpdate, DetectionVerifier, ObjectUpdates
 from planner.execution.protocol import Detected, DetectedFrame, DetectionsMessage, RobotPose
 from planner.search.goals.targets import resolve
-from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.sensing.camera import SimulatedCamera
 from planner.simulation.sensing.sensors import SimulatedDetector

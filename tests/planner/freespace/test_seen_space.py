@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import (
     FREE,
@@ -23,7 +24,6 @@ from kg.model.records import (
 )
 from kg.serving.opening import create_map, in_memory_map
 from mapping.occupancy.mapped_floor import mapped_floor
-from planner.cli import main
 from planner.freespace.floor_plan import SeenSpace, free_space, seen_space, with_frontiers
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.plain_questions.__main__ import PARTS, scored
+from hereabouts.cli import main
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
-from planner.cli import main
 from planner.questions.answers import answer_box, answer_question
 from planner.questions.moments import past, since
 from tests.planner.flat import fill, thing

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
+from hereabouts.demo.demo_search import plan_for
+from hereabouts.demo.house_demo import HIDDEN, layout_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
-from planner.cli import main
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.targets import resolve
-from planner.simulation.demo.demo_search import plan_for
-from planner.simulation.demo.house_demo import HIDDEN, layout_of
 from planner.simulation.houses.house import House, furnished_house
 from planner.simulation.robot.house_robot import DEMO_RECORDING, START, simulated_robot
 

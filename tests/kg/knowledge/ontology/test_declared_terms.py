@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from hereabouts.cli import main
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.serving.opening import in_memory_map
-from planner.cli import main
 
 
 @pytest.mark.parametrize(

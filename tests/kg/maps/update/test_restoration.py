@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad
 
+from hereabouts.cli import main
 from kg.history.timestamps import iso
 from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.semantic_map import SemanticMap
@@ -30,7 +31,6 @@ from kg.model.errors import (
 )
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map, open_map
-from planner.cli import main
 
 ROOT = Path(__file__).resolve().parents[4]
 BASE = "https://example.org/flat/"

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from pyoxigraph import NamedNode, Quad
 
+from hereabouts.cli import main
 from kg.maps.facts.coordinate_frames import frame_iri, frame_of, ways_to
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, QueryParameterError
@@ -21,7 +22,6 @@ from kg.serving.publishing.publisher import merged
 from kg.serving.server import BearerTokens, MapServer, Settings
 from kg.store.sparql_backend import GRAPHS
 from kg.store.sparql_client import SparqlClient
-from planner.cli import main
 from tests.conftest import running_server
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, see
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from hereabouts.cli import main
 from kg.model.errors import GraphError, MapNotFoundError
 from kg.serving.opening import create_map, in_memory_map
 from kg.serving.publishing.publisher import merged
 from kg.serving.server import MapServer, Settings
-from planner.cli import main
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, own, see
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from pyoxigraph import Quad
 
+from hereabouts.cli import main
 from kg.history.storage.log import BACKGROUND
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -27,7 +28,6 @@ from kg.serving.publishing.target import PublishTarget
 from kg.serving.server import MapServer, Settings
 from kg.store.sparql_backend import GRAPHS
 from kg.store.sparql_client import SparqlClient
-from planner.cli import main
 from tests.conftest import running_server, running_virtuoso
 from tests.waiting import until
 
@@ -242,7 +242,7 @@ def test_maps_that_cannot_be_told_apart_are_refused(url: str) -> None:
 
 
 def publish_command(source: str, url: str, *words: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "planner.cli", "publish", source, "--to", url, *words]
+    command = [sys.executable, "-m", "hereabouts.cli", "publish", source, "--to", url, *words]
     return subprocess.Popen(
         command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL
     )

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from hereabouts.cli import main
 from kg.model.errors import RemoteError
 from kg.serving.opening import in_memory_map
 from kg.serving.publishing.publisher import Publisher
 from kg.serving.publishing.target import PublishTarget
 from kg.serving.server import MapServer, Settings
-from planner.cli import main
 from tests.conftest import running_server
 from tests.kg.serving.publishing.test_publisher import NORTH, own, published, see, until
 

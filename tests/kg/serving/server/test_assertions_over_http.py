@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 import rdflib
 
+from hereabouts.cli import main
 from kg.model.errors import (
     GraphError,
     InvalidFactError,
@@ -24,7 +25,6 @@ from kg.serving.client.remote_map import RemoteHistory
 from kg.serving.client.served_server import ServedClient as FarServer
 from kg.serving.opening import open_map
 from kg.serving.server import BearerTokens, Limits
-from planner.cli import main
 
 if TYPE_CHECKING:
     from conftest import Served

@@ -13,6 +13,7 @@ import pytest
 import rdflib
 from pyoxigraph import Quad
 
+from hereabouts.cli import main
 from kg.history.reports.events import (
     comparison_text,
     difference_text,
@@ -27,7 +28,6 @@ from kg.model.records import MapUpdate
 from kg.serving.client.record_codec import comparison_from_json
 from kg.serving.opening import open_map
 from kg.serving.server import Limits
-from planner.cli import main
 
 if TYPE_CHECKING:
     from conftest import Served

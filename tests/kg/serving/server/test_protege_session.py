@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from hereabouts.cli import main
 from kg.export.serialization import export_ontology
 from kg.model.records import MapUpdate, PlaceRecord
 from kg.model.vocabulary import HERE
 from kg.serving.opening import create_map, open_map
-from planner.cli import main
 
 if TYPE_CHECKING:
     from conftest import Served

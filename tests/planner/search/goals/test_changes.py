@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
 from kg.export.plain_documents import rooms_document
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HistoryError
 from kg.model.records import DepartedRecord, MapUpdate
 from kg.serving.opening import create_map, in_memory_map
-from planner.cli import main
 from tests.planner.flat import fill
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import (
@@ -22,7 +23,6 @@ from kg.model.records import (
 )
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map
-from planner.cli import main
 from planner.search.goals.status import status
 
 SEEN = 1_700_000_000.0

@@ -14,11 +14,11 @@ import pytest
 
 from benchmarks.attack.listener import Listener
 from benchmarks.attack.spellings import documents, fuzzed, queries, updates
+from hereabouts.cli import main
 from kg.model.errors import HereaboutsError, QueryError
 from kg.serving.opening import create_map, in_memory_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers.pool import QueryPool
-from planner.cli import main
 
 NOBODY = 65534
 TOKEN = "a-token-of-the-tests-0123"

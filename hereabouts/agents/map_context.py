@@ -1,0 +1,78 @@
+"""The context that all tools share: the open map, its identity, names of things, times."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from hereabouts.agents.answers import MapState
+from kg.history.timestamps import instant, iso
+from kg.maps.semantic_map import SemanticMap
+from planner.freespace.planning_map import Row
+from planner.search.goals.candidate_queries import map_time
+from planner.search.goals.place_names import object_named, place_named, thing_named
+
+
+@dataclass(frozen=True, slots=True)
+class MapContext:
+    """An open map and the author of changes; without an `author` it is only read."""
+
+    semantic_map: SemanticMap
+    author: Callable[[], str] | None = None
+
+    @property
+    def writable(self) -> bool:
+        """Whether there are tools that write."""
+        return self.author is not None
+
+    def state(self) -> MapState:
+        """The state of the map; taken first, so that an answer is never older than it."""
+        return state_of(self.semantic_map)
+
+    @contextmanager
+    def at(self, when: str | None) -> Iterator[SemanticMap]:
+        """The map now, or at a past moment (`instant`)."""
+        if when is None:
+            yield self.semantic_map
+        else:
+            with self.semantic_map.at(instant(when, time.time())) as then:
+                yield then
+
+    def is_thing(self, what: str) -> bool:
+        """Whether a text names one object rather than a kind or a place."""
+        return bool(object_named(self.semantic_map, what))
+
+    def iri(self, what: str) -> str:
+        """The IRI of the one thing or place that a text names, as at all doors (`thing_named`)."""
+        return thing_named(self.semantic_map, what)
+
+    def place(self, text: str) -> str:
+        """IRI of a place by its label, number or IRI, or by a category that one place alone has.
+
+        Raises QueryParameterError, which lists the places, for none or several.
+        """
+        return place_named(self.semantic_map, text)
+
+
+def state_of(semantic_map: SemanticMap) -> MapState:
+    """The number of the last transaction of a map, and the time of its latest observation."""
+    return MapState(sequence=semantic_map.sequence, time=clock(map_time(semantic_map)))
+
+
+def clock(seconds: float) -> str:
+    """A time [s since 1970] as ISO 8601 in UTC, to the second."""
+    return iso(seconds).partition(".")[0] + "Z"
+
+
+def time_or_none(value: object) -> str | None:
+    """A time as ISO 8601 in UTC, to the second; None for other values."""
+    return clock(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
+
+
+def number_or_none(row: Row, column: str) -> float | None:
+    """The number in a column of a row, or None."""
+    value = row.get(column)
+    return round(float(value), 6) if isinstance(value, int | float) else None

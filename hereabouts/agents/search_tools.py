@@ -1,0 +1,221 @@
+"""Tools that plan a search on a map."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Annotated, Any, Final
+
+from pydantic import Field
+
+from hereabouts.agents import answers as a
+from hereabouts.agents.list_tools import Limit, Metres, Skip, Word
+from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.map_tools import known_thing
+from hereabouts.agents.open_searches import OpenSearch, OpenSearches
+from hereabouts.agents.untrusted_text import LABEL, escaped, for_agents
+from kg.maps.map_extent import check_positions
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import PoolBusyError, QueryParameterError
+from planner.execution.protocol import RobotPose
+from planner.execution.viewpoint_adapter import NextView
+from planner.search.goals.known_objects import known_objects
+from planner.search.goals.targets import resolve, undetectable_target
+from planner.search.plans.answer_sentences import find_sentences
+from planner.search.plans.report import worthwhile
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import Start, ViewStep, plan_from, robot_start
+
+Wanted = Annotated[
+    list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')
+]
+SearchName = Annotated[str, Field(max_length=40, description="as next_look named it")]
+Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
+
+_MAX_WAITING: Final = 8  # plans that are made or wait; one is made at a time
+_KNOWN: Final = 3  # objects listed
+_REASONS: Final = 3  # of each look
+_FACTS: Final = 3
+
+
+class SearchTools:
+    """The planning tools of one map. Every method is a tool; its docstring is what agents read."""
+
+    def __init__(self, context: MapContext) -> None:
+        self._context = context
+        self._planning = threading.Lock()
+        self._waiting = threading.BoundedSemaphore(_MAX_WAITING)
+        self._searches = OpenSearches()
+
+    def find_plan(
+        self,
+        what: Wanted,
+        x: Metres | None = None,
+        y: Metres | None = None,
+        heading_degrees: Degrees = 0.0,
+        limit: Limit = 10,
+        skip: Skip = 0,
+    ) -> a.PlanAnswer:
+        """A search plan: where to stand and look, in which order, why, and how long it takes.
+
+        It starts at x, y, or where the robot is. What no detector can see is only answered.
+        """
+        map_state, semantic_map, now = (
+            self._context.state(),
+            self._context.semantic_map,
+            time.time(),
+        )
+        start = start_of(semantic_map, x, y, heading_degrees)
+        unseen = {text: undetectable_target(semantic_map, text) for text in what}
+        what = [text for text in what if unseen[text] is None]
+        with self._turn():
+            state = build_search(semantic_map, what, at=now) if what else None
+            found = None if state is None else plan_from(semantic_map, state, start)
+        targets = resolve(semantic_map, what)
+        known = [
+            one
+            for target in targets
+            for one in known_objects(semantic_map, target, located=_KNOWN)[:_KNOWN]
+        ]
+        steps = () if found is None else found.steps
+        worth = worthwhile(steps)
+        seconds = None if found is None else found.expected_seconds
+        sentences = [f"{one.answer}." for one in unseen.values() if one is not None]
+        sentences += [
+            line for target in targets for line in find_sentences(semantic_map, target, now, state)
+        ]
+        return a.PlanAnswer(
+            map=map_state,
+            untrusted_answer=for_agents(sentences[:_KNOWN]),
+            known=[known_thing(one, now) for one in known[:_KNOWN]],
+            present=None if found is None else found.present,
+            probability=None if found is None else found.probability,
+            expected_seconds=None if seconds is None or not math.isfinite(seconds) else seconds,
+            further_looks=len(steps) - worth or None,
+            note=(found.note or None) if found is not None else None,
+            looks=[_look(step) for step in steps[:worth][skip : skip + limit]],
+            total=worth,
+            skip=skip,
+        )
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Make one plan at a time; only few wait, since each holds a thread of the server."""
+        if not self._waiting.acquire(blocking=False):
+            raise PoolBusyError("other plans are being made; try again in a minute")
+        try:
+            with self._planning:
+                yield
+        finally:
+            self._waiting.release()
+
+    def next_look(
+        self,
+        what: Wanted | None = None,
+        search: SearchName | None = None,
+        x: Metres | None = None,
+        y: Metres | None = None,
+        heading_degrees: Degrees = 0.0,
+    ) -> a.NextLook:
+        """The one look to take now, from x, y (or where the robot is). `what` begins a search.
+
+        Go there, look, call report_look, then ask again with `search`, which the answer names.
+        """
+        state = self._context.state()
+        pose = RobotPose(*start_of(self._context.semantic_map, x, y, heading_degrees))
+        with self._turn():
+            if (what is None) == (search is None):
+                raise QueryParameterError("give `what` to begin a search, or `search` to go on")
+            if search is not None:
+                open_search = self._searches.get(search)
+            else:
+                begun = OpenSearch(self._context.semantic_map, what or ())
+                open_search = self._searches.add(begun)
+            off = open_search.off_floor(pose)
+            proposed = open_search.next(pose)
+            return a.NextLook(
+                **self._progress(state, open_search, give_up=proposed is None),
+                look=None if proposed is None else _proposed(proposed),
+                note=off or None,
+            )
+
+    def report_look(
+        self,
+        search: SearchName,
+        found: Annotated[
+            list[a.FoundThing], Field(max_length=20, description="empty: no wanted object")
+        ] = [],  # noqa: B006 a default of the tool's schema, never changed
+        reached: Annotated[bool, Field(description="false: the robot could not get there")] = True,
+    ) -> a.SearchProgress:
+        """Report the look that next_look proposed: the objects that it showed, or none.
+
+        The map is not written.
+        """
+        state = self._context.state()
+        with self._turn():
+            open_search = self._searches.get(search)
+            spots = [(one.x, one.y) for one in found]
+            check_positions(self._context.semantic_map.engine, spots, "find", QueryParameterError)
+            open_search.report([(one.what, one.x, one.y) for one in found], reached=reached)
+            return a.SearchProgress(**self._progress(state, open_search))
+
+    @staticmethod
+    def _progress(
+        state: a.MapState, search: OpenSearch, *, give_up: bool = False
+    ) -> dict[str, Any]:
+        over = "given up" if give_up else "searching"
+        return {
+            "map": state,
+            "search": search.name,
+            "state": over if search.wanted else "found",
+            "untrusted_wanted": search.wanted,
+            "looks_reported": search.looks,
+            "left": search.left,
+        }
+
+
+def start_of(
+    semantic_map: SemanticMap, x: float | None, y: float | None, degrees: float = 0.0
+) -> Start:
+    """A start at x, y [m], or where the robot is; raises QueryParameterError for one without the
+    other.
+    """
+    if (x is None) != (y is None):
+        raise QueryParameterError("give both x and y, or neither to start where the robot is")
+    if x is None or y is None:
+        return robot_start(semantic_map)
+    return x, y, math.radians(degrees)
+
+
+def _proposed(view: NextView) -> a.ProposedLook:
+    return a.ProposedLook(
+        x=view.x,
+        y=view.y,
+        heading=view.middle,
+        extent=view.extent,
+        untrusted_place=view.place or None,
+        probability=view.probability,
+        seconds=view.seconds,
+        left_if_in_vain=view.left,
+        untrusted_reasons=list(view.why[:_FACTS]),
+    )
+
+
+def _look(step: ViewStep) -> a.Look:
+    facts = step.why[0].candidate.facts if step.why else ()
+    return a.Look(
+        x=float(step.p_map[0]),
+        y=float(step.p_map[1]),
+        heading=step.heading,
+        extent=step.extent,
+        place=step.place or None,
+        probability=step.probability,
+        seconds=step.seconds,
+        metres=step.metres,
+        left=step.left,
+        reasons=[reason.candidate.iri for reason in step.why[:_REASONS]],
+        untrusted_why=escaped(facts[0], LABEL) if facts else None,
+    )

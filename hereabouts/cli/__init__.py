@@ -1,0 +1,232 @@
+"""The command line: a module for each command, with `add(parser)` and `run(arguments) -> int`.
+
+`add` declares the arguments; `run` executes the command and returns the exit code. The docstring of
+the module is the command's help: a summary, a description, and an example.
+
+stdout carries the answer, stderr everything else. Exit code 0: done; 1: a `HereaboutsError`,
+printed as one line; 2: wrong usage. A bug keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from importlib.util import find_spec
+from itertools import chain
+from pathlib import Path
+from typing import NoReturn
+
+from hereabouts.cli.arguments import join_signed
+from hereabouts.cli.text_table import printable
+from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError, did_you_mean
+
+#: command modules, in the order `hereabouts --help` lists them
+COMMANDS = (
+    "demo",
+    "map_recording",
+    "live",
+    "info",
+    "convert",
+    "ask",
+    "queries",
+    "find",
+    "search",
+    "status",
+    "why",
+    "log",
+    "diff",
+    "compact",
+    "assert_",
+    "name",
+    "retract",
+    "update",
+    "restore",
+    "rooms",
+    "plot",
+    "floor",
+    "places",
+    "serve",
+    "mcp",
+    "publish",
+    "export",
+    "import_maps",
+    "describe",
+    "frame",
+    "check",
+    "ontology",
+    "models",
+    "teach",
+)
+
+#: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
+LAB_COMMANDS = ("evaluate", "simulate")
+
+#: options that name what a command writes
+_OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun", "review")
+
+#: command of each module whose name is not the command's
+_NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}
+
+
+#: argparse's message for an argument that is none of its choices, and an option in a message
+_CHOICE = re.compile(
+    r"argument (?P<what>.+): invalid choice: ['\"](?P<given>.*)['\"] \(choose from (?P<known>.*)\)"
+)
+_OPTION = re.compile(r"(?<!\S)--?[a-z][\w-]*")
+_CALLED = {"COMMAND": "command"}  # in place of a metavar
+_MAX_CHOICES = 12  # listed in a message
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that tells wrong usage in one line, with the command's example."""
+
+    def error(self, message: str) -> NoReturn:
+        example = f"; {self.epilog}" if "example:" in (self.epilog or "") else ""
+        message = self._with_suggestion(message)
+        what = "options" if " " in self.prog else "commands"
+        self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the {what}\n")
+
+    def _with_suggestion(self, message: str) -> str:
+        """The message with the nearest of the known choices or options, in place of all choices."""
+        if choice := _CHOICE.fullmatch(message):
+            names = [name.strip(" '\"") for name in choice["known"].split(",")]
+            near = did_you_mean(choice["given"], names)
+            if near or len(names) > _MAX_CHOICES:
+                what = choice["what"]
+                what = f"{what} has no" if what.startswith("-") else f"no {_CALLED.get(what, '')}"
+                return f"{what.strip()} {choice['given']!r}{near}"
+        given = next(iter(_OPTION.findall(message)), None)
+        if given is not None and message.startswith("unrecognized arguments"):
+            return f"{message}{did_you_mean(given, self._options())}"
+        return message
+
+    def _options(self) -> set[str]:
+        """The options of the parser and of its commands."""
+        parsers = [
+            parser
+            for action in self._actions
+            if isinstance(action, argparse._SubParsersAction)
+            for parser in action.choices.values()
+        ]
+        return {*self._option_string_actions}.union(*(parser._options() for parser in parsers))
+
+
+def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of the command line, with the commands of `modules`; by default all installed."""
+    parser = _Parser(
+        prog="hereabouts",
+        description="A semantic map for robots: RGB-D frames with poses go in; a live knowledge "
+        "graph of objects and places comes out.",
+        epilog="`hereabouts COMMAND --help` shows a command's options and an example.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in _installed() if modules is None else modules:
+        _declare(subparsers, name)
+    return parser
+
+
+def _installed() -> tuple[str, ...]:
+    return COMMANDS + LAB_COMMANDS if _has_lab() else COMMANDS
+
+
+def _has_lab() -> bool:
+    try:
+        return find_spec("lab.cli.evaluate") is not None
+    except ModuleNotFoundError:
+        return False
+
+
+def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) -> None:
+    """Declare the command of a module by its docstring: summary, description, example."""
+    package = "lab" if module_name in LAB_COMMANDS else "hereabouts"
+    module = importlib.import_module(f"{package}.cli.{module_name}")
+    summary, *text = (" ".join(part.split()) for part in (module.__doc__ or "").split("\n\n"))
+    example = text.pop() if text and text[-1].startswith("example") else None
+    parser = subparsers.add_parser(
+        _NAMED.get(module_name, module_name),
+        help=summary[:1].lower() + summary[1:].rstrip("."),
+        description=" ".join([summary, *text]),
+        epilog=example,
+    )
+    parser.set_defaults(run=getattr(module, "run", None), usage_error=parser.error)
+    module.add(parser)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; the entry point of the console script."""
+    words = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    arguments = argparse.Namespace()
+    try:
+        arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
+        _check_outputs(arguments)
+        return int(arguments.run(arguments))
+    except HereaboutsError as error:
+        text = printable(" ".join(str(error).split()))
+        print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
+        return 1
+    except BrokenPipeError:
+        # the reader of stdout ended (| head); Python must not flush at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        print("interrupted: all frames that were fully mapped are kept", file=sys.stderr)  # noqa: T201
+        return 130
+
+
+def _check_outputs(arguments: argparse.Namespace) -> None:
+    """Raise GraphError for an output inside the folder of a map, before any work is done."""
+    given = (getattr(arguments, name, None) for name in _OUTPUTS)
+    paths = [Path(path) for path in given if isinstance(path, str)]
+    if paths:
+        from kg.store.folder import check_outside_maps
+
+        for path in paths:
+            check_outside_maps(path)
+
+
+def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
+    """A hint if the map was not given as the first argument."""
+    if not isinstance(error, MapNotFoundError):
+        return ""
+    values = (v if isinstance(v, list) else [v] for v in vars(arguments).values())
+    for word in chain.from_iterable(values):
+        is_map = isinstance(word, str) and word != getattr(arguments, "map", None)
+        if is_map and (Path(word) / "store").is_dir():
+            return f"; the map comes first: hereabouts {arguments.command} {word} ..."
+    return ""
+
+
+def _modules_for(words: Sequence[str]) -> Sequence[str]:
+    """The modules that parsing `words` needs; all of them if no command comes first."""
+    if words and words[0] == "--version":
+        return ()
+    if words and words[0] in LAB_COMMANDS:
+        if not _has_lab():
+            raise ExtensionError(
+                f"{words[0]} comes with hereabouts-lab, which is not installed; in a clone of "
+                "hereabouts: pip install ./lab"
+            )
+        return words[:1]
+    return [name for name in COMMANDS if words[:1] == [_NAMED.get(name, name)]] or _installed()
+
+
+class _Version(argparse.Action):
+    """Reads the version only for `--version`, since reading takes longer than parsing."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        print(f"hereabouts {_version()}")  # noqa: T201
+        parser.exit()
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("hereabouts")
+    except PackageNotFoundError:
+        return "(not installed)"

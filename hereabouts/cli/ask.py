@@ -1,0 +1,218 @@
+"""Ask the map: a question in English, a shipped query, a query file, or SPARQL text.
+
+`hereabouts queries` lists the shipped queries, and questions that they answer.
+
+example: hereabouts ask kitchen.map "where is the cup?"
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Final
+
+from hereabouts.cli.arguments import MAP_HELP, add_at, moment_of, name_value, plain_value
+from hereabouts.cli.console import counted, json_value, note, print_table, write, write_json
+from hereabouts.cli.name import note_unnamed
+from kg.model.errors import QueryParameterError
+
+if TYPE_CHECKING:
+    from kg.maps.query.evaluation import Table
+    from kg.maps.semantic_map import SemanticMap
+
+#: queries whose answers leave out things without a name
+_LISTS: Final = ("summary", "objects", "objects-in-place")
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
+    parser.add_argument(
+        "--member",
+        action="append",
+        default=[],
+        metavar="MAP",
+        help="ask this map merged with others instead of MAP (repeatable)",
+    )
+    parser.add_argument(
+        "question",
+        nargs="?",
+        metavar="QUESTION|NAME|FILE.rq|SPARQL",
+        help="question such as 'where is the cup?', shipped query, query file, or SPARQL text",
+    )
+    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
+    parser.add_argument(
+        "-p",
+        "--parameter",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="a parameter of the query (repeatable)",
+    )
+    parser.add_argument(
+        "--all",
+        action="store_true",
+        help="list objects of any existence, not only those of 0.5 and above",
+    )
+    parser.add_argument(
+        "--language",
+        default="",
+        metavar="LANG",
+        help="language of labels in shipped queries, such as de or de,fr",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("table", "json", "csv", "ttl"),
+        default="table",
+        help="how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default: table)",
+    )
+    parser.add_argument(
+        "--json", action="store_const", const="json", dest="format", help="as --format json"
+    )
+    add_at(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    if arguments.member and arguments.question is None:
+        # with members there is no MAP: the first word is the query
+        arguments.map, arguments.question = None, arguments.map
+    if (arguments.question is None) == (arguments.execute is None):
+        arguments.usage_error("give one query: NAME, FILE.rq or SPARQL, or -e SPARQL")
+    if (arguments.map is None) == (not arguments.member):
+        arguments.usage_error("give MAP, or one --member MAP or more, not both")
+    if arguments.member and arguments.at is not None:
+        arguments.usage_error("--at needs one MAP: each map counts its own transactions")
+    parameters = name_value(arguments.parameter)
+    if arguments.at is not None:
+        arguments.at = moment_of(arguments.at)
+    with ExitStack() as opened:
+        semantic_map = opened.enter_context(_opened(arguments))
+        _note_frames(semantic_map)
+        if _is_plain(semantic_map, arguments):
+            return _answer_plainly(semantic_map, arguments, opened)
+        answer = _ask(semantic_map, arguments, parameters, opened)
+        _print(answer, arguments.format)
+        if arguments.format == "table" and arguments.at is None and arguments.question in _LISTS:
+            place = parameters.get("place")
+            where = None if place is None else semantic_map.resolve("place", str(place))
+            note_unnamed(semantic_map, arguments.map or "MAP", where)
+    return 0
+
+
+def _opened(arguments: argparse.Namespace) -> SemanticMap:
+    """The map, or the members merged into one in memory."""
+    from kg.serving.opening import open_map
+
+    if not arguments.member:
+        return open_map(arguments.map, read_only=True)
+    from kg.serving.publishing.publisher import merged
+
+    return merged(arguments.member)
+
+
+def _note_frames(semantic_map: SemanticMap) -> None:
+    """Note which maps of several have no known way to the frame of the first."""
+    from kg.maps.facts.coordinate_frames import apart_from, maps_in
+
+    if len(maps_in(semantic_map.engine)) > 1:
+        apart = [frame.title for frame in apart_from(semantic_map.engine, semantic_map.base)]
+        if apart:
+            note(
+                f"no way is known from the frame of {semantic_map.description.title} to that of "
+                f"{', '.join(apart)}: coordinates of different maps do not compare"
+            )
+
+
+def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
+    """Whether the query is a plain question; one word unless it is like a query's name."""
+    from difflib import get_close_matches
+
+    from kg.maps.query.query_files import shipped_queries
+    from planner.questions.recognition import is_known_word, is_plain
+
+    text = arguments.question
+    if text is None or arguments.parameter or not is_plain(text):
+        return False
+    if len(text.split()) != 1 or is_known_word(semantic_map, text):
+        return True
+    return not get_close_matches(text, [query.name for query in shipped_queries()])
+
+
+def _answer_plainly(
+    semantic_map: SemanticMap, arguments: argparse.Namespace, opened: ExitStack
+) -> int:
+    from kg.history.timestamps import moment
+    from planner.questions.answers import answer_question
+    from planner.search.goals.candidate_queries import map_time
+
+    now = None
+    if arguments.at is not None:
+        semantic_map = opened.enter_context(semantic_map.at(arguments.at))
+        is_number = arguments.at.startswith("#")
+        now = map_time(semantic_map) if is_number else moment(arguments.at)
+    answer = answer_question(semantic_map, arguments.question, now)
+    if arguments.format == "json":
+        rows = [dict(zip(answer.columns, map(json_value, row), strict=True)) for row in answer.rows]
+        write_json({**answer.to_json(), "rows": rows})
+        return 0
+    if arguments.format != "table":
+        raise QueryParameterError(
+            f"an answer in words is no {arguments.format}; the same facts: {answer.command}"
+        )
+    write("\n".join(answer.lines))
+    if answer.rows:
+        print_table(answer.columns, answer.rows)
+    if answer.command:
+        note(answer.command)
+    return 0
+
+
+def _ask(
+    semantic_map: SemanticMap,
+    arguments: argparse.Namespace,
+    parameters: Mapping[str, object],
+    opened: ExitStack,
+) -> Table:
+    """The answer; a query that is not shipped is evaluated in an isolated process."""
+    from kg.maps.query.query_files import inline_query, resolve_query
+    from kg.store.sparql_client import is_url
+
+    values = {name: plain_value(str(text)) for name, text in parameters.items()}
+    if arguments.execute is not None:
+        question = inline_query(arguments.execute, values)
+    else:
+        question = resolve_query(arguments.question, values)
+    for parameter in question.parameters:
+        if parameter.type == "category" and parameter.name in values:
+            _note_meaning(semantic_map, str(parameters[parameter.name]))
+    if arguments.all and any(parameter.name == "least" for parameter in question.parameters):
+        parameters = {"least": "0", **parameters}
+    if not question.shipped and not is_url(arguments.map or ""):
+        from kg.serving.workers.local_evaluation import query_isolated
+
+        return query_isolated(
+            semantic_map, question, parameters, at=arguments.at, language=arguments.language
+        )
+    if arguments.at is not None:
+        semantic_map = opened.enter_context(semantic_map.at(arguments.at))
+    return semantic_map.query(question, language=arguments.language, **parameters)
+
+
+def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
+    """Note how the name of a category was understood, where it is not the category's own."""
+    from kg.knowledge.words.meaning import understand
+
+    if semantic_map.catalogue.get(name) is None:
+        meaning = understand(semantic_map.catalogue, name)
+        if meaning.categories and meaning.how != "spelling":
+            note(meaning.note)
+
+
+def _print(answer: Table, form: str) -> None:
+    for line in answer.notes:
+        note(line)
+    if form != "table":
+        write(answer.serialise(form))
+        return
+    print_table(answer.columns, answer.rows)
+    note(counted(len(answer.rows), "row"))

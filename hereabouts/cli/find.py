@@ -1,0 +1,340 @@
+"""Plan where to look for an object, in which order, and why.
+
+The plan minimises the expected time until the object is found. The probability of each spot follows
+from the map, common sense and statistics of rooms. OBJECT is a category, a synonym, a
+supercategory, or a need such as 'something to sit on'. With several, the plan searches for all.
+
+example: hereabouts find kitchen.map banana --from 0,0 --explain
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hereabouts.cli.arguments import (
+    add_json,
+    add_map,
+    add_now,
+    add_start,
+    now_of,
+    positive,
+    share,
+    speed,
+)
+from hereabouts.cli.console import heading, note, print_looks, print_plan, write, write_json
+from kg.model.errors import QueryParameterError
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.freespace.grid import FreeSpace
+    from planner.search.goals.targets import Target
+    from planner.search.plans.search_state import PlanningState
+    from planner.search.plans.view_plan import ViewPlan
+
+_WORTH_A_LOOK = 0.01  # minimum probability of success of a printed plan
+_AHEAD = 60.0  # [s] by which clocks of robots may be ahead
+_RULES = ("viewpoints", "nearest-first", "brute-force")
+#: options of the rule "viewpoints" alone
+_LOOKS_ONLY = (
+    "budget",
+    "turn_rate",
+    "range",
+    "recall",
+    "now",
+    "grid",
+    "explain",
+    "picture",
+    "compare",
+)
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
+    add_start(parser)
+    parser.add_argument(
+        "--budget",
+        type=_seconds,
+        metavar="TIME",
+        help="time limit of the search: 300, 90s, 10min",
+    )
+    parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
+    parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
+    parser.add_argument(
+        "--range", type=_range, metavar="NEAR,FAR", help="range of the camera [m] (0.8,4.6)"
+    )
+    parser.add_argument(
+        "--recall",
+        type=share,
+        metavar="R",
+        help="probability to detect an object in view (0.7)",
+    )
+    add_now(parser)
+    parser.add_argument(
+        "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
+        "nearest-first is the thesis' rule, brute-force its baseline",
+    )  # fmt: skip
+    parser.add_argument(
+        "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
+    )
+    parser.add_argument(
+        "--in-map",
+        metavar="TITLE",
+        help="on a server with several maps: the map, by title or IRI, in whose frame the robot is "
+        "(default: the first)",
+    )
+    parser.add_argument(
+        "--explain", action="store_true", help="print every step, and the facts of each reason once"
+    )
+    parser.add_argument(
+        "--compare", action="store_true", help="print the times of simpler plans beside this one's"
+    )
+    parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+    from planner.search.plans.report import empty_answer
+
+    with open_map(arguments.map, read_only=True) as opened:
+        semantic_map = opened.in_one_frame(arguments.in_map)
+        arguments.undetectable = _take_undetectable(semantic_map, arguments)
+        if not arguments.object:
+            if arguments.json:
+                now = now_of(semantic_map, arguments)
+                _write_answer(arguments, empty_answer(semantic_map, (), now))
+            return 0
+        code = _find(semantic_map, arguments)
+        if not arguments.json:
+            _print_elsewhere(opened, semantic_map, arguments)
+        return code
+
+
+def _take_undetectable(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> list[dict[str, object]]:
+    """Remove words that no category includes from the wanted objects, and answer them."""
+    from planner.search.goals.targets import as_one, undetectable_target
+
+    arguments.object = as_one(semantic_map, arguments.object)
+    unseen = {text: undetectable_target(semantic_map, text) for text in arguments.object}
+    arguments.object = [text for text in arguments.object if unseen[text] is None]
+    answers = [answer for answer in unseen.values() if answer is not None]
+    for answer in answers if not arguments.json else ():
+        write(f"{answer.answer}.")
+    return [answer.to_json() for answer in answers]
+
+
+def _write_answer(arguments: argparse.Namespace, answer: dict[str, object]) -> None:
+    """Write an answer as JSON, with the words that no category includes."""
+    write_json({**answer, "undetectable": arguments.undetectable})
+
+
+def _find(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    if arguments.rule != _RULES[0]:
+        return _by_reference(semantic_map, arguments)
+    state = _planning_state(semantic_map, arguments)
+    if state is None:
+        return _without_floor(semantic_map, arguments)
+    return _by_viewpoints(semantic_map, state, arguments)
+
+
+def _print_elsewhere(
+    opened: SemanticMap, semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> None:
+    """Print the targets in maps without a known way to the frame of the plan."""
+    from planner.search.goals.other_frames import elsewhere_lines
+
+    for line in elsewhere_lines(opened, semantic_map, arguments.object, arguments.map):
+        write(line)
+
+
+def _planning_state(
+    semantic_map: SemanticMap, arguments: argparse.Namespace
+) -> PlanningState | None:
+    from planner.search.plans.search_state import build_search
+    from planner.search.viewpoints.candidate_views import Motion, Sensor
+
+    default, usual = Sensor(), Motion()
+    near, far = arguments.range or (default.near, default.far)
+    return build_search(
+        semantic_map,
+        arguments.object,
+        sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
+        motion=Motion(
+            speed=arguments.speed or usual.speed,
+            turn_rate=math.radians(arguments.turn_rate) if arguments.turn_rate else usual.turn_rate,
+        ),
+        space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
+        at=now_of(semantic_map, arguments),
+    )
+
+
+def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
+    from planner.freespace.map_server import space_of_grid
+    from planner.freespace.planning_map import all_places, room_of
+
+    places = all_places(semantic_map)
+    return space_of_grid(grid, [room_of(place) for place in places])
+
+
+def _by_viewpoints(
+    semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
+) -> int:
+    from planner.search.plans.report import answer_json
+    from planner.search.plans.view_plan import plan_from
+
+    found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
+    if arguments.picture:
+        from hereabouts.display.plots.search_plot import plot_plan
+
+        path = plot_plan(semantic_map, state, found, Path(arguments.picture))
+        note(f"wrote {path}")
+    now = now_of(semantic_map, arguments)
+    if found.note:
+        note(found.note)
+    if arguments.json:
+        _write_answer(arguments, answer_json(semantic_map, state, found, now))
+        return 0
+    _print_known(semantic_map, state.targets, now, arguments, state)
+    if not found.steps:
+        write(_nothing(found, arguments.budget))
+    elif found.probability < _WORTH_A_LOOK and not arguments.explain:
+        write(
+            f"{', '.join(found.targets)} is on this floor with probability {found.present:.3f}: "
+            "too improbable for a search (--explain lists the looks)"
+        )
+    else:
+        heading("Where to look")
+        _print(found, arguments)
+    return 0
+
+
+def _print_known(
+    semantic_map: SemanticMap,
+    targets: Sequence[Target],
+    now: float,
+    arguments: argparse.Namespace,
+    state: PlanningState | None = None,
+) -> None:
+    """Print the sentences about each target, and detections that made no object."""
+    from hereabouts.cli.candidates import detections_in_vain
+    from kg.history.timestamps import iso
+    from planner.search.goals.candidate_queries import map_time
+    from planner.search.plans.answer_sentences import find_sentences
+
+    if (latest := map_time(semantic_map)) > now + _AHEAD:
+        note(f"{iso(now)} lies before the last frame of the map ({iso(latest)})")
+    for target in targets:
+        if target.note:
+            note(target.note)
+        said = find_sentences(semantic_map, target, now, state)
+        write("\n".join(said))
+        vain = detections_in_vain(semantic_map, target.kind, arguments.map)
+        if vain and said[0].startswith("No "):
+            write(vain)
+
+
+def _nothing(found: ViewPlan, budget: float | None) -> str:
+    what = ", ".join(found.targets)
+    if budget is not None:
+        return f"no look for {what} ends within {budget:.0f} s"
+    return f"no look for {what}: no reachable position shows a spot where it may be"
+
+
+def _print(found: ViewPlan, arguments: argparse.Namespace) -> None:
+    from planner.search.plans.report import baseline_line, plan_lines, step_lines, worthwhile
+
+    looks = None if arguments.explain else worthwhile(found.steps)
+    if arguments.explain:
+        write("\n".join(step_lines(found.steps)))
+        heading("In all")
+    else:
+        print_looks(found, looks)
+    lines = plan_lines(found, looks)
+    if arguments.compare:
+        lines += [baseline_line(other, len(found.targets)) for other in found.baselines]
+    write("\n".join(lines))
+
+
+def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """The thesis' rule or its baseline, on one target and without geometry."""
+    from kg.maps.map_extent import check_positions
+    from planner.search.goals.search_goals import resolve_target
+    from planner.search.plans.thesis_rules import Travel, brute_force, plan_search
+    from planner.search.plans.view_plan import robot_start
+
+    if len(arguments.object) > 1:
+        raise QueryParameterError(
+            f"--rule {arguments.rule} searches for one object at a time, got "
+            f"{len(arguments.object)}; --rule viewpoints takes several"
+        )
+    given = ["--" + n.replace("_", "-") for n in _LOOKS_ONLY if getattr(arguments, n)]
+    if given:
+        raise QueryParameterError(
+            f"{' and '.join(given)} has no effect with --rule {arguments.rule}; "
+            "use --rule viewpoints"
+        )
+    target = arguments.object[0]
+    travel = Travel(speed=arguments.speed) if arguments.speed else None
+    x, y, _ = arguments.start or robot_start(semantic_map)
+    if odd := check_positions(semantic_map.engine, [(x, y)], "start", QueryParameterError):
+        note(odd)
+    if arguments.rule == "brute-force":
+        category = resolve_target(semantic_map.catalogue, target)
+        places = semantic_map.places()
+        plan = brute_force((x, y), places, target=category.label, travel=travel)
+    else:
+        plan = plan_search(semantic_map, target, (x, y), travel=travel)
+    if arguments.json:
+        write_json(plan.to_json())
+    elif plan.steps:
+        print_plan(plan)
+    else:
+        note(plan.explanation)
+    return 0
+
+
+def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    """Print the known facts, and the reason why a map without floor has nowhere to look."""
+    from planner.search.goals.search_goals import explain_none
+    from planner.search.goals.targets import resolve
+    from planner.search.plans.report import empty_answer
+
+    targets = resolve(semantic_map, arguments.object)
+    now = now_of(semantic_map, arguments)
+    if arguments.json:
+        _write_answer(arguments, empty_answer(semantic_map, targets, now))
+        return 0
+    if arguments.start is not None:
+        from kg.maps.map_extent import check_positions
+
+        check_positions(semantic_map.engine, [arguments.start[:2]], "start", QueryParameterError)
+    for iri in (iri for target in targets for iri in target.queried):
+        write(explain_none(semantic_map, iri))
+    return 0
+
+
+def _seconds(text: str) -> float:
+    units = {"min": 60.0, "s": 1.0, "h": 3600.0, "": 1.0}
+    for unit, length in units.items():
+        if text.endswith(unit):
+            return positive(text.removesuffix(unit)) * length
+    raise AssertionError("every text ends with nothing")
+
+
+def _range(text: str) -> tuple[float, float]:
+    try:
+        near, far = (float(part) for part in text.split(","))
+    except ValueError:
+        near, far = math.nan, math.nan
+    if not 0 <= near < far <= 100:
+        raise argparse.ArgumentTypeError(
+            f"needs NEAR,FAR in metres with 0 <= NEAR < FAR <= 100, e.g. 0.8,4.6; got {text!r}"
+        )
+    return near, far

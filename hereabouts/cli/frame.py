@@ -1,0 +1,100 @@
+"""Print a map's coordinate frame, or state its transform to the frame of another map.
+
+Maps of different recordings have frames of their own: searches, plans and distances over several
+maps keep those apart whose transform is not known. With a transform they are one.
+
+example: hereabouts frame south.map --relative-to north.map --align --by ann
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.console import note, write, write_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kg.maps.semantic_map import SemanticMap
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument(
+        "--relative-to", metavar="OTHER", help="the other map: a folder or an address"
+    )
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument(
+        "--align", action="store_true", help="estimate the transform from floors and objects"
+    )
+    ways.add_argument(
+        "--pose",
+        type=_pose,
+        metavar="X,Y,Z,DEG",
+        help="pose of this map's origin in the other map: metres, and degrees about the vertical",
+    )
+    add_author(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+
+    given = arguments.align or arguments.pose is not None
+    if given != (arguments.relative_to is not None):
+        arguments.usage_error("give --relative-to OTHER with --align or --pose X,Y,Z,DEG")
+    with open_map(arguments.map, read_only=not given) as semantic_map:
+        if given:
+            _place(semantic_map, arguments)
+        _print(semantic_map, as_json=arguments.json)
+    return 0
+
+
+def _place(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    from kg.maps.facts.coordinate_frames import frame_of
+    from kg.serving.opening import open_map
+    from mapping.alignment.recording_fit import aligned_maps
+
+    with open_map(arguments.relative_to, read_only=True) as other:
+        frame = frame_of(other.engine, other.base)
+        T = arguments.pose
+        if arguments.align:
+            T, found = aligned_maps(semantic_map, other)
+            note(found)
+    change = semantic_map.place_frame(frame, T, by=arguments.by)
+    note(f"transaction {change.sequence}" if change else "nothing changed")
+
+
+def _print(semantic_map: SemanticMap, *, as_json: bool) -> None:
+    from kg.maps.facts.coordinate_frames import frame_of, transform_of
+
+    frame = frame_of(semantic_map.engine, semantic_map.base)
+    known = transform_of(semantic_map.engine, frame)
+    parent, T = known or (None, None)
+    if as_json:
+        matrix = None if T is None else T.tolist()
+        write_json({"frame": frame, "relative_to": parent, "transform": matrix})
+        return
+    write(f"frame        {frame}")
+    write(f"relative to  {parent or 'no other frame'}")
+    if T is not None:
+        x, y, z = T[:3, 3]
+        turn = math.degrees(math.atan2(T[1, 0], T[0, 0]))
+        write(f"origin there ({x:.2f}, {y:.2f}, {z:.2f}) m, turned by {turn:.1f} degrees")
+
+
+def _pose(text: str) -> NDArray[np.float64]:
+    import numpy as np
+
+    try:
+        x, y, z, degrees = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = degrees = math.nan
+    if not all(map(math.isfinite, (x, y, z, degrees))):
+        raise argparse.ArgumentTypeError(f"needs X,Y,Z,DEG, e.g. 2.5,0,0,90; got {text!r}")
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]])

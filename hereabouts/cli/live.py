@@ -1,0 +1,351 @@
+"""Map frames as they arrive: from a camera, ROS 1 or 2, a Foxglove WebSocket or a growing folder.
+
+Ctrl+C or SIGTERM ends the mapping after a whole frame; a new run continues. A frame that arrives
+while earlier ones are mapped is dropped and counted if a newer one follows. Frames of a folder are
+all mapped.
+
+example: hereabouts live ros1://localhost:11311 --into kitchen.map
+"""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from functools import partial
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from hereabouts.cli.arguments import end_at_latest, positive, title_for, whole
+from hereabouts.cli.console import note
+from hereabouts.cli.map_recording import (
+    add_map_options,
+    map_frames,
+    open_for_mapping,
+    print_outcome,
+)
+from hereabouts.cli.mapping_options import add_mapping_arguments, mapping_options
+from hereabouts.cli.network_options import (
+    Networks,
+    add_network_arguments,
+    network_options,
+    open_networks,
+)
+from hereabouts.cli.recording_options import add_source_arguments, source_options
+from hereabouts.cli.server_outages import MappedFrames, through_outages
+from hereabouts.cli.teach import with_taught_rooms
+from hereabouts.cli.viewers import open_viewers
+from kg.model.errors import RecordingError
+
+if TYPE_CHECKING:
+    from hereabouts.display.viewers.viewer import Viewer
+    from kg.maps.semantic_map import SemanticMap
+    from mapping.alignment.pose_correction import LiveCorrection
+    from mapping.mapping_options import MappingOptions
+    from mapping.recording_mapper import OnDetections
+    from mapping.runs.progress_report import MappingReport
+    from perception.frames import Detections, Frame, Recording, SceneScores
+    from perception.sources.live.connection import Connection
+    from perception.sources.live.live_recording import LiveRecording
+    from perception.sources.live.live_tracker import LiveTracker
+    from perception.sources.live.stream_counts import StreamCounts
+    from perception.sources.recording_options import RecordingOptions
+
+SOURCES: Final = (
+    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), realsense, "
+    "realsense:SERIAL or realsense:FILE.db3 (a recording, played), or a folder that is being "
+    "written"
+)
+REALSENSE: Final = "realsense"
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
+    add_map_options(parser)
+    parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
+    parser.add_argument(
+        "--idle", type=positive, metavar="SECONDS", help="end after so long without a frame"
+    )
+    add_source_arguments(parser)
+    add_network_arguments(parser)
+    add_mapping_arguments(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    connection = _connection(arguments.recording)
+    if connection is not None and (arguments.format != "auto" or arguments.same_frame):
+        arguments.usage_error(
+            "--format and --same-frame need a folder; poses of topics have a map frame "
+            "(--map-frame)"
+        )
+    source, options = source_options(arguments), mapping_options(arguments)
+    if connection is not None and connection.address.startswith(REALSENSE):
+        source = replace(source, estimate_poses=True)
+    networks = open_networks(network_options(arguments), arguments.recording)
+    prepare = _folder_run if connection is None else partial(_stream_run, connection)
+    with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
+        mapped = MappedFrames()
+        run = prepare(arguments, source, networks, options, viewer, ended, mapped)
+        if run is None:
+            raise RecordingError(f"{arguments.recording}: no frame was mapped")
+        through_outages(arguments.into, ended, mapped, run)
+    return 0
+
+
+def _connection(source: str) -> Connection | None:
+    """The connection to `source`; None for a folder. Raises RecordingError for neither."""
+    is_address = "://" in source or source in ("ros1", "ros2")
+    scheme = source.partition("://")[0] if is_address else ""
+    if scheme in ("ros1", "ros2", "ws", "wss"):
+        require_ros(source, "rosbags")
+    if scheme == "ros1":
+        from perception.sources.live.ros1 import Ros1Master
+
+        return Ros1Master.at(source)
+    if scheme == "ros2":
+        require_ros(source, "cyclonedds", "dds")
+        from perception.sources.live.ros2 import Ros2Domain
+
+        return Ros2Domain.at(source)
+    if scheme in ("ws", "wss"):
+        require_ros(source, "websockets")
+        from perception.sources.live.foxglove import FoxgloveConnection
+
+        return FoxgloveConnection.at(source)
+    if source.partition(":")[0] == REALSENSE and not Path(source).is_dir():
+        require_ros(source, "rosbags", REALSENSE)
+        require_ros(source, "pyrealsense2", REALSENSE)
+        from perception.sources.live.realsense import RealSenseCamera
+
+        return RealSenseCamera.at(source)
+    if source == "oak" and not Path(source).exists():
+        raise RecordingError(
+            "there is no driver of OAK cameras here; ros2 launch depthai_ros_driver "
+            "camera.launch.py, then `hereabouts live ros2` would work"
+        )
+    if scheme or not Path(source).is_dir():
+        raise RecordingError(f"{source!r} is no source of frames; give {SOURCES}")
+    return None
+
+
+def require_ros(source: str, package: str, extra: str = "ros") -> None:
+    """Raise RecordingError if the package that `source` needs is missing, or does not load."""
+    from importlib import import_module
+
+    try:
+        import_module(package)
+    except ModuleNotFoundError as error:
+        raise RecordingError(
+            f"{source} needs the package {package}: pip install 'hereabouts[{extra}]'"
+        ) from error
+    except ImportError as error:  # pyrealsense2 needs libusb of the system
+        raise RecordingError(
+            f"{source} needs the package {package}, which does not load: {error}; the system's "
+            "package of that library would work (libusb-1.0-0 in Debian and Ubuntu)"
+        ) from error
+
+
+@contextmanager
+def until_signal() -> Iterator[threading.Event]:
+    """An event that the first Ctrl+C or SIGTERM sets; a second one ends the program."""
+    ended = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield ended  # only the main thread receives signals
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM)
+
+    def end(number: int, frame: object) -> None:
+        ended.set()
+        if number == signal.SIGTERM:
+            end_at_latest()
+        for each in numbers:
+            signal.signal(each, before[each])
+
+    before = {number: signal.signal(number, end) for number in numbers}
+    try:
+        yield ended
+    finally:
+        for number in numbers:
+            signal.signal(number, before[number])
+
+
+def _stream_run(
+    connection: Connection,
+    arguments: argparse.Namespace,
+    source: RecordingOptions,
+    networks: Networks,
+    options: MappingOptions,
+    viewer: Viewer | None,
+    ended: threading.Event,
+    mapped: MappedFrames,
+) -> Callable[[], None]:
+    """A function that maps a connection's frames until it is ended."""
+    from mapping.alignment.pose_correction import LiveCorrection
+    from perception.inference.detector_pair import RememberingDetector
+    from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
+    from perception.sources.live.stream import FrameStream
+
+    stream = FrameStream(connection.address, source)
+
+    def run() -> None:
+        name, limit = source.name or "live", mapped.left(arguments.limit)
+        recording = LiveRecording(name, connection, stream, ended, limit, arguments.idle)
+        note(f"listening to {connection.address}; Ctrl+C ends it")
+        recording.level("z" if source.up is None else source.up, check=source.check)
+        if recording.is_empty and not mapped.count:
+            recording.close()
+            counts = _counts_line(_as_json(stream.counts, 0))
+            raise RecordingError(stream.problem or f"{connection.address}: {counts}")
+        with (
+            closing(recording),
+            KeptFrames() as kept,
+            open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections),
+        ):
+            taught = with_taught_rooms(networks, arguments.into)
+            known = {one.name: one.T_map_world for one in semantic_map.recordings()}
+            if recording.tracker is None:
+                recording.T_map_world = known.get(name, recording.T_map_world)
+            else:
+                if known:
+                    _place(recording, semantic_map)
+                taught = replace(taught, detector=RememberingDetector(taught.detector, MAX_FRAMES))
+            correction = LiveCorrection(recording, kept)
+            counted = mapped.counted(_keeping(correction, on_detections))
+
+            def map_into(
+                one: Recording, into: SemanticMap, options: MappingOptions
+            ) -> MappingReport:
+                if one is not recording:
+                    return map_frames(one, into, taught, options)
+                return map_frames(
+                    recording,
+                    into,
+                    taught,
+                    options,
+                    on_detections=counted,
+                    lost=lambda: f"{stream.counts.dropped} dropped",
+                )
+
+            report = correction.run(semantic_map, map_into, options, note)
+            numbers = _as_json(stream.counts, mapped.count)
+            if recording.tracker is not None:
+                tracker = recording.tracker
+                numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
+                numbers["corrections"] = correction.corrections
+                _note_tracking(correction, tracker)
+            print_outcome(semantic_map, report, arguments, networks.device, numbers)
+            note(_counts_line(numbers))
+
+    return run
+
+
+def _place(recording: LiveRecording, semantic_map: SemanticMap) -> None:
+    """Find the live camera in a map that holds others; raises LayoutError where it is not sure."""
+    from mapping.alignment.relocalisation import recognised_live
+
+    names = {one.name for one in semantic_map.recordings()}
+    numbered = (f"{recording.name}-{number}" for number in count(2))
+    # each session has a world, and a name, of its own
+    recording.name = next(n for n in chain([recording.name], numbered) if n not in names)
+    note(f"looking for the place in the map of {', '.join(sorted(names))}; nothing is mapped yet")
+    T, line = recognised_live(recording.name, recording.views(), semantic_map)
+    recording.T_map_world, recording.found = T @ recording.T_map_world, line
+    note(f"{recording.name} was {line}")
+
+
+def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> OnDetections:
+    """A callback for each mapped frame, which is kept for corrections first."""
+
+    def keep(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+        correction.keep(frame)
+        if on_detections is not None:
+            on_detections(frame, detections, scene)
+
+    return keep
+
+
+def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
+    """Print the cost of tracking, and how far loops moved images that were mapped before."""
+    from mapping.alignment.pose_correction import MOVED
+
+    images = tracker.tracked + tracker.lost
+    note(f"tracking took {1000 * tracker.seconds / max(images, 1):.0f} ms of a core an image")
+    if tracker.moved > MOVED:
+        note(
+            f"loops moved the camera by up to {tracker.moved:.2f} m after its images were mapped, "
+            f"and what was mapped stays, since no more than {len(correction.kept)} frames are "
+            "kept; a recording of the same images, mapped by `hereabouts map`, follows its loops"
+        )
+
+
+def _as_json(counts: StreamCounts, frames: int) -> dict[str, Any]:
+    return {
+        "frames": frames,
+        "received": counts.received,
+        "dropped": counts.dropped + counts.taken - frames,
+        "without_depth": counts.without_depth,
+        "without_pose": counts.without_pose,
+        "unreadable": counts.unreadable,
+    }
+
+
+def _counts_line(numbers: Mapping[str, Any]) -> str:
+    rest = ", ".join(
+        f"{number} {name.replace('_', ' ')}" for name, number in numbers.items() if name != "frames"
+    )
+    return f"{numbers['frames']} frames mapped: {rest}"
+
+
+def _folder_run(
+    arguments: argparse.Namespace,
+    source: RecordingOptions,
+    networks: Networks,
+    options: MappingOptions,
+    viewer: Viewer | None,
+    ended: threading.Event,
+    mapped: MappedFrames,
+) -> Callable[[], None] | None:
+    """A function that maps a growing folder's frames until it is ended; None without a frame."""
+    from mapping.alignment.recording_fit import check_fit
+    from mapping.runs.resumption import resumed
+    from perception.sources.live.growing_folder import GrowingRecording, first_opened
+    from perception.sources.recording import FolderRecording, open_recording
+
+    path = arguments.recording
+    source = replace(source, estimate_poses=False)
+    first = first_opened(lambda: open_recording(path, source), ended, level=source.up is not None)
+    if first is None:
+        return None
+    # each reopening has the same start time
+    source = replace(source, check=False, start_time=first.start_time or None)
+
+    def run() -> None:
+        with open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections):
+            taught = with_taught_rooms(networks, arguments.into)
+            placed = resumed(first, semantic_map)
+            fit = check_fit(placed, semantic_map, same_frame=options.same_frame)
+
+            def reopened() -> FolderRecording:
+                return open_recording(path, replace(source, T_map_world=placed.T_map_world))
+
+            limit = mapped.left(arguments.limit)
+            recording = GrowingRecording(reopened(), reopened, ended, limit, arguments.idle)
+            note(f"reading {arguments.recording} as it grows; Ctrl+C ends it")
+            report = map_frames(
+                recording,
+                semantic_map,
+                taught,
+                options,
+                on_detections=mapped.counted(on_detections),
+                lost=lambda: "",
+            )
+            if fit:
+                note(fit)
+            numbers = {"frames": mapped.count}
+            print_outcome(semantic_map, report, arguments, networks.device, numbers)
+
+    return run

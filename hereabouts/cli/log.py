@@ -1,0 +1,59 @@
+"""List the changes of one thing, each with its time and author.
+
+Each line is a transaction, the oldest first.
+
+example: hereabouts log kitchen.map object/17
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from hereabouts.cli.arguments import add_json, add_map, count
+from hereabouts.cli.console import note, print_table, write_json
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument(
+        "thing",
+        metavar="IRI",
+        help="object/17, a label such as 'cup 2', place/1, robot, or an IRI",
+    )
+    parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.history.timestamps import iso
+    from kg.serving.opening import open_map
+    from planner.search.goals.place_names import thing_named
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        thing = thing_named(semantic_map, arguments.thing)
+        entries = list(semantic_map.history.events(thing))
+    shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "sequence": entry.sequence,
+                    "time": iso(entry.time),
+                    "kind": entry.cause.kind,
+                    "by": entry.cause.by,
+                    "note": entry.cause.note,
+                    "changes": list(entry.changes),
+                }
+                for entry in shown
+            ]
+        )
+        return 0
+    print_table(
+        ("#", "time", "cause", "by", "change"),
+        [
+            (e.sequence, iso(e.time), f"{e.cause.kind} {e.cause.note}", e.cause.by or "", e.words)
+            for e in shown
+        ],
+    )
+    note(f"{len(shown)} of {len(entries)} changes")
+    return 0

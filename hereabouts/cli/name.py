@@ -1,0 +1,168 @@
+"""Name things, so that their category is what people call them.
+
+The name is asserted (`hereabouts retract MAP THING category` undoes it) and kept with its author. A
+new word becomes a category below the nearest known one. `--review` writes a page with the pictures
+of all things, those without a name first; what is typed there is saved to a file, which `--from`
+reads.
+
+example: hereabouts name kitchen.map object/17 "coffee machine" --by ann
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.console import note, write_json
+from kg.model.errors import HereaboutsError, InvalidFactError
+from kg.model.regular_files import read_text
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from kg.model.records import Assertion
+
+_MAX_NAMES: Final = 5000  # of one file
+_MAX_BYTES: Final = 2_000_000
+
+Named = dict[str, str | None]  # a line of the answer, by field
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument("thing", nargs="?", metavar="THING", help="object/17 or a full IRI")
+    parser.add_argument("name", nargs="*", metavar="NAME", help="name, as in coffee machine")
+    many = parser.add_mutually_exclusive_group()
+    many.add_argument(
+        "--review", metavar="FILE.html", help="write a page on which to name the things"
+    )
+    many.add_argument("--from", dest="names", metavar="FILE", help="names: lines of THING,NAME")
+    add_author(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+    from kg.store.sparql_client import is_url
+
+    single = arguments.thing is not None and bool(arguments.name)
+    if arguments.thing is not None and not single:
+        arguments.usage_error("a name is missing, as in: object/17 coffee machine")
+    if single == bool(arguments.review or arguments.names):
+        arguments.usage_error("give a THING and its NAME, or --review FILE.html, or --from FILE")
+    if arguments.review:
+        with open_map(arguments.map, read_only=True) as semantic_map:
+            return _review(semantic_map, arguments)
+    if arguments.by is None and not is_url(arguments.map):
+        arguments.usage_error("a name needs an author: --by NAME")
+    wanted = [(arguments.thing, " ".join(arguments.name))] if single else None
+    wanted = _read(Path(arguments.names)) if wanted is None else wanted
+    with open_map(arguments.map) as semantic_map:
+        return _name(semantic_map, wanted, arguments)
+
+
+def note_unnamed(semantic_map: SemanticMap, address: str, place: str | None = None) -> None:
+    """A line about the things without a name in a map, or in a place (an IRI), if there are any."""
+    from planner.questions.counts import counted_unnamed
+
+    if unnamed := counted_unnamed(semantic_map, place):
+        note(f"and {unnamed}; hereabouts name {address} --review FILE.html shows them")
+
+
+def _name(
+    semantic_map: SemanticMap, wanted: list[tuple[str, str]], arguments: argparse.Namespace
+) -> int:
+    """Give each thing its name; the refused ones are listed, and the others are given."""
+    done: list[Named] = []
+    refused: list[Named] = []
+    for thing, name in wanted:
+        try:
+            done.append(_named(semantic_map, thing, name, arguments.by or ""))
+        except HereaboutsError as error:
+            if len(wanted) == 1:
+                raise
+            refused.append({"thing": thing, "error": " ".join(str(error).split())})
+    if arguments.json:
+        write_json({"named": done, "refused": refused})
+    else:
+        for one in done:
+            before = f", before: {one['before']} by {one['before_by']}" if one["before_by"] else ""
+            kind = f", category {one['category']}" if one["category"] != one["name"] else ""
+            note(f"{one['thing']}: {one['name']}{kind} (named by {one['by']}{before})")
+        for one in refused:
+            note(f"{one['thing']} is not named: {one['error']}")
+    return 1 if refused else 0
+
+
+def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
+    from planner.search.goals.place_names import thing_named
+
+    thing = thing_named(semantic_map, thing).removeprefix(semantic_map.base)
+    former = _category(semantic_map, thing)
+    before = None if former is None else _label(semantic_map, former.value)
+    semantic_map.assertions.add(thing, "name", name, by=by)
+    now = _category(semantic_map, thing)
+    if now is None:
+        raise InvalidFactError(f"the name of {thing} was retracted meanwhile")
+    label = [a.value for a in semantic_map.assertions.all(thing) if a.property == "label"]
+    changed = former is not None and former.value != now.value
+    return {
+        "thing": thing,
+        "name": label[0] if label else _label(semantic_map, now.value),
+        "category": _label(semantic_map, now.value),
+        "iri": now.value,
+        "by": now.by,
+        "before": before if changed else None,
+        "before_by": former.by if former is not None and changed else None,
+    }
+
+
+def _label(semantic_map: SemanticMap, iri: str) -> str:
+    known = semantic_map.catalogue.by_iri(iri)
+    return iri if known is None else known.label
+
+
+def _category(semantic_map: SemanticMap, thing: str) -> Assertion | None:
+    """The asserted category of a thing."""
+    found = semantic_map.assertions.all(thing)
+    return next((one for one in found if one.property == "category"), None)
+
+
+def _read(path: Path) -> list[tuple[str, str]]:
+    """Things and names of a CSV file; lines without a name are left out."""
+    try:
+        text = read_text(path, "utf-8-sig", max_bytes=_MAX_BYTES)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text in UTF-8"
+        raise InvalidFactError(f"cannot read names from {path}: {reason}") from error
+    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    odd = next((row for row in rows if len(row) != 2), None)
+    if odd is not None or len(rows) > _MAX_NAMES:
+        raise InvalidFactError(
+            f"{path} is no list of names: each of up to {_MAX_NAMES} lines has THING,NAME, as in "
+            "object/17,coffee machine"
+        )
+    named = [(thing.strip(), name) for thing, name in rows if name.strip()]
+    if not named:
+        raise InvalidFactError(f"{path} has no names; a line object/17,coffee machine would work")
+    return named
+
+
+def _review(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+    from hereabouts.display.naming_sheet import MAX_THINGS, naming_sheet, things_to_name
+    from kg.store.atomic_file import write_atomically
+
+    things = list(islice(things_to_name(semantic_map), MAX_THINGS))
+    write_atomically(Path(arguments.review), naming_sheet(semantic_map, things))
+    if arguments.json:
+        write_json({"file": arguments.review, "things": [one.short for one in things]})
+    else:
+        nameless = sum(not one.named_by for one in things)
+        note(
+            f"{arguments.review}: {len(things)} things with pictures, {nameless} of them not named"
+        )
+        note(f"next: hereabouts name {arguments.map} --from names.csv --by YOU")
+    return 0

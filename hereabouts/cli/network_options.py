@@ -1,0 +1,106 @@
+"""Options of networks on the command line: their arguments, and opened networks."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from hereabouts.cli.arguments import add_device, share
+from hereabouts.cli.models import named_detector
+from mapping.objects.settings import ObjectSettings
+
+if TYPE_CHECKING:
+    from perception.frames import Detector, SceneClassifier
+
+#: minimum score of reported detections, as a share of the minimum score of mapped ones: the mapper
+#: counts the weaker ones for `hereabouts why --candidates`
+_REPORTED: Final = 0.5
+_MAPPED: Final = ObjectSettings().min_score  # minimum score of mapped detections in bayes mode
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkOptions:
+    """The networks to run, by name or file, and how."""
+
+    detector: str = "default"
+    second_detector: str | None = None  # runs on new points of view; None: no second one
+    scene: str = "none"  # scene classifier
+    device: str = "auto"
+    threshold: float = _REPORTED * _MAPPED  # score below which detectors drop detections
+
+
+@dataclass(frozen=True, slots=True)
+class Networks:
+    """Opened networks."""
+
+    detector: Detector
+    scene: SceneClassifier | None = None
+
+    @property
+    def device(self) -> str:
+        """Device on which the networks run; "" without networks."""
+        return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
+
+
+def add_network_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments that `network_options` reads."""
+    group = parser.add_argument_group("networks")
+    group.add_argument(
+        "--detector",
+        default="default",
+        metavar="NAME|FILE",
+        help="object detector, or a JSON file of recorded detections, here or in the recording's "
+        "folder; best: the best detector, downloaded if needed (default: the bundled ones; see "
+        "`hereabouts models list`)",
+    )
+    group.add_argument(
+        "--second-detector",
+        metavar="NAME|FILE",
+        help="another detector, which runs on frames from new points of view",
+    )
+    group.add_argument(
+        "--threshold",
+        type=share,
+        help="minimum score of a detection (default: 0.2; in reference mode: 0.4)",
+    )
+    add_device(group)
+    group.add_argument(
+        "--scene",
+        default="default",
+        metavar="NAME|FILE|none",
+        help="scene classifier (default: the bundled one)",
+    )
+
+
+def network_options(arguments: argparse.Namespace) -> NetworkOptions:
+    """The networks that the arguments name."""
+    return NetworkOptions(
+        detector=arguments.detector,
+        second_detector=arguments.second_detector,
+        scene=arguments.scene,
+        device=arguments.device,
+        threshold=_REPORTED * (arguments.threshold or _MAPPED),
+    )
+
+
+def open_networks(options: NetworkOptions, folder: str | None = None) -> Networks:
+    """Open the networks; a file of recorded detections may be in the recording's `folder`.
+
+    Raises ModelError or RecordingError.
+    """
+    from perception.inference.detector_pair import DetectorPair
+    from perception.inference.recorded_detections import open_detector
+    from perception.inference.scene_classifier import load_scene_classifier
+
+    o, name = options, named_detector(options.detector)
+    if folder is not None and name.endswith(".json") and not Path(name).exists():
+        inside = Path(folder) / name
+        name = str(inside) if inside.exists() else name
+    detector: Detector = open_detector(name, threshold=o.threshold, device=o.device)
+    if o.second_detector is not None:
+        second = open_detector(o.second_detector, threshold=o.threshold, device=o.device)
+        detector = DetectorPair(detector, second)
+    scene = None if o.scene == "none" else load_scene_classifier(o.scene, device=o.device)
+    return Networks(detector, scene)

@@ -1,0 +1,73 @@
+"""Edit the rooms of a map: split, merge, move a wall, draw, mark a door, name, undo.
+
+Points are x y in metres of the map, with commas between them. Each edit is one transaction; its
+areas are assertions, which later recordings respect. `hereabouts places MAP` lists the places.
+
+  split PLACE --points LINE       the smaller part becomes a new place, called --name
+  merge PLACE PLACE               the first place gets the area of both
+  wall PLACE PLACE --points LINE  divides the area of both anew
+  draw --points CORNERS           a new place, called --name
+  door PLACE PLACE --points POINT
+  here --name NAME                names the place in which the robot stands
+  undo                            takes one's own last edit back, then the one before
+
+example: hereabouts rooms home.map split place/2 --points "3 0, 3 4" --name pantry --by ann
+"""
+
+from __future__ import annotations
+
+import argparse
+
+from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.console import note, notes_of, write_json
+from kg.model.room_edit import NEEDS, Point, RoomEdit
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument("edit", choices=tuple(NEEDS), metavar="EDIT", help=", ".join(NEEDS))
+    parser.add_argument("places", nargs="*", metavar="PLACE", help="place/1 or a full IRI")
+    parser.add_argument(
+        "--points", type=_points, default=(), metavar="POINTS", help='metres: "3 0, 3 4"'
+    )
+    parser.add_argument("--name", default="", metavar="NAME", help="name of the place")
+    add_author(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+    from kg.store.sparql_client import is_url
+
+    if arguments.by is None and not is_url(arguments.map):
+        arguments.usage_error("an edit of rooms needs an author: --by NAME")
+    edit = RoomEdit(arguments.edit, tuple(arguments.places), arguments.points, arguments.name)
+    with open_map(arguments.map) as semantic_map:
+        before = {place.iri: place for place in semantic_map.places()}
+        change = semantic_map.rooms.edit(edit, by=arguments.by or "")
+        after = {place.iri: place for place in semantic_map.places()}
+        base, sequence = semantic_map.base, semantic_map.sequence
+    changed = [iri for iri, place in after.items() if place != before.get(iri)]
+    removed = sorted(before.keys() - after.keys())
+    notes = notes_of(change, shown=not arguments.json)
+    if arguments.json:
+        write_json({"changed": changed, "removed": removed, "sequence": sequence, **notes})
+        return 0
+    for iri in changed:
+        place = after[iri]
+        new = "" if iri in before else " (new)"
+        note(f"{iri.removeprefix(base)} {place.label}: {place.area.area:.1f} m2{new}")
+    for iri in removed:
+        note(f"{iri.removeprefix(base)} {before[iri].label}: removed")
+    note(f"transaction {change.sequence}" if change else "nothing changed")
+    return 0
+
+
+def _points(text: str) -> tuple[Point, ...]:
+    try:
+        pairs = [tuple(map(float, point.split())) for point in text.split(",")]
+        return tuple((x, y) for x, y in pairs)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f'points must be x y with commas between them, as in "3 0, 3 4", got {text[:80]!r}'
+        ) from None

@@ -1,0 +1,231 @@
+"""Search for objects with a robot: drive, look, plan again, until found or given up.
+
+Looks and findings are written to the map as they happen. Ctrl+C stops the robot, and --resume
+continues later. Progress is printed on stderr, the outcome on stdout (with --robot stdio on
+stderr). Exit code 0: found, 3: given up, 4: the robot ended the search, 130: stopped.
+
+example: hereabouts search demo.map apple --robot sim
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from hereabouts.cli.arguments import add_map, count, positive, share, title_for
+from hereabouts.cli.console import note, write
+from hereabouts.cli.ros1_robot import (
+    add_ros1_arguments,
+    check_no_ros1_arguments,
+    is_ros1,
+    open_ros1_robot,
+    ros1_options,
+)
+from hereabouts.cli.simulated_house import add_hide, house_with
+from hereabouts.cli.viewers import add_viewers, open_viewers
+from planner.settings import BELIEF
+
+if TYPE_CHECKING:
+    from hereabouts.display.viewers.viewer import Viewer
+    from kg.maps.semantic_map import SemanticMap
+    from planner.execution.options import Event, SearchOptions
+    from planner.execution.robot import Robot
+
+#: exit codes; 1 is an error, 2 wrong usage
+FOUND: Final = 0
+GIVEN_UP: Final = 3
+ABORTED: Final = 4
+#: + the signal's number, as shells have it: 130 after Ctrl+C, 143 after SIGTERM
+STOPPED: Final = 128
+
+_ROBOT = (
+    "sim: the simulated robot of the demo house; stdio:COMMAND: a program with the line "
+    "protocol of docs/reference/robot-protocol.md; stdio: the parent process, on stdin and stdout; "
+    "http://...: a robot behind that address; ros1://HOST[:PORT], or ros1 (ROS_MASTER_URI): "
+    "move_base and a camera behind a ROS 1 master"
+)
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument(
+        "object",
+        nargs="*",
+        metavar="OBJECT",
+        help="what to find, e.g. banana, sofa, 'something to drink from'; optional with --resume",
+    )
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=_ROBOT)
+    parser.add_argument(
+        "--budget",
+        type=positive,
+        metavar="S",
+        help="give up after S seconds of the robot's clock (default: no limit)",
+    )
+    parser.add_argument(
+        "--give-up-at",
+        type=share,
+        default=BELIEF.stop_below,
+        metavar="P",
+        help="give up once the probability that the looks missed an object on this floor is "
+        f"below P (default: {BELIEF.stop_below:g})",
+    )
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="continue the latest search that did not find everything",
+    )
+    parser.add_argument(
+        "--patience",
+        type=positive,
+        default=30.0,
+        metavar="S",
+        help="maximum seconds without a message of the robot (default: 30)",
+    )
+    add_hide(parser, "sim: ")
+    parser.add_argument(
+        "--seed",
+        type=count,
+        default=0,
+        metavar="N",
+        help="sim: seed of sensing errors (default: 0)",
+    )
+    add_ros1_arguments(parser)
+    add_viewers(parser)
+    parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+
+    _check_usage(arguments)
+    from planner.execution.search_loop import search
+
+    with (
+        open_viewers(arguments, title_for(arguments.map)) as viewer,
+        open_map(arguments.map, exclusive=True) as semantic_map,
+        _signals() as caught,
+    ):
+        robot = _robot(arguments, semantic_map)
+        options = replace(
+            search_options(arguments),
+            stopping=lambda: bool(caught),
+            clock=_clock(robot, semantic_map),
+        )
+        if viewer is not None:
+            robot, options = _watched(semantic_map, viewer, robot, options)
+        outcome = search(semantic_map, arguments.object, robot, options, resume=arguments.resume)
+    if not arguments.json and arguments.robot != "stdio":
+        write(outcome.line)
+    if outcome.state == "stopped":
+        return STOPPED + caught[0] if caught else ABORTED
+    return FOUND if outcome.state == "found" else GIVEN_UP
+
+
+def search_options(arguments: argparse.Namespace) -> SearchOptions:
+    """Options of the search."""
+    from planner.execution.options import SearchOptions
+
+    return SearchOptions(
+        budget=arguments.budget,
+        give_up_at=arguments.give_up_at,
+        timeout=arguments.patience,
+        on_event=_event_sink(arguments),
+    )
+
+
+def _check_usage(arguments: argparse.Namespace) -> None:
+    if not arguments.object and not arguments.resume:
+        arguments.usage_error("give an OBJECT to find, or --resume")
+    if arguments.robot == "stdio" and arguments.json:
+        arguments.usage_error("--json and --robot stdio both use stdout; give stdio:COMMAND")
+    if arguments.robot != "sim" and arguments.hide:
+        arguments.usage_error("--hide needs --robot sim")
+    if is_ros1(arguments.robot):
+        return
+    check_no_ros1_arguments(arguments)
+    known = arguments.robot in ("sim", "stdio")
+    if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
+        arguments.usage_error(
+            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http:// or ros1://"
+        )
+
+
+def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
+    if arguments.robot == "sim":
+        from planner.simulation.robot.house_robot import simulated_robot
+
+        return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
+    if is_ros1(arguments.robot):
+        return open_ros1_robot(arguments.robot, ros1_options(arguments))
+    if arguments.robot.startswith("http"):
+        from planner.execution.transports.http_transport import HttpRobot
+
+        return HttpRobot(arguments.robot)
+    from planner.execution.transports.line_transport import ChildRobot, on_our_own_pipes
+
+    if arguments.robot == "stdio":
+        return on_our_own_pipes()
+    return ChildRobot(arguments.robot.removeprefix("stdio:"))
+
+
+def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
+    """Clock for times in the map: the computer's, or the simulated house's."""
+    from planner.simulation.robot.house_robot import SimulatedHouseRobot
+
+    mapped = semantic_map.robot()
+    if not isinstance(robot, SimulatedHouseRobot) or mapped is None:
+        return time.time
+    begin = mapped.stamp
+    return lambda: begin + robot.seconds
+
+
+def _event_sink(arguments: argparse.Namespace) -> Callable[[Event], None]:
+    def on_event(event: Event) -> None:
+        if arguments.json:
+            write(json.dumps(event.to_json(), ensure_ascii=False, allow_nan=False))
+            sys.stdout.flush()
+        else:
+            seconds = float(event.data.get("seconds", 0.0))
+            note(f"{seconds:7.1f} s  {event.text}")
+
+    return on_event
+
+
+def _watched(
+    semantic_map: SemanticMap, viewer: Viewer, robot: Robot, options: SearchOptions
+) -> tuple[Robot, SearchOptions]:
+    """The same robot and options, whose poses and events also go to a viewer."""
+    from hereabouts.display.viewers.feed import SearchFeed, WatchedRobot
+
+    feed = SearchFeed(semantic_map, viewer, options.clock)
+
+    def on_event(event: Event) -> None:
+        options.on_event(event)
+        feed.on_event(event)
+
+    return WatchedRobot(robot, feed), replace(options, on_event=on_event)
+
+
+@contextmanager
+def _signals() -> Iterator[list[int]]:
+    """The received signals to stop; a second one interrupts at once."""
+    caught: list[int] = []
+
+    def receive(number: int, frame: object) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    before = {n: signal.signal(n, receive) for n in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield caught
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

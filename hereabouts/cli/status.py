@@ -1,0 +1,125 @@
+"""Tell whether an object is present, gone, was not seen, is hidden, or was never looked for.
+
+Present: it was seen. Gone: it was there, and its spot was seen empty since. Looked, none seen: the
+place was viewed, and none was ever known there. Hidden: a part of the place was never in view.
+Never looked: almost nothing of the place was viewed, or no detector that mapped here has a name for
+it. OBJECT is a category, a synonym, or one thing (object/17).
+
+example: hereabouts status kitchen.map cup
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from hereabouts.cli.arguments import add_json, add_map
+from hereabouts.cli.console import json_value, print_table, write, write_json
+
+if TYPE_CHECKING:
+    from kg.maps.semantic_map import SemanticMap
+    from planner.search.goals.known_objects import KnownObject
+    from planner.search.goals.status import Status
+
+
+def add(parser: argparse.ArgumentParser) -> None:
+    add_map(parser)
+    parser.add_argument("object", metavar="OBJECT", help="category or thing, e.g. cup or object/17")
+    parser.add_argument(
+        "--in", dest="place", metavar="PLACE", help="only in this place: label, number or IRI"
+    )
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from kg.serving.opening import open_map
+    from planner.search.goals.status import status
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        found = status(semantic_map, arguments.object, arguments.place)
+        doubted = _doubted(semantic_map, found, arguments.place)
+        lines = _perhaps(semantic_map, found, doubted, arguments)
+    if arguments.json:
+        plain = {name: json_value(value) for name, value in asdict(found).items()}
+        write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})
+        return 0
+    write(f"{found.target}: {found.value}. {found.proof[:1].upper()}{found.proof[1:]}.")
+    for line in lines:
+        write(f"{line}.")
+    if found.places:
+        print_table(
+            (
+                "place",
+                "status",
+                "object",
+                "existence",
+                "last seen",
+                "viewed",
+                "close by",
+                "last viewed",
+                "noticed",
+            ),
+            [
+                (
+                    one.place_label,
+                    one.value,
+                    one.label,
+                    one.existence,
+                    one.last_seen,
+                    f"{one.viewed_share:.0%}",
+                    f"{one.closely_viewed_share:.0%}",
+                    one.last_viewed,
+                    one.noticed,
+                )
+                for one in found.places
+            ],
+        )
+    return 0
+
+
+def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
+    """Objects that were detected but more probably do not exist, if none is present."""
+    from planner.search.goals.known_objects import LISTED, known_objects
+    from planner.search.goals.place_names import place_named
+    from planner.search.goals.targets import resolve
+
+    if found.value == "present" or "object/" in found.target or not found.detectable:
+        return ()
+    (target,) = resolve(semantic_map, (found.target,))
+    chosen = None if place is None else place_named(semantic_map, place)
+    return [
+        one
+        for one in known_objects(semantic_map, target, located=LISTED)
+        if one.doubted and chosen in (None, one.place)
+    ]
+
+
+def _perhaps(
+    semantic_map: SemanticMap,
+    found: Status,
+    doubted: Sequence[KnownObject],
+    arguments: argparse.Namespace,
+) -> list[str]:
+    from hereabouts.cli.candidates import detections_in_vain
+    from planner.search.plans.answer_sentences import answer_lines
+
+    if doubted:
+        return answer_lines(doubted, time.time())
+    if found.value == "present" or arguments.place is not None or not found.detectable:
+        return []
+    line = detections_in_vain(semantic_map, found.target, arguments.map)
+    return [line] if line else []
+
+
+def _doubted_json(one: KnownObject) -> dict[str, object]:
+    return {
+        "object": one.iri,
+        "category": one.category,
+        "existence": one.existence,
+        "observations": one.observations,
+        "where": one.where,
+        "last_seen": None if one.last_seen is None else one.last_seen.isoformat(),
+    }

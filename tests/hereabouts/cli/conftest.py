@@ -1,0 +1,83 @@
+"""A small real recording and a small map, for the command line's tests."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hereabouts.cli import main
+
+
+def _copy_kitchen(source: Path, folder: Path) -> Path:
+    folder.mkdir()
+    for number in range(0, 256, 32):
+        for path in source.glob(f"frame-{number:06d}.*"):
+            shutil.copy(path, folder)
+    for name in ("color-intrinsics.txt", "camera-intrinsics.txt", "gravity-direction.txt"):
+        shutil.copy(source / name, folder)
+    return folder
+
+
+@pytest.fixture
+def kitchen(shared: Callable[[str], Path], tmp_path: Path) -> Path:
+    """Eight distinct views of the real kitchen, as a recording that a test may damage."""
+    return _copy_kitchen(shared("data/rgbd/redkitchen"), tmp_path / "kitchen")
+
+
+@pytest.fixture(scope="session")
+def kitchen_map(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The map of these frames; to be copied by who changes it."""
+    folder = tmp_path_factory.mktemp("mapped")
+    kitchen = _copy_kitchen(shared("data/rgbd/redkitchen"), folder / "kitchen")
+    assert main(["map", str(kitchen), "--into", str(folder / "kitchen.map")]) == 0
+    return folder / "kitchen.map"
+
+
+@pytest.fixture(scope="session")
+def imported_lab(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lab") / "lab.map"
+    files = [
+        "--objects",
+        str(shared("reference/saved_objects_lab.json")),
+        "--places",
+        str(shared("reference/saved_places_lab.json")),
+    ]
+    assert main(["import", "reference-maps", *files, "--into", str(path)]) == 0
+    return path
+
+
+@pytest.fixture
+def lab(imported_lab: Path, tmp_path: Path) -> Path:
+    """The thesis author's saved laboratory as a map that a test may change."""
+    return shutil.copytree(imported_lab, tmp_path / "lab.map")
+
+
+@pytest.fixture
+def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a command that must fail with exit code 1 and one line; returns the line."""
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        return err
+
+    return run
+
+
+@pytest.fixture
+def prints(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a command that must succeed; returns its standard output."""
+
+    def run(*words: object) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 0
+        return capsys.readouterr().out
+
+    return run

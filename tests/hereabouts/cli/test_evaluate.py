@@ -1,0 +1,181 @@
+"""`hereabouts evaluate map` on eight frames of a real kitchen, with the bundled detector."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from hereabouts.cli import main
+from hereabouts.cli.mapping_options import MODES
+from mapping.runs.progress_report import STAGES
+
+Prints = Callable[..., str]
+Fails = Callable[..., str]
+Shared = Callable[[str], Path]
+
+
+@pytest.fixture
+def truth(shared: Shared) -> Path:
+    return shared("data/rgbd/redkitchen/objects_full_gt.json")
+
+
+@pytest.fixture
+def mapped(kitchen_map: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(kitchen_map, tmp_path / "mapped.map")
+
+
+def scores_of(run: dict[str, object]) -> dict[str, object]:
+    """What does not depend on how the map came to be."""
+    keys = ("thresholds", "switches", "calibration", "coverage", "average_precision", "best_f1")
+    return {key: run[key] for key in keys}
+
+
+def test_truth_by_class_counts_what_the_map_holds(
+    kitchen: Path, prints: Prints, shared: Shared
+) -> None:
+    truth = shared("data/rgbd/redkitchen/objects_gt.json")
+    detector = shared("models/nanodet_plus_m_416.onnx")
+    answer = json.loads(
+        prints(
+            *("evaluate", "map", "--recording", kitchen, "--truth", truth),
+            *("--detector", detector, "--json"),
+        )
+    )
+    (score,) = answer["runs"]
+    assert score["frames"] == 8
+    assert set(score["milliseconds_per_frame"]) == set(STAGES)
+    assert 0 < score["recall"] <= 1
+    matched = sum(row["matched"] for row in score["per_class"].values())
+    assert score["recall"] == pytest.approx(matched / 14)
+
+
+def test_a_map_scores_as_its_recording_does(
+    kitchen: Path, mapped: Path, truth: Path, prints: Prints
+) -> None:
+    words = ("--truth", truth, "--json")
+    (given,) = json.loads(prints("evaluate", "map", mapped, *words))["runs"]
+    (fresh,) = json.loads(prints("evaluate", "map", "--recording", kitchen, *words))["runs"]
+    assert scores_of(given) == scores_of(fresh)
+    assert given["name"] == "mapped" and "mode" not in given
+    assert fresh["mode"] == MODES[0] and fresh["frames"] == 8
+    assert given["thresholds"][0]["matched"] >= 1
+    assert 0 < given["average_precision"] <= given["best_f1"] < 1
+    assert given["switches"] >= 0 and 0 <= given["calibration"]["ece"] <= 1
+
+
+def test_modes_are_compared_in_one_table(kitchen: Path, truth: Path, prints: Prints) -> None:
+    words = ("evaluate", "map", "--recording", kitchen, "--truth", truth)
+    answer = json.loads(prints(*words, "--compare", "--json"))
+    assert [run["mode"] for run in answer["runs"]] == list(MODES)
+    alone = json.loads(prints(*words, "--json"))["runs"][0]
+    assert scores_of(answer["runs"][0]) == scores_of(alone)
+    table = prints(*words, "--compare")
+    for mode in MODES:
+        assert table.count(mode) == 4 + 1  # thresholds, and what has none
+
+
+def test_several_maps_are_pooled(mapped: Path, truth: Path, prints: Prints) -> None:
+    twice = ("evaluate", "map", mapped, mapped, "--truth", truth, "--truth", truth)
+    answer = json.loads(prints(*twice, "--json"))
+    (one, _), (both,) = answer["runs"], answer["pooled"]
+    for alone, together in zip(one["thresholds"], both["thresholds"], strict=True):
+        for count in ("true", "mapped", "matched", "duplicates", "wrong", "ghosts", "ignored"):
+            assert together[count] == 2 * alone[count]
+        assert together["precision"] == alone["precision"]
+    assert both["calibration"]["ece"] == pytest.approx(one["calibration"]["ece"])
+    assert both["switches"] == 2 * one["switches"]
+    assert both["average_precision"] == pytest.approx(one["average_precision"])
+    assert both["best_f1"] == pytest.approx(one["best_f1"])
+    assert prints(*twice).count(" all ") == 4 + 1
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--truth", "t"], "MAP or --recording"),
+        (["a.map", "--truth", "t", "--truth", "u"], "--truth of its own"),
+        (["a.map", "b.map", "--recording", "r", "--truth", "t", "--truth", "u"], "--recording of"),
+        (["a.map", "--truth", "t", "--compare"], "no MAP"),
+    ],
+)
+def test_options_that_do_not_fit_together(
+    words: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["evaluate", "map", *words])
+    assert stopped.value.code == 2
+    assert says in capsys.readouterr().err
+
+
+def test_a_map_without_a_recording_needs_the_transform_of_one(
+    lab: Path, kitchen: Path, truth: Path, prints: Prints, fails: Fails
+) -> None:
+    assert "--recording DIR" in fails("evaluate", "map", lab, "--truth", truth)
+    table = prints("evaluate", "map", lab, "--recording", kitchen, "--truth", truth)
+    assert "lab" in table
+
+
+def test_pictures_of_one_map_and_of_several(
+    mapped: Path, truth: Path, prints: Prints, tmp_path: Path
+) -> None:
+    picture, plot = tmp_path / "above.png", tmp_path / "reliability.svg"
+    words = ("--picture", picture, "--plot", plot)
+    prints("evaluate", "map", mapped, "--truth", truth, *words)
+    assert picture.exists() and "mapped: ECE" in plot.read_text()
+    prints("evaluate", "map", mapped, mapped, "--truth", truth, "--truth", truth, *words)
+    assert {path.name for path in tmp_path.glob("above-*")} == {
+        "above-1-mapped.png",
+        "above-2-mapped.png",
+    }
+    assert "all: ECE" in plot.read_text()
+
+
+def test_pictures_that_cannot_be_drawn_are_refused_before_mapping(
+    truth: Path, shared: Shared, fails: Fails, tmp_path: Path
+) -> None:
+    nowhere = ("evaluate", "map", "--recording", tmp_path / "nowhere", "--truth")
+    assert ".png, .svg or .pdf" in fails(*nowhere, truth, "--picture", tmp_path / "a.bmp")
+    by_class = shared("data/rgbd/redkitchen/objects_gt.json")
+    assert "complete truth" in fails(*nowhere, by_class, "--plot", tmp_path / "a.png")
+
+
+def test_whose_world_the_truth_is_in(
+    kitchen: Path, mapped: Path, truth: Path, prints: Prints, fails: Fails, tmp_path: Path
+) -> None:
+    words = ("evaluate", "map", mapped, "--truth", truth)
+    alone = prints(*words)
+    transforms = tmp_path / "transforms.json"
+    shifted = [[1, 0, 0, 9], [0, 0, 1, 9], [0, -1, 0, 9], [0, 0, 0, 1]]
+    transforms.write_text(json.dumps({"sequences": {"kitchen": {"T_map_world": shifted}}}))
+    other = ("--name", "shifted", "--transform", transforms)
+    prints("map", kitchen, "--into", mapped, *other)
+    assert "kitchen, shifted; give --name NAME" in fails(*words)
+    assert (
+        prints(*words, "--name", "kitchen").splitlines()[3].split()[:3]
+        == (alone.splitlines()[3].split()[:3])
+    )
+    prints(*words, "--name", "shifted")
+    assert "kitchen, shifted, not 'nobody'" in fails(*words, "--name", "nobody")
+
+
+def test_each_recording_has_detections_of_its_own(
+    kitchen: Path, truth: Path, prints: Prints, fails: Fails, tmp_path: Path
+) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(kitchen, other)
+    frames = sorted(path.name.split(".")[0] for path in kitchen.glob("*.color.jpg"))
+    box = [120, 100, 520, 400, 0.9, "dining table"]
+    for folder, rows in ((kitchen, [box]), (other, [])):
+        found = {"name": folder.name, "frames": dict.fromkeys(frames, rows)}
+        (folder / "detections.json").write_text(json.dumps(found))
+    recordings = ("--recording", kitchen, "--truth", truth, "--recording", other, "--truth", truth)
+    words = ("evaluate", "map", *recordings, "--scene", "none", "--detector")
+    answer = json.loads(prints(*words, "detections.json", "--json"))
+    assert [run["detector"] for run in answer["runs"]] == ["kitchen", "other"]
+    mapped = [run["thresholds"][0]["mapped"] for run in answer["runs"]]
+    assert mapped[0] > 0 and mapped[1] == 0
+    assert "nowhere.json" in fails(*words, "nowhere.json")
