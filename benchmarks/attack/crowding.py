@@ -83,6 +83,8 @@ async def unread_answers(reader: Reader, writer: Writer) -> None:
     """Many requests for the largest document, no answer read."""
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     for _ in range(200):
+        if writer.is_closing():
+            return
         writer.write(b"GET /graphs/ontology HTTP/1.1\r\n" + _HOST + b"\r\n")
     await asyncio.sleep(LINGER)
 

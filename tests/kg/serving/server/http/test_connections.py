@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import select
 import socket
+import struct
 import threading
 import zlib
 from collections.abc import Callable, Iterator
@@ -18,6 +19,7 @@ import requests
 
 from kg.serving.server import Limits
 from kg.serving.server.http.connection import NEWCOMERS
+from kg.serving.server.http.lifecycle import listen
 from tests.kg.serving.server.conftest import TOKEN
 from tests.kg.serving.server.raw_answers import whole_answer
 
@@ -289,3 +291,27 @@ def test_other_encodings_and_bombs_are_refused(
     assert words in refused.text
     if status_code == 415:
         assert refused.headers["Accept-Encoding"] == "gzip, deflate"
+
+
+def test_a_body_of_tiny_chunks_is_taken_in_smaller_turns(
+    serve: Callable[..., Served], sockets: Callable[[Served], Sockets]
+) -> None:
+    served = serve()
+    chunked = POST + BEARER + b"Transfer-Encoding: chunked\r\n\r\n"
+    for chunks in (b"1\r\n \r\n" * 3000, b"a\r\n          \r\n" * 300):
+        client = sockets(served).open(chunked + chunks + b"6\r\nASK {}\r\n0\r\n\r\n")
+        assert status(client, b"") == b"200"
+
+
+def test_clients_that_hung_up_before_they_were_accepted_are_passed_over() -> None:
+    with listen("127.0.0.1", 0) as listening:
+        listening.setblocking(False)
+        for _ in range(20):
+            with socket.create_connection(listening.getsockname()) as gone:
+                gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        with socket.create_connection(listening.getsockname()) as here:
+            accepted, address = listening.accept()
+            accepted.close()
+            assert address == here.getsockname()
+        with pytest.raises(BlockingIOError):
+            listening.accept()
