@@ -47,7 +47,7 @@ def ask(path: Path, count: int, pause: float) -> None:
         began = time.perf_counter()
         with open_map(path, read_only=True) as semantic_map:
             name = _QUESTIONS[number % len(_QUESTIONS)]
-            semantic_map.query(name, **({"category": "object"} if "by" in name else {}))
+            semantic_map.query(name, **({"category": "cup"} if "by" in name else {}))
         print(time.perf_counter() - began, flush=True)  # noqa: T201
         time.sleep(pause)
 
