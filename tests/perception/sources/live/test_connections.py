@@ -33,6 +33,7 @@ Messages = Callable[[str], list[RawMessage]]
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "SETTLING", 0.1)
+    monkeypatch.setattr(stream, "SILENT", 0.3)
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(connection, "MAX_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
