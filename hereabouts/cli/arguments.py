@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import re
-import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from kg.model.errors import QueryParameterError
+from kg.model.platforms import end_within
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -126,9 +126,7 @@ def end_at_latest() -> None:
 
     A map loses nothing by that: each transaction is in its history before it is acknowledged.
     """
-    if not signal.getitimer(signal.ITIMER_REAL)[0]:
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.setitimer(signal.ITIMER_REAL, END_WITHIN)
+    end_within(END_WITHIN)
 
 
 def add_device(parser: argparse._ActionsContainer) -> None:

@@ -7,9 +7,7 @@ disk, the queries, the search goals, the plan, the export and the picture are th
 from __future__ import annotations
 
 import os
-import resource
 import shutil
-import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,6 +25,7 @@ from kg.maps.query.evaluation import Table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.errors import GraphError, MapBusyError
+from kg.model.platforms import most_memory
 from kg.serving.opening import create_map, open_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
@@ -204,7 +203,7 @@ def run_demo(
         position_error=error,
         triples=triples,
         seconds=time.perf_counter() - began,
-        peak_memory=_peak_memory(),
+        peak_memory=most_memory(),
     )
 
 
@@ -363,14 +362,6 @@ def _rooms_right(semantic_map: SemanticMap, house: House) -> int:
 
 def _plain(value: object) -> object:
     return value if value is None or isinstance(value, str | int | float | bool) else str(value)
-
-
-def _peak_memory() -> float:
-    """[MB] largest resident size of this process so far."""
-    if sys.platform == "linux":  # where the system's counter goes on from the parent's
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        return int(status.partition("VmHWM:")[2].split()[0]) / 1e3
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6  # bytes on macOS
 
 
 def ground_truth(house: House) -> GroundTruth:

@@ -10,6 +10,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from kg.model.platforms import NO_LINK, NO_WAIT
+
 MAX_BYTES: Final = 1 << 29  # of a file that is read whole
 SQLITE_STEPS: Final = 1_000_000  # of SQLite's machine between two calls of a `StepLimit`
 _MIN_STEPS, _STEPS_PER_BYTE = 20_000_000, 10  # takes about a second, longer for large files
@@ -28,7 +30,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
     """The content of a regular file of up to `max_bytes`; raises OSError as `check_regular`."""
     check_regular(path, max_bytes)  # some devices act as they are opened
     # another may have put a pipe there meanwhile, which blocks
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+    with os.fdopen(os.open(path, os.O_RDONLY | NO_WAIT), "rb") as file:
         status = os.fstat(file.fileno())
         _check(status, path, max_bytes)
         return file.read(status.st_size)
@@ -64,7 +66,7 @@ class StepLimit:
 def copy_regular(path: Path, to: Path) -> None:
     """Copy a regular file, and nothing that a link leads to; raises OSError."""
     # opening a pipe would wait for its other end
-    source = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
+    source = os.open(path, os.O_RDONLY | NO_WAIT | NO_LINK)
     with os.fdopen(source, "rb") as file:
         _check(os.fstat(source), path, sys.maxsize)
         with to.open("xb") as out:

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import ConflictError, GraphError, HereaboutsError, MapBusyError
+from kg.model.platforms import user
 from kg.store.folder import announce, announced
 from kg.store.snapshots import Snapshots
 
@@ -222,7 +223,7 @@ def _is_own(peer: socket.socket) -> bool:
     """Whether the other end of a socket is a process of this user."""
     size = struct.calcsize("3i")
     _, uid, _ = struct.unpack("3i", peer.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
-    return bool(uid == os.geteuid())
+    return bool(uid == user())
 
 
 def _accept(server: weakref.ref[FolderServer], listener: socket.socket) -> None:

@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from kg.model.errors import GraphError
+from kg.model.platforms import open_folder
 from kg.store.folder import check_outside_maps
 
 
@@ -49,7 +50,9 @@ def sync_folder(folder: Path) -> None:
     Does nothing where the file system cannot sync a folder.
     """
     with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        descriptor = open_folder(folder)
+        if descriptor is None:
+            return
         try:
             os.fsync(descriptor)
         finally:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import glob
 import os
 import shutil
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.platforms import NO_LINK, NO_WAIT, lock, open_folder, user
 from kg.model.regular_files import copy_regular, read_text
 from kg.model.sqlite_files import JOURNAL, LOG
 
@@ -27,7 +27,7 @@ def locked(file: Path, path: Path, *, shared: bool) -> int:
     try:
         descriptor = _open_lock(file, shared)
         try:
-            fcntl.flock(descriptor, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+            lock(descriptor, shared=shared)
             if not shared:
                 _check_unread(file.parent)
         except BaseException:
@@ -46,7 +46,7 @@ def locked(file: Path, path: Path, *, shared: bool) -> int:
 
 def announce(path: Path, name: str) -> None:
     """Write into the lock file of a map where its writer serves; raises OSError."""
-    how = os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    how = os.O_WRONLY | NO_LINK | NO_WAIT
     with os.fdopen(os.open(path / "lock", how), "wb") as file:
         if os.fstat(file.fileno()).st_nlink > 1:
             raise OSError(errno.EMLINK, "the lock file has a second name")
@@ -58,7 +58,7 @@ def announced(path: Path) -> str | None:
     """What the writer of a map has announced; None in a folder of another user."""
     file = path / "lock"
     try:
-        if {path.stat().st_uid, file.lstat().st_uid} != {os.geteuid()}:
+        if {path.stat().st_uid, file.lstat().st_uid} != {user()}:
             return None
         return read_text(file, max_bytes=_MAX_NAME) or None
     except (OSError, UnicodeDecodeError):
@@ -66,19 +66,22 @@ def announced(path: Path) -> str | None:
 
 
 def _open_lock(file: Path, shared: bool) -> int:
-    how = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    how = NO_LINK | NO_WAIT
     if not shared:
         return os.open(file, os.O_RDWR | os.O_CREAT | how, 0o666)
     with contextlib.suppress(FileNotFoundError):
         return os.open(file, os.O_RDONLY | how)
-    return os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    folder = open_folder(file.parent)
+    return os.open(file, os.O_RDWR | os.O_CREAT | how, 0o666) if folder is None else folder
 
 
 def _check_unread(folder: Path) -> None:
     """Raise BlockingIOError while a reader has locked the folder, for want of a lock file."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    descriptor = open_folder(folder)
+    if descriptor is None:
+        return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock(descriptor)
     except BlockingIOError:
         raise
     except OSError:
@@ -174,16 +177,16 @@ def remove_abandoned(path: Path, kind: str = "new") -> None:
     """
     for folder in path.parent.glob(f".{glob.escape(path.name)}.{kind}-*"):
         try:
-            lock = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            descriptor = os.open(folder / "lock", os.O_RDWR | NO_LINK | NO_WAIT)
         except OSError:
             continue
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(descriptor)
             shutil.rmtree(folder, ignore_errors=True)
         except OSError:
             continue
         finally:
-            os.close(lock)
+            os.close(descriptor)
 
 
 def reason_of(error: OSError | RuntimeError) -> str:

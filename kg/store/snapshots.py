@@ -7,7 +7,6 @@ replaces the files.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 import tempfile
@@ -24,6 +23,7 @@ from typing import Final
 from pyoxigraph import Store
 
 from kg.model.errors import DiskFullError, GraphError, WorkerDiedError
+from kg.model.platforms import lock
 from kg.store.disk_space import disk_full, free_space, is_disk_full, write_error
 from kg.store.folder import remove_abandoned
 from kg.store.transactional import TransactionalStore
@@ -228,8 +228,8 @@ def make_home(path: Path | None) -> tuple[Path, int]:
     home, making = (beside.parent / f".{beside.name}.{k}-{name}" for k in ("snapshots", "making"))
     try:
         making.mkdir(mode=0o700)
-        lock = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        descriptor = os.open(making / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        lock(descriptor)
         making.rename(home)  # once it is locked, so that no process removes it as abandoned
     except OSError as error:
         if is_disk_full(error):
@@ -238,7 +238,7 @@ def make_home(path: Path | None) -> tuple[Path, int]:
             f"cannot make {home} for snapshots: {error.strerror}; queries of clients need "
             "snapshots beside the map, so its parent folder must be writable"
         ) from error
-    return home, lock
+    return home, descriptor
 
 
 def remove_home(home: Path, lock: int) -> None:

@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from kg.model import errors
+from kg.model import errors, platforms
 from kg.model import vocabulary as v
 from kg.model.errors import (
     EngineFailureError,
@@ -66,6 +66,11 @@ class WorkerProcess:
     """
 
     def __init__(self, settings: dict[str, Any], *, network: bool = False) -> None:
+        if platforms.resource is None:
+            raise GraphError(
+                "queries of clients are evaluated in processes that the system limits, as Linux "
+                "and macOS can; here ask the folder of the map"
+            )
         self._settings = settings
         self._killed = False
         self.slow = False  # whether its priority was lowered, which needs privileges to undo

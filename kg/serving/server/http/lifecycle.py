@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import resource
 import socket
-import sys
 import threading
 from collections.abc import Callable
 from functools import partial
@@ -16,6 +14,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from kg.model.errors import ServerError
+from kg.model.platforms import open_files
 from kg.serving.server.http.connection import ConnectionTable, LimitedConnection
 from kg.serving.server.http.settings import Settings
 
@@ -105,7 +104,7 @@ class _Uvicorn(uvicorn.Server):
 
 
 def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
-    table = ConnectionTable(settings, min(settings.limits.connections, _max_files() // 2))
+    table = ConnectionTable(settings, min(settings.limits.connections, open_files() // 2))
     return uvicorn.Config(
         app,
         http=cast(Any, partial(LimitedConnection, table)),
@@ -122,12 +121,6 @@ def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
         backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=END_WITHIN,
     )
-
-
-def _max_files() -> int:
-    """Files and sockets that this process may open."""
-    soft: int = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
-    return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
 class _Listener(socket.socket):

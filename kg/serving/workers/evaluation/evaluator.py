@@ -23,7 +23,6 @@ import contextlib
 import gc
 import json
 import os
-import resource
 import signal
 import struct
 import sys
@@ -62,6 +61,9 @@ from kg.rdf.sparql.vetting import (
 )
 from kg.serving.workers.isolation.confinement import confine
 from kg.store.disk_space import is_disk_full
+
+with contextlib.suppress(ImportError):  # Windows, where no worker starts
+    import resource
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import PastStates
