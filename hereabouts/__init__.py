@@ -1,10 +1,9 @@
 """The public names of hereabouts, each imported when it is first used.
 
-    import hereabouts
-
-    with hereabouts.open_map("kitchen.map", read_only=True) as semantic_map:
-        print(semantic_map.query("objects").to_csv())
-        search = hereabouts.build_search(semantic_map, ["cup"])
+    >>> import hereabouts
+    >>> with hereabouts.in_memory_map(title="kitchen") as semantic_map:
+    ...     print(semantic_map.query("objects").columns[:3])
+    ('object', 'label', 'category')
 
 Programs should import these names alone: modules of the packages `kg`, `perception`, `mapping` and
 `planner` may change between versions.

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import doctest
+import importlib
 import subprocess
 import sys
 from importlib.metadata import version
@@ -11,7 +13,9 @@ from pathlib import Path
 import pytest
 
 import hereabouts
+from tests.planner.flat import fill
 
+ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ast.parse(Path(hereabouts.__file__).read_text(encoding="utf-8"))
 
 
@@ -49,3 +53,30 @@ def test_the_import_loads_nothing_else() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     packages = {name.partition(".")[0] for name in done.stdout.split()}
     assert packages <= {"hereabouts", "importlib", "_frozen_importlib", "warnings", "__future__"}
+
+
+PACKAGES = ("hereabouts", "kg", "mapping", "perception", "planner")
+WITH_EXAMPLES = [
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for package in PACKAGES
+    for path in sorted((ROOT / package).rglob("*.py"))
+    if ">>> " in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_examples_of_docstrings_are_true(name: str) -> None:
+    done = doctest.testmod(importlib.import_module(name))
+    assert done.attempted and not done.failed
+
+
+def test_a_printed_table_and_plan_are_read_at_a_glance() -> None:
+    with hereabouts.in_memory_map() as semantic_map:
+        fill(semantic_map)
+        told = str(semantic_map.query("objects")).splitlines()
+        assert told[0].split()[:3] == ["object", "label", "category"]
+        assert len(told) == 4 and "object/" in told[1] and "https://" not in told[1]
+        search = hereabouts.build_search(semantic_map, ["cup"])
+        first, *steps = str(hereabouts.find(search, (1.0, 1.0))).splitlines()
+        assert first.startswith("cup is on this floor with probability")
+        assert steps[0].startswith("1. From (")

@@ -127,7 +127,7 @@ def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
     """Whether the query is a plain question; one word unless it is like a query's name."""
     from difflib import get_close_matches
 
-    from kg.maps.query.query_files import shipped_queries
+    from kg.maps.query.query_files import shipped_names
     from planner.questions.recognition import is_known_word, is_plain
 
     text = arguments.question
@@ -135,7 +135,7 @@ def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
         return False
     if len(text.split()) != 1 or is_known_word(semantic_map, text):
         return True
-    return not get_close_matches(text, [query.name for query in shipped_queries()])
+    return not get_close_matches(text, shipped_names())
 
 
 def _answer_plainly(

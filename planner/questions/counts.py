@@ -36,17 +36,19 @@ def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
 
     Those of a map are also counted by place, if they are in several.
     """
-    where = Counter(
-        thing.place for thing in semantic_map.unnamed_things() if place in (None, thing.place)
-    ).most_common()
+    found = semantic_map.query("unnamed-things").records()
+    where = [
+        (row["label"] or row["place"] or "no place", int(str(row["count"])))
+        for row in found
+        if place in (None, row["place"])
+    ]
     total = sum(n for _, n in where)
     if not total:
         return ""
     text = f"{total} thing{'s' if total > 1 else ''} without a name"
     if len(where) == 1:
         return text
-    labels = {one.iri: one.label or one.iri for one in semantic_map.places()}
-    named = [f"{n} in {labels.get(iri or '', 'no place')}" for iri, n in where[:NAMED]]
+    named = [f"{n} in {label}" for label, n in where[:NAMED]]
     return f"{text} ({_listed(named, sum(n for _, n in where[NAMED:]))})"
 
 

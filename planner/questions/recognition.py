@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from kg.maps.query.query_files import shipped_queries
+from kg.maps.query.query_files import shipped_names
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from planner.search.goals.place_names import object_named
@@ -20,7 +20,7 @@ def is_plain(text: str) -> bool:
     """Whether a text is to be read as a plain question, rather than as SPARQL or a query's name."""
     if text.endswith(".rq") or "{" in text or _SPARQL.match(text):
         return False
-    return text not in {query.name for query in shipped_queries()}
+    return text not in shipped_names()
 
 
 def is_known_word(semantic_map: SemanticMap, words: str) -> bool:

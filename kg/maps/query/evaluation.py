@@ -49,6 +49,7 @@ Value = str | int | float | bool | datetime | None
 Row = tuple[Value, ...]
 
 PIECE = 200  # rows read between two rests
+SHOWN = 30  # rows of a printed table
 REST = 1e-4  # [s] long enough for a waiting thread to take the lock, and no longer
 
 _FLOATS = {v.XSD + name for name in ("double", "float", "decimal")}
@@ -148,6 +149,16 @@ def _literal_value(text: str, datatype: str) -> Value:
     return text
 
 
+def _short(cell: Value) -> str:
+    """A cell for reading: IRIs by their ends, times to the second."""
+    if isinstance(cell, datetime):
+        return f"{cell:%Y-%m-%d %H:%M:%S}"
+    text = "" if cell is None else str(cell)
+    if text.startswith("http") and "/maps/" in text:
+        text = "/".join(text.rsplit("/", 2)[-2:])
+    return " ".join(text.split())[:60]
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """Rows of plain values under named columns; IRIs are strings, unbound is None."""
@@ -156,6 +167,18 @@ class Table:
     rows: tuple[Row, ...]
     notes: tuple[str, ...] = field(default=(), kw_only=True, compare=False)
     """Terms of the query that the map lacks, a sentence each; they match nothing."""
+
+    def __str__(self) -> str:
+        """Columns below each other for reading: the first rows, and how many more there are."""
+        first = self.rows[:SHOWN]
+        cells = [self.columns, *([_short(cell) for cell in row] for row in first)]
+        widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in cells
+        ]
+        more = len(self.rows) - len(first)
+        return "\n".join([*lines, *([f"... and {more} more rows"] if more else ())])
 
     def records(self) -> list[dict[str, Value]]:
         """One dict per row, by column."""

@@ -259,9 +259,14 @@ def shipped_queries() -> tuple[ParameterizedQuery, ...]:
     return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
 
 
+def shipped_names() -> tuple[str, ...]:
+    """The names of all shipped queries."""
+    return _names(QUERIES)
+
+
 def find_query(name: str) -> ParameterizedQuery:
     """The shipped query called `name`; UnknownQueryError, with a near name, if none is."""
-    names = _names(QUERIES)
+    names = shipped_names()
     if name not in names:
         near = did_you_mean(name, names)
         raise UnknownQueryError(

@@ -21,6 +21,7 @@ from planner.search.plans.search_state import PlanningState, ViewReason, build_s
 from planner.search.viewpoints.next_best_view import RobotState
 from planner.settings import IDLE, MIN_CHANCE, TRIALS
 
+SHOWN = 5  # steps of a printed plan
 Start = tuple[float, float, float]  # x, y [m], heading [rad]
 
 
@@ -64,6 +65,12 @@ class ViewPlan:
     present: float  # probability that any target is on this floor, before the first view
     baselines: tuple[Baseline, ...] = ()
     note: str = ""  # where the start is off the floor
+
+    def __str__(self) -> str:
+        """The plan in sentences: its chance and time, then its first looks with their reasons."""
+        from planner.search.plans.report import plan_lines, step_lines
+
+        return "\n".join([*plan_lines(self), *step_lines(self.steps[:SHOWN])])
 
 
 def plan(
