@@ -22,7 +22,7 @@ from kg.serving.opening import create_map
 ATTEMPTS: Final = 24
 _ASKING: Final = (
     ["ask", "MAP", "objects"], ["ask", "MAP", "objects", "--at", "#0"], ["check", "MAP"],
-    ["log", "MAP", "object/1"], ["places", "MAP"], ["why", "MAP", "object/1"],
+    ["log", "MAP", "object/1"], ["rooms", "MAP"], ["why", "MAP", "object/1"],
     ["status", "MAP", "cup"],
     ["find", "MAP", "cup", "--from", "0,0"], ["compact", "MAP", "--keep", "1h"],
     ["export", "MAP", "-o", "OUT"], ["diff", "MAP", "#0", "#1"],

@@ -41,7 +41,7 @@ def kill_publishing(
         path = folder / f"published-{tally.kills}.map"
         create(path)
         with _server(folder / f"server-{tally.kills}") as url:
-            frames, longest = 0, run(["places", str(path)])
+            frames, longest = 0, run(["rooms", str(path)])
             for _ in range(min(A_SERVER, kills - tally.kills)):
                 frames = written(path, frames)
                 words = ["publish", str(path), "--to", url, "--once"]

@@ -48,14 +48,12 @@ COMMANDS = (
     "rooms",
     "plot",
     "floor",
-    "places",
     "serve",
     "mcp",
     "publish",
     "export",
     "import_maps",
     "describe",
-    "frame",
     "check",
     "ontology",
     "models",
@@ -64,6 +62,12 @@ COMMANDS = (
 
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
 LAB_COMMANDS = ("evaluate", "simulate")
+
+#: names of before -> what is run now; they go with the next version
+_RENAMED = {
+    "frame": ("describe",),
+    "places": ("rooms",),
+}
 
 #: options that name what a command writes
 _OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun", "review")
@@ -157,9 +161,21 @@ def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) 
     module.add(parser)
 
 
+def _renamed(words: Sequence[str]) -> Sequence[str]:
+    """The words of a command by the name that it has now."""
+    if words[0] not in _RENAMED:
+        return words
+    rest = ["find" if word == "--find" else word for word in words[1:]]
+    rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
+    now = [*_RENAMED[words[0]], *rest]
+    note = f"`hereabouts {words[0]}` goes; write `hereabouts {' '.join(now)}`"
+    print(printable(note), file=sys.stderr)  # noqa: T201
+    return now
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of the console script."""
-    words = (sys.argv[1:] if argv is None else argv) or ["--help"]
+    words = _renamed((sys.argv[1:] if argv is None else argv) or ["--help"])
     arguments = argparse.Namespace()
     try:
         arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))

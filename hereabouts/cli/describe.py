@@ -1,25 +1,46 @@
-"""Print or set a map's title and licence.
+"""Print or set a map's title and licence, and its transform to the frame of another map.
 
-Its IRI and time of creation are printed too. Exports, VoID and DCAT contain all four
-(graph:dataset).
+Exports, VoID and DCAT contain title and licence (graph:dataset). Maps of different recordings have
+frames of their own: searches, plans and distances over several maps keep those apart whose
+transform is not known. With --relative-to OTHER and --align or --pose they are one.
 
-example: hereabouts describe kitchen.map --by ann --licence
-https://creativecommons.org/licenses/by/4.0/
+example: hereabouts describe south.map --relative-to north.map --align --by ann
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import add_author, add_json, add_map
 from hereabouts.cli.console import note, write, write_json
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from kg.maps.semantic_map import SemanticMap
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("--title", metavar="TEXT", help="name of the map")
     parser.add_argument("--licence", metavar="IRI", help="licence of the map's data")
+    parser.add_argument(
+        "--relative-to", metavar="OTHER", help="the other map: a folder or an address"
+    )
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument(
+        "--align", action="store_true", help="estimate the transform from floors and objects"
+    )
+    ways.add_argument(
+        "--pose",
+        type=_pose,
+        metavar="X,Y,Z,DEG",
+        help="pose of this map's origin in the other map: metres, and degrees about the vertical",
+    )
     add_author(parser)
     add_json(parser)
 
@@ -27,17 +48,65 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
 
-    writes = arguments.title is not None or arguments.licence is not None
-    with open_map(arguments.map, read_only=not writes) as semantic_map:
-        if writes:
+    placed = arguments.align or arguments.pose is not None
+    if placed != (arguments.relative_to is not None):
+        arguments.usage_error("give --relative-to OTHER with --align or --pose X,Y,Z,DEG")
+    described = arguments.title is not None or arguments.licence is not None
+    with open_map(arguments.map, read_only=not (placed or described)) as semantic_map:
+        if described:
             change = semantic_map.describe(
                 title=arguments.title, licence=arguments.licence, by=arguments.by
             )
             note(f"transaction {change.sequence}" if change else "nothing changed")
-        description = asdict(semantic_map.description)
-    if arguments.json:
-        write_json(description)
-    else:
-        for name, value in description.items():
-            write(f"{name:8} {value or 'not set'}")
+        if placed:
+            _place(semantic_map, arguments)
+        _print(semantic_map, as_json=arguments.json)
     return 0
+
+
+def _place(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    from kg.maps.facts.coordinate_frames import frame_of
+    from kg.serving.opening import open_map
+    from mapping.alignment.recording_fit import aligned_maps
+
+    with open_map(arguments.relative_to, read_only=True) as other:
+        frame = frame_of(other.engine, other.base)
+        T = arguments.pose
+        if arguments.align:
+            T, found = aligned_maps(semantic_map, other)
+            note(found)
+    change = semantic_map.place_frame(frame, T, by=arguments.by)
+    note(f"transaction {change.sequence}" if change else "nothing changed")
+
+
+def _print(semantic_map: SemanticMap, *, as_json: bool) -> None:
+    from kg.maps.facts.coordinate_frames import frame_of, transform_of
+
+    description = asdict(semantic_map.description)
+    frame = frame_of(semantic_map.engine, semantic_map.base)
+    parent, T = transform_of(semantic_map.engine, frame) or (None, None)
+    if as_json:
+        matrix = None if T is None else T.tolist()
+        write_json(description | {"frame": frame, "relative_to": parent, "transform": matrix})
+        return
+    for name, value in description.items():
+        write(f"{name:13} {value or 'not set'}")
+    write(f"frame         {frame}")
+    write(f"relative to   {parent or 'no other frame'}")
+    if T is not None:
+        x, y, z = T[:3, 3]
+        turn = math.degrees(math.atan2(T[1, 0], T[0, 0]))
+        write(f"origin there  ({x:.2f}, {y:.2f}, {z:.2f}) m, turned by {turn:.1f} degrees")
+
+
+def _pose(text: str) -> NDArray[np.float64]:
+    import numpy as np
+
+    try:
+        x, y, z, degrees = (float(part) for part in text.split(","))
+    except ValueError:
+        x = y = z = degrees = math.nan
+    if not all(map(math.isfinite, (x, y, z, degrees))):
+        raise argparse.ArgumentTypeError(f"needs X,Y,Z,DEG, e.g. 2.5,0,0,90; got {text!r}")
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]])

@@ -1,8 +1,11 @@
-"""Edit the rooms of a map: split, merge, move a wall, draw, mark a door, name, undo.
+"""List the rooms of a map, find them in its floor, or edit them: split, merge, draw, name, undo.
 
-Points are x y in metres of the map, with commas between them. Each edit is one transaction; its
-areas are assertions, which later recordings respect. `hereabouts places MAP` lists the places.
+Without EDIT, the places are listed with their areas and neighbours. Points are x y in metres of the
+map, with commas between them. Each edit is one transaction; its areas are assertions, which later
+recordings respect.
 
+  find                            makes rooms of the mapped floor places, divided at the doors;
+                                  places that a user gave stay as they are
   split PLACE --points LINE       the smaller part becomes a new place, called --name
   merge PLACE PLACE               the first place gets the area of both
   wall PLACE PLACE --points LINE  divides the area of both anew
@@ -19,13 +22,16 @@ from __future__ import annotations
 import argparse
 
 from hereabouts.cli.arguments import add_author, add_json, add_map
-from hereabouts.cli.console import note, notes_of, write_json
+from hereabouts.cli.console import counted, note, notes_of, print_rows, write_json
 from kg.model.room_edit import NEEDS, Point, RoomEdit
+
+_COLUMNS = ("place", "label", "area m2", "adjacent")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
-    parser.add_argument("edit", choices=tuple(NEEDS), metavar="EDIT", help=", ".join(NEEDS))
+    edits = ("find", *NEEDS)
+    parser.add_argument("edit", nargs="?", choices=edits, metavar="EDIT", help=", ".join(edits))
     parser.add_argument("places", nargs="*", metavar="PLACE", help="place/1 or a full IRI")
     parser.add_argument(
         "--points", type=_points, default=(), metavar="POINTS", help='metres: "3 0, 3 4"'
@@ -39,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
 
+    if arguments.edit in (None, "find"):
+        return _list(arguments)
     if arguments.by is None and not is_url(arguments.map):
         arguments.usage_error("an edit of rooms needs an author: --by NAME")
     edit = RoomEdit(arguments.edit, tuple(arguments.places), arguments.points, arguments.name)
@@ -60,6 +68,32 @@ def run(arguments: argparse.Namespace) -> int:
     for iri in removed:
         note(f"{iri.removeprefix(base)} {before[iri].label}: removed")
     note(f"transaction {change.sequence}" if change else "nothing changed")
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    """List the places, after the rooms of the floor were made places if that is wanted."""
+    from kg.serving.opening import open_map
+    from mapping.places.found_places import find_places
+
+    find = arguments.edit == "find"
+    with open_map(arguments.map, read_only=not find, exclusive=find) as semantic_map:
+        if find:
+            find_places(semantic_map)
+        labels = {place.iri: place.label for place in semantic_map.places()}
+        base = semantic_map.base
+        rows = [
+            (
+                place.iri.removeprefix(base),
+                place.label,
+                round(place.area.area, 1),
+                ", ".join(labels.get(iri, iri) for iri in place.adjacent),
+            )
+            for place in semantic_map.places()
+        ]
+        doors = len(semantic_map.doors())
+    print_rows(_COLUMNS, rows, as_json=arguments.json)
+    note(f"{counted(len(rows), 'place')}, {counted(doors, 'door')}")
     return 0
 
 

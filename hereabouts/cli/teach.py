@@ -136,7 +136,7 @@ def _place(semantic_map: SemanticMap, name: str) -> PlaceRecord:
     for found in (short.get(name), *(p for p in places if name in (p.iri, p.label))):
         if found is not None:
             return found
-    some = ", ".join(list(short)[:8]) or "none yet (hereabouts places --find)"
+    some = ", ".join(list(short)[:8]) or "none yet (hereabouts rooms MAP find)"
     raise LayoutError(f"no place {name!r} in this map; there are: {some}")
 
 

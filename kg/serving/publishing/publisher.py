@@ -124,7 +124,7 @@ class Publisher:
             others = ", ".join(frame.title for frame in apart)
             self._report(
                 f"no way is known from {semantic_map.description.title} to the frame of {others}: "
-                "find and distances keep them apart; `hereabouts frame` states a transform"
+                "find and distances keep them apart; `hereabouts describe` states a transform"
             )
 
     def _apply_all(self, semantic_map: SemanticMap, known: int) -> None:

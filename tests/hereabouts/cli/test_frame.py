@@ -44,7 +44,7 @@ def rooms(tmp_path: Path) -> tuple[str, str]:
 
 def test_align_writes_the_transform_between_the_frames(rooms: tuple[str, str]) -> None:
     one, other = rooms
-    assert main(["frame", other, "--relative-to", one, "--align", "--by", "ann"]) == 0
+    assert main(["describe", other, "--relative-to", one, "--align", "--by", "ann"]) == 0
     with merged(rooms) as both:
         for label in LABELS:
             first, second = both.objects(label)
@@ -55,7 +55,15 @@ def test_maps_with_nothing_in_common_are_not_aligned(
     rooms: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     create_map(tmp_path / "empty").close()
-    words = ["frame", str(tmp_path / "empty"), "--relative-to", rooms[0], "--align", "--by", "ann"]
+    words = [
+        "describe",
+        str(tmp_path / "empty"),
+        "--relative-to",
+        rooms[0],
+        "--align",
+        "--by",
+        "ann",
+    ]
     assert main(words) == 1
     assert "--pose X,Y,Z,DEG would work" in capsys.readouterr().err
     with open_map(tmp_path / "empty") as empty:

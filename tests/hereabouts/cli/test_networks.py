@@ -75,7 +75,7 @@ def test_rooms_are_taught_to_a_map_and_used_by_the_next_run(
 ) -> None:
     mapped = shutil.copytree(kitchen_map, tmp_path / "home.map")
     capsys.readouterr()
-    assert main(["places", str(mapped), "--json"]) == 0
+    assert main(["rooms", str(mapped), "--json"]) == 0
     place = json.loads(capsys.readouterr().out)[0]["place"]
     images = str(shared("data/images/places365_val120/bathroom"))
     before = sorted(p.name for p in mapped.iterdir())

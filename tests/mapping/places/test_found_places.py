@@ -169,9 +169,9 @@ def test_a_mapper_finds_places_while_it_maps(home, step_back, make_detections):
 def test_the_command_lists_what_it_found(tmp_path, capsys):
     with create_map(tmp_path / "flat.map") as made:
         made.apply(floor(6.0))
-    assert main(["places", str(tmp_path / "flat.map"), "--json"]) == 0
+    assert main(["rooms", str(tmp_path / "flat.map"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == []
-    assert main(["places", str(tmp_path / "flat.map"), "--find", "--json"]) == 0
+    assert main(["rooms", str(tmp_path / "flat.map"), "find", "--json"]) == 0
     one, two = json.loads(capsys.readouterr().out)
     assert (one["label"], one["adjacent"], two["adjacent"]) == ("room 1", "room 2", "room 1")
 

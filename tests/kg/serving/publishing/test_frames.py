@@ -86,9 +86,9 @@ def test_a_known_transform_makes_one_plan_of_both(
     folders: tuple[str, str], url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     north, south = folders
-    pose = ["frame", south, "--relative-to", north, "--pose", "10,0,0,90", "--by", "ann"]
+    pose = ["describe", south, "--relative-to", north, "--pose", "10,0,0,90", "--by", "ann"]
     assert main(pose) == 0
-    assert f"relative to  {NORTH}crs" in capsys.readouterr().out
+    assert f"relative to   {NORTH}crs" in capsys.readouterr().out
     assert main(["publish", north, south, "--to", url, "--once"]) == 0
     assert "no way is known" not in capsys.readouterr().err
     assert main(["find", url, "cup", "--json"]) == 0
@@ -176,7 +176,7 @@ def test_a_served_map_takes_its_frame_from_the_command(
     settings = Settings(port=0, tokens=BearerTokens((("ann", token.encode()),)))
     with open_map(folders[1]) as south, MapServer(south, settings) as server:
         monkeypatch.setenv("HEREABOUTS_SERVER", server.url)
-        words = ["frame", server.url, "--relative-to", folders[0], "--pose", "1,2,0,0"]
+        words = ["describe", server.url, "--relative-to", folders[0], "--pose", "1,2,0,0"]
         assert main(words) == 0
         assert main(words) == 0
         texts = south.query("SELECT ?t { ?f here:relativeTo ?o ; here:transform ?t }").rows
