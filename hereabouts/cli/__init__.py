@@ -63,10 +63,11 @@ COMMANDS = (
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
 LAB_COMMANDS = ("evaluate", "simulate")
 
-#: names of before -> what is run now; they go with the next version
+#: names of before -> what is run now, with options of before; they go with the next version
 _RENAMED = {
-    "frame": ("describe",),
-    "places": ("rooms",),
+    ("frame", ""): ("describe", {}),
+    ("places", ""): ("rooms", {"--find": "find"}),
+    ("plot", "--find"): ("find", {"--find": "", "-o": "--picture", "--output": "--picture"}),
 }
 
 #: options that name what a command writes
@@ -162,15 +163,16 @@ def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) 
 
 
 def _renamed(words: Sequence[str]) -> Sequence[str]:
-    """The words of a command by the name that it has now."""
-    if words[0] not in _RENAMED:
-        return words
-    rest = ["find" if word == "--find" else word for word in words[1:]]
-    rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
-    now = [*_RENAMED[words[0]], *rest]
-    note = f"`hereabouts {words[0]}` goes; write `hereabouts {' '.join(now)}`"
-    print(printable(note), file=sys.stderr)  # noqa: T201
-    return now
+    """The words of a command by the names that it has now, which are told."""
+    for (command, option), (now, options) in _RENAMED.items():
+        if words[0] == command and option in ("", *words):
+            rest = [options.get(word, word) for word in words[1:]]
+            rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
+            new = [now, *filter(None, rest)]
+            note = f"`hereabouts {command}{' ' * bool(option)}{option}` goes; write `hereabouts "
+            print(printable(f"{note}{' '.join(new)}`"), file=sys.stderr)  # noqa: T201
+            return new
+    return words
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -152,11 +152,13 @@ def test_all_lists_what_probably_is_not_there_too(lab: Path, prints: Prints) -> 
 
 
 def test_the_map_is_drawn(lab: Path, prints: Prints, tmp_path: Path) -> None:
-    prints("plot", lab, "-o", tmp_path / "lab.png", "--find", "keyboard", "--from", "0,0")
+    prints("plot", lab, "-o", tmp_path / "lab.png")
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_plot_and_find_draw_the_same_plan(mapped: Path, prints: Prints, tmp_path: Path) -> None:
+def test_a_plan_is_drawn_also_by_the_option_of_before(
+    mapped: Path, prints: Prints, tmp_path: Path
+) -> None:
     by_plot, by_find = tmp_path / "plot.svg", tmp_path / "find.svg"
     begin = ("--from", "0,0,90", "--now")
     prints("plot", mapped, "-o", by_plot, "--find", "banana", *begin, "2030-01-01")

@@ -42,7 +42,7 @@ def test_a_published_map_is_read_as_its_folder(
     assert here == there
     assert prints("status", sparql_server, "cup").startswith("cup: ")
     assert prints("check", sparql_server) == ""
-    prints("plot", sparql_server, "-o", tmp_path / "map.png", "--find", "banana")
+    prints("find", sparql_server, "banana", "--picture", tmp_path / "map.png")
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
