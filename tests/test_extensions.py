@@ -1,4 +1,4 @@
-"""Extensions: another distribution adds a recording format, a detector and an exporter."""
+"""Extensions: another distribution adds a format, a detector, an exporter, a robot ..."""
 
 from __future__ import annotations
 
@@ -69,6 +69,28 @@ def test_a_format_a_detector_and_an_exporter_of_another_distribution(
     assert len(rows) == 1
     assert "pillar" in rows[0]
     assert f"{len(rows)} objects" in written.stderr
+
+
+def test_a_connection_and_a_robot_of_another_distribution(
+    installed: Path, recording: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    bag, where = tmp_path / "room", tmp_path / "room.map"
+    written = run(installed, "convert", recording, "-o", bag)
+    assert written.returncode == 0, written.stderr
+    options = "--detector", "red-things", "--scene", "none", "--idle", "3"
+    mapped = run(installed, "live", f"played://{bag}", "--into", where, *options)
+    assert mapped.returncode == 0, mapped.stderr
+    (row,) = json.loads(run(installed, "ask", where, "objects", "--format", "json").stdout)
+    assert "pillar" in row["label"]
+    words = "search", where, "pillar", "--robot", f"oracle://{row['x']},{row['y']}"
+    found = run(installed, *words)
+    assert found.returncode == 0, found.stderr
+    assert "found pillar" in found.stderr + found.stdout
+    assert "oracle" in run(installed, "search", where, "pillar", "--robot", "orcale://1").stderr
+    wrong = run(installed, "search", where, "pillar", "--robot", "oracle://here")
+    assert wrong.returncode == 1
+    assert wrong.stderr.count("\n") == 1 and "could not convert" in wrong.stderr
 
 
 def test_models_list_names_the_detector_and_its_distribution(installed: Path) -> None:

@@ -40,6 +40,7 @@ from hereabouts.cli.server_outages import MappedFrames, through_outages
 from hereabouts.cli.teach import with_taught_rooms
 from hereabouts.cli.viewers import open_viewers
 from kg.model.errors import RecordingError
+from kg.model.extensions import CONNECTIONS, extensions
 
 if TYPE_CHECKING:
     from hereabouts.display.viewers.viewer import Viewer
@@ -111,6 +112,11 @@ def _connection(source: str) -> Connection | None:
         from perception.sources.live.ros2 import Ros2Domain
 
         return Ros2Domain.at(source)
+    if scheme in extensions(CONNECTIONS):
+        require_ros(source, "rosbags")
+        from perception.sources.live.extension_connection import AddedConnection
+
+        return AddedConnection.at(source)
     if scheme in ("ws", "wss"):
         require_ros(source, "websockets")
         from perception.sources.live.foxglove import FoxgloveConnection

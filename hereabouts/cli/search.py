@@ -30,6 +30,7 @@ from hereabouts.cli.ros1_robot import (
 )
 from hereabouts.cli.simulated_house import add_hide, house_with
 from hereabouts.cli.viewers import add_viewers, open_viewers
+from kg.model.extensions import ROBOTS, extensions
 from planner.settings import BELIEF
 
 if TYPE_CHECKING:
@@ -151,10 +152,18 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         return
     check_no_ros1_arguments(arguments)
     known = arguments.robot in ("sim", "stdio")
+    known |= _scheme(arguments.robot) in extensions(ROBOTS)
     if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
+        added = "".join(f", {scheme}://" for scheme in sorted(extensions(ROBOTS)))
         arguments.usage_error(
-            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http:// or ros1://"
+            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http:// or ros1://{added}"
         )
+
+
+def _scheme(address: str) -> str:
+    """``http`` of ``http://...``; "" of what has none."""
+    scheme, there, _ = address.partition("://")
+    return scheme if there else ""
 
 
 def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
@@ -164,6 +173,10 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
         return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
     if is_ros1(arguments.robot):
         return open_ros1_robot(arguments.robot, ros1_options(arguments))
+    if _scheme(arguments.robot) in extensions(ROBOTS):
+        from planner.execution.transports.extension_robot import AddedRobot
+
+        return AddedRobot(arguments.robot)
     if arguments.robot.startswith("http"):
         from planner.execution.transports.http_transport import HttpRobot
 

@@ -1,4 +1,4 @@
-"""Extensions: recording formats, detectors and exporters of other distributions (entry points).
+"""Extensions of other distributions, by entry points: formats, detectors, exporters, robots ...
 
 A distribution names them in its pyproject.toml:
 
@@ -17,11 +17,19 @@ from kg.model.errors import ExtensionError
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-Group = Literal["hereabouts.recordings", "hereabouts.detectors", "hereabouts.exporters"]
+Group = Literal[
+    "hereabouts.recordings",
+    "hereabouts.detectors",
+    "hereabouts.exporters",
+    "hereabouts.connections",
+    "hereabouts.robots",
+]
 
 RECORDINGS: Final[Group] = "hereabouts.recordings"
 DETECTORS: Final[Group] = "hereabouts.detectors"
 EXPORTERS: Final[Group] = "hereabouts.exporters"
+CONNECTIONS: Final[Group] = "hereabouts.connections"
+ROBOTS: Final[Group] = "hereabouts.robots"
 
 T = TypeVar("T")
 

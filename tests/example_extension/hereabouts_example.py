@@ -1,11 +1,13 @@
-"""An extension of hereabouts: recordings in .npz files, a detector of red things, CSV."""
+"""An extension of hereabouts: .npz files, a detector of red things, CSV, a bag, a robot."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from rosbags.highlevel import AnyReader
 
 from hereabouts import (
     Detections,
@@ -97,3 +99,52 @@ def write_csv(semantic_map: SemanticMap, path: Path) -> str:
 
 
 CSV = Exporter(ending=".csv", write=write_csv)
+
+
+# a live connection
+
+
+class PlayedBag:
+    """The messages of a ROS 2 bag, as played://FOLDER."""
+
+    def __init__(self, address: str) -> None:
+        self.path = Path(address.partition("://")[2])
+
+    def run(self, wanted, offer, ended: threading.Event) -> None:
+        with AnyReader([self.path]) as bag:
+            topics = wanted({one.topic: one.msgtype for one in bag.connections})
+            for one, time, data in bag.messages():
+                topics |= wanted({one.topic: one.msgtype})
+                if ended.wait(0.01):
+                    return
+                if one.topic in topics:
+                    offer(one.topic, one.msgtype, time, data)
+
+
+# a robot
+
+
+class Oracle:
+    """A robot, as oracle://X,Y, that is wherever it is sent, and sees a pillar at (X, Y)."""
+
+    def __init__(self, address: str) -> None:
+        self.x, self.y = map(float, address.partition("://")[2].split(","))
+        self.messages: list[dict] = []
+
+    def send(self, command: dict) -> None:
+        if command["type"] == "hello":
+            pose = {"type": "pose", "x": 0.0, "y": 0.0, "heading": 0.0}
+            self.messages += [{"type": "hello", "protocol": 1, "name": "oracle"}, pose]
+        elif command["type"] == "goto":
+            pose = {key: command[key] for key in ("x", "y", "heading")}
+            self.messages += [{"type": "pose", **pose}, {"type": "arrived", "id": command["id"]}]
+        elif command["type"] == "look":
+            pillar = {"label": "pillar", "score": 0.9, "x": self.x, "y": self.y, "z": 0.5}
+            answer = {"type": "detections", "id": command["id"], "objects": [pillar]}
+            self.messages.append(answer)
+
+    def receive(self, seconds: float) -> dict | None:
+        return self.messages.pop(0) if self.messages else None
+
+    def close(self) -> None:
+        self.messages.clear()
