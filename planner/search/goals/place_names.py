@@ -11,8 +11,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
+from planner.freespace.planning_map import SURE, plain_place
 
-_SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
 _DETERMINERS = frozenset(
     ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
@@ -21,13 +21,6 @@ _UNNAMED = (
     *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
     *("unnamed object", "unnamed objects"),
 )
-#: The catalogue calls a bathroom what Places205 calls it.
-_PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
-
-
-def plain_place(label: str) -> str:
-    """The everyday name of a category of places, by its label."""
-    return _PLAIN.get(label, label)
 
 
 def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
@@ -36,7 +29,7 @@ def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
     kind = plain_place(catalogue.label(top)) if top else ""
     if not kind or kind.casefold() in place.label.casefold():
         return ""
-    return f" ({kind})" if place.beliefs[top] >= _SURE else f" (perhaps {kind})"
+    return f" ({kind})" if place.beliefs[top] >= SURE else f" (perhaps {kind})"
 
 
 def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
