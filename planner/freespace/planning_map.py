@@ -30,7 +30,7 @@ _MAX_MARGIN_ROOMS: int = 40
 SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
-_NUMBERED = re.compile(r"place \d+")  # the label of a place that nobody named
+NUMBERED = re.compile(r"place \d+")  # the label of a place that nobody named
 _NEAR = 0.5  # [m] from a room within which a spot needs no margin of its own
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
@@ -226,7 +226,7 @@ def named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
     kinds = Counter(place.kind for place in places)
     names = []
     for place in places:
-        kind = place.kind if _NUMBERED.fullmatch(place.label) else ""
+        kind = place.kind if NUMBERED.fullmatch(place.label) else ""
         names.append(kind if kinds[kind] == 1 else f"{place.label} ({kind})" if kind else "")
     return tuple(
         replace(place, name=name or place.label) for place, name in zip(places, names, strict=True)
