@@ -25,7 +25,7 @@ from hereabouts.cli.arguments import add_author, add_json, add_map
 from hereabouts.cli.console import counted, note, notes_of, print_rows, write_json
 from kg.model.room_edit import NEEDS, Point, RoomEdit
 
-_COLUMNS = ("place", "label", "area m2", "adjacent")
+_COLUMNS = ("place", "label", "kind", "area m2", "adjacent")
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -75,6 +75,7 @@ def _list(arguments: argparse.Namespace) -> int:
     """List the places, after the rooms of the floor were made places if that is wanted."""
     from kg.serving.opening import open_map
     from mapping.places.found_places import find_places
+    from planner.search.goals.place_names import in_brackets
 
     find = arguments.edit == "find"
     with open_map(arguments.map, read_only=not find, exclusive=find) as semantic_map:
@@ -86,6 +87,7 @@ def _list(arguments: argparse.Namespace) -> int:
             (
                 place.iri.removeprefix(base),
                 place.label,
+                in_brackets(semantic_map.catalogue, place)[2:-1],
                 round(place.area.area, 1),
                 ", ".join(labels.get(iri, iri) for iri in place.adjacent),
             )

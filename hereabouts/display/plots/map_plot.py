@@ -55,6 +55,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
+from planner.freespace.planning_map import plain_place
 
 Legend = Literal["class", "place"]
 
@@ -240,7 +241,7 @@ class _Picture:
         if best is None:
             return NamedPlace(place.area, label, "not viewed yet")
         detail = f"{label}, belief {place.beliefs[best]:.2f}"
-        return NamedPlace(place.area, drawable(self._label(best)), detail)
+        return NamedPlace(place.area, drawable(plain_place(self._label(best))), detail)
 
     def _name(self, record: ObjectRecord) -> str:
         return drawable(self._names.get(record.iri) or self._label(record.category))
