@@ -16,7 +16,7 @@ from hereabouts.agents.map_context import MapContext, clock, state_of, time_or_n
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord
 from kg.serving.workers.local_evaluation import LimitedQueries
-from planner.freespace.planning_map import Row
+from planner.freespace.planning_map import Row, plain_place
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
 from planner.search.goals.candidate_queries import map_time
@@ -24,7 +24,7 @@ from planner.search.goals.known_objects import KnownObject, known_object, known_
 from planner.search.goals.place_names import (
     fact_named,
     is_unnamed,
-    plain_place,
+    spoken_places,
     stated_categories,
 )
 from planner.search.goals.search_goals import whereabouts
@@ -237,7 +237,7 @@ def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.KnownThing:
                 untrusted_category_by=stated.by if stated else None,
                 untrusted_detected_as=(stated.detected_as or None) if stated else None,
                 **thing(row).model_dump(),
-                untrusted_where=whereabouts(semantic_map, iri),
+                untrusted_where=whereabouts(semantic_map, iri, spoken_places(semantic_map)),
                 still_there=_still_there(semantic_map, iri, str(row["category"]), now),
             )
     raise unknown(iri)

@@ -188,7 +188,13 @@ def _by_viewpoints(
     from planner.search.plans.report import answer_json
     from planner.search.plans.view_plan import plan_from
 
-    found = plan_from(semantic_map, state, arguments.start, budget=arguments.budget)
+    found = plan_from(
+        semantic_map,
+        state,
+        arguments.start,
+        budget=arguments.budget,
+        compare=arguments.compare,
+    )
     if arguments.picture:
         from hereabouts.display.plots.search_plot import plot_plan
 

@@ -30,7 +30,14 @@ def placement_table(
     with semantic_map.hold():
         quads = semantic_map.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
         places, objects = semantic_map.places(), semantic_map.objects()
-        return table_of(quads, places, objects, parameters=parameters, sought=sought)
+        return table_of(
+            quads,
+            places,
+            objects,
+            catalogue=semantic_map.catalogue,
+            parameters=parameters,
+            sought=sought,
+        )
 
 
 def import_rooms(semantic_map: SemanticMap, table: RoomTable) -> int:

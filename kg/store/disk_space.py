@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import gc
-import os
+import shutil
 import sqlite3
 import time
 from pathlib import Path
@@ -58,8 +58,7 @@ def has_room(path: Path) -> bool:
 
 def free_space(path: Path) -> int:
     """Free space [bytes] of the disk of `path`, for this user."""
-    disk = os.statvfs(path)
-    return disk.f_bavail * disk.f_frsize
+    return shutil.disk_usage(path).free
 
 
 def reopened(folder: Path) -> tuple[Store, OSError | RuntimeError | None]:

@@ -152,7 +152,7 @@ def copy_files(path: Path, to: Path) -> None:
     """
     (to / "store").mkdir(parents=True)
     for file in (path / "store").iterdir():
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError, NotImplementedError):
             if file.suffix == ".sst":
                 os.link(file, to / "store" / file.name, follow_symlinks=False)
                 continue

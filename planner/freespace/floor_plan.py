@@ -83,7 +83,7 @@ def _join(
     passages: list[Passage],
 ) -> None:
     """Cut an opening where two rooms are nearest; add a passage where that is too far."""
-    first, second = (np.argwhere(labels == room) for room in pair)
+    first, second = (np.argwhere(_edge(labels == room)) for room in pair)
     if not len(first) or not len(second):
         return
     between = ((first[:, None, :] - second[None, :, :]) ** 2).sum(axis=2)
@@ -145,11 +145,15 @@ def _shortest_link(
 
 def _border(space: FreeSpace, cells: NDArray[np.intp]) -> NDArray[np.intp]:
     """The cells of `cells` with a neighbour along an axis that is not among them."""
-    held = np.zeros(np.add(space.shape, 2), np.bool_)
-    inner = held[1:-1, 1:-1]
-    inner[np.unravel_index(cells, space.shape)] = True
-    enclosed = held[:-2, 1:-1] & held[2:, 1:-1] & held[1:-1, :-2] & held[1:-1, 2:]
-    return np.asarray(cells[~enclosed.reshape(-1)[cells]])
+    held = np.zeros(space.shape, np.bool_)
+    held[np.unravel_index(cells, space.shape)] = True
+    return np.asarray(cells[_edge(held).reshape(-1)[cells]])
+
+
+def _edge(held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The cells (nx, ny) of an area with a neighbour along an axis that is not among them."""
+    around = np.pad(held, 1)
+    return held & ~(around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:])
 
 
 MIN_FINE_CELLS: Final = 2  # occupied fine cells that make a cell an obstacle; fewer are noise

@@ -212,26 +212,45 @@ def _lines(cells: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return offsets, between
 
 
-@lru_cache(maxsize=8)  # belief and viewed floor need the same cells of a picture
+@lru_cache(maxsize=512)  # a plan needs the cells of a viewpoint several times
 def visible_cells(space: FreeSpace, cell: int, reach: float) -> tuple[Cells, NDArray[np.float64]]:
     """Cells seen from the middle of `cell` within `reach` metres, and the offsets to them.
 
     The offsets are (n, 2) [m]. Every line of sight is sampled twice a cell; all samples between its
     ends must be in open cells (`FreeSpace.open`).
     """
+    sight = _sight(space, reach)
+    ix, iy = divmod(cell, space.shape[1])
+    at = ix * sight.stride + iy + sight.middle
+    there = np.flatnonzero(sight.is_open[at + sight.target])
+    there = there[sight.is_open[at + sight.between[there]].all(axis=1)]
+    offsets = sight.offsets[there]
+    cells = cell + offsets[:, 0] * space.shape[1] + offsets[:, 1]
+    return np.asarray(cells, np.intp), np.asarray(offsets * space.cell, np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sight:
+    """The lines of sight of a space as numbers of cells in a grid with closed cells around it."""
+
+    is_open: NDArray[np.bool_]  # (m,)
+    stride: int  # cells of the grid along y
+    middle: int  # number of the space's first cell
+    offsets: NDArray[np.intp]  # (n, 2)
+    target: NDArray[np.int32]  # (n,) from the viewpoint's number
+    between: NDArray[np.int32]  # (n, s)
+
+
+@lru_cache(maxsize=4)
+def _sight(space: FreeSpace, reach: float) -> _Sight:
     radius = int(np.floor(reach / space.cell + 1e-9))
     offsets, between = _lines(radius)
-    nx, ny = space.shape
-    at = np.array(divmod(cell, ny))
-    target = at + offsets
-    inside = (target >= 0).all(axis=1) & (target[:, 0] < nx) & (target[:, 1] < ny)
-    offsets, between, target = offsets[inside], between[inside], target[inside]
-    is_open = space.open[target[:, 0], target[:, 1]]
-    offsets, between, target = offsets[is_open], between[is_open], target[is_open]
-    path = at + between
-    clear = space.open[path[..., 0], path[..., 1]].all(axis=1)
-    cells = target[clear, 0] * ny + target[clear, 1]
-    return np.asarray(cells, np.intp), np.asarray(offsets[clear] * space.cell, np.float64)
+    is_open = np.pad(space.open, radius)
+    stride = is_open.shape[1]
+    target, path = (
+        np.asarray(part[..., 0] * stride + part[..., 1], np.int32) for part in (offsets, between)
+    )
+    return _Sight(is_open.reshape(-1), stride, radius * (stride + 1), offsets, target, path)
 
 
 _MAX_CELLS: Final = 4e5  # of a free space; larger buildings get larger cells

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
@@ -25,6 +27,10 @@ _MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor
 _MAX_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
 _MAX_CELL: float = 1.0  # [m] larger cells show no doors
 _MAX_MARGIN_ROOMS: int = 40
+SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
+#: The catalogue calls a bathroom what Places205 calls it.
+_PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
+NUMBERED = re.compile(r"place \d+")  # the label of a place that nobody named
 _NEAR = 0.5  # [m] from a room within which a spot needs no margin of its own
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
@@ -90,7 +96,7 @@ def planning_map_of(
             cell = with_floor
     space = free_space(parts, cell=cell)
     iris = (*(p.iri for p in with_area), *("" for _ in margins))
-    names = (*(p.label for p in with_area), *("open floor" for _ in margins))
+    names = (*(p.name for p in with_area), *("open floor" for _ in margins))
     if floor is None:
         return PlanningMap(space, iris, names)
     return _as_seen(PlanningMap(space, iris, names), parts, floor, base)
@@ -137,7 +143,7 @@ def planning_map_on(space: FreeSpace, places: Sequence[Place]) -> PlanningMap:
         shares = [float(place.contains_each(*xy.T).mean()) for place in places]
         best = int(np.argmax(shares)) if shares else -1
         if best >= 0 and shares[best] > 0.5 and places[best].iri not in iris:
-            iris[int(room)], names[int(room)] = places[best].iri, places[best].label
+            iris[int(room)], names[int(room)] = places[best].iri, places[best].name
     return PlanningMap(space, tuple(iris), tuple(names))
 
 
@@ -180,6 +186,13 @@ class Place(Area):
     beliefs: dict[str, float] = field(default_factory=dict)  # category IRI -> belief
     names: dict[str, str] = field(default_factory=dict)  # category IRI -> label
     last_seen: float | None = None  # [s] when something in it was last seen
+    name: str = ""  # what tells it from the others: ``kitchen``, ``place 4``
+
+    @property
+    def kind(self) -> str:
+        """The everyday name of the category that it is believed to be; "" where that is unsure."""
+        best = max(self.beliefs, key=lambda iri: (self.beliefs[iri], iri), default="")
+        return plain_place(self.names[best]) if self.beliefs.get(best, 0.0) >= SURE else ""
 
 
 def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
@@ -197,7 +210,27 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
         if row["kind"] is not None:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
-    return tuple(found.values())
+    return named_apart(list(found.values()))
+
+
+def plain_place(label: str) -> str:
+    """The everyday name of a category of places, by its label."""
+    return _PLAIN.get(label, label)
+
+
+def named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
+    """The places with names that people use: the label that a person gave, or the kind.
+
+    A kind that several have stands behind their labels, and a place of unsure kind has its label.
+    """
+    kinds = Counter(place.kind for place in places)
+    names = []
+    for place in places:
+        kind = place.kind if NUMBERED.fullmatch(place.label) else ""
+        names.append(kind if kinds[kind] == 1 else f"{place.label} ({kind})" if kind else "")
+    return tuple(
+        replace(place, name=name or place.label) for place, name in zip(places, names, strict=True)
+    )
 
 
 def _without_beliefs(row: Row, last_seen: float | None) -> Place:

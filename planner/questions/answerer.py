@@ -19,6 +19,7 @@ from planner.questions.patterns import EVENTS, Kind
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
+from planner.search.goals.place_names import spoken_places
 from planner.search.goals.status import Value, status, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
@@ -86,7 +87,7 @@ class Answerer(Measures):
         line = f"{counted(rows)} in {title}"
         line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
         line += f", and {unnamed}" if unnamed else ""
-        return self._listed("objects-in-place", [line], rows, place=title.partition(" (")[0])
+        return self._listed("objects-in-place", [line], rows, place=self._label(place))
 
     def _changed(self) -> PlainAnswer:
         moment = since(self._question.when, self._now)
@@ -197,7 +198,7 @@ class Answerer(Measures):
         else:
             target, _ = self._target(self._question.what)
             label, places = target.label, Counter(one.place for one in self._sure(target))
-        titles = self._titles()
+        titles = spoken_places(self._map)
         counts = [(titles[p], n) for p, n in places.most_common() if p in titles]
         if not counts:
             return self._made("objects", [f"No {label} is known in any place"])

@@ -11,7 +11,7 @@ from planner.questions.patterns import Question
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import is_known_word
 from planner.search.goals.known_objects import KnownObject, known_objects
-from planner.search.goals.place_names import place_named, titled
+from planner.search.goals.place_names import place_named, spoken_places, titled
 from planner.search.goals.targets import Target, resolve
 
 ROBOT = "robot"  # in place of a thing, the last pose of the robot
@@ -97,8 +97,12 @@ class NamedThings:
         return words if self._map.catalogue.is_given_name(words) else f"the {words}"
 
     def _title(self, iri: str) -> str:
-        """``place 6 (kitchen)``."""
-        return self._titles().get(iri, iri)
+        """``the kitchen``, or ``place 6 (bedroom)`` where there are several."""
+        return spoken_places(self._map).get(iri, iri)
+
+    def _label(self, iri: str) -> str:
+        """``place 6``: the label of a place."""
+        return next((p.label for p in self._map.places() if p.iri == iri), iri)
 
     def _titled(self, label: object) -> str:
         """The same by a label; places that share one have the first of their categories."""

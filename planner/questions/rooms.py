@@ -11,14 +11,14 @@ from kg.history.timestamps import iso, span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from kg.model.records import DoorRecord, PlaceRecord
+from planner.freespace.planning_map import plain_place
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
     place_category,
     place_named,
     places_of_kind,
-    plain_place,
-    titled,
+    spoken_places,
 )
 from planner.search.goals.search_goals import with_article
 
@@ -62,6 +62,7 @@ class _Answerer:
     def __init__(self, semantic_map: SemanticMap, question: Question, now: float) -> None:
         self._map, self._question, self._now = semantic_map, question, now
         self._places = {place.iri: place for place in semantic_map.places()}
+        self._spoken = spoken_places(semantic_map)
 
     def lines(self) -> list[str]:
         question = self._question
@@ -227,7 +228,7 @@ class _Answerer:
         return [one for one in self._places.values() if one != place]
 
     def _name(self, place: PlaceRecord) -> str:
-        return titled(self._map.catalogue, place)
+        return self._spoken.get(place.iri, place.label)
 
     def _perhaps(self, rooms: _Rooms) -> list[str]:
         named = ", ".join(

@@ -63,6 +63,7 @@ def table_of(
     places: Iterable[PlaceRecord] = (),
     objects: Iterable[ObjectRecord] = (),
     *,
+    catalogue: Catalogue | None = None,
     parameters: PlacementParameters = FITTED,
     sought: Collection[str] | None = None,
 ) -> PlacementTable:
@@ -72,6 +73,7 @@ def table_of(
         quads: quads of graph:ontology.
         places: rooms of a map, if any.
         objects: objects of the map.
+        catalogue: that of `quads`; it is read from them where it is not given.
         parameters: strengths of the sources.
         sought: IRIs of the objects that the map's detector can detect; only for these does a
             searched room count as a room without the object. None: all objects.
@@ -80,7 +82,7 @@ def table_of(
         OntologyError: for an invalid ontology.
     """
     quads = tuple(quads)
-    catalogue = Catalogue.from_quads(quads)
+    catalogue = catalogue or Catalogue.from_quads(quads)
     known = placement_evidence(quads, catalogue)
     rooms = map_counts(places, objects, known.objects, known.places, known.above, sought)
     return PlacementTable(known, catalogue, rooms, parameters)

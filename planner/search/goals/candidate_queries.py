@@ -235,7 +235,7 @@ class CandidateQueries:
             target=index,
             kind="place",
             iri=place.iri,
-            label=place.label,
+            label=place.name,
             p_map=np.array(place.centre),
             probability=p,
             facts=facts,

@@ -16,7 +16,7 @@ from kg.maps.semantic_map import SemanticMap
 from mapping.persistence import holds
 from planner.freespace.planning_map import number, text_or_none, time_or_none
 from planner.search.goals.candidate_queries import kinds_half_lives
-from planner.search.goals.place_names import StatedCategory, in_brackets, stated_categories
+from planner.search.goals.place_names import StatedCategory, spoken_places, stated_categories
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target, resolve
 
@@ -73,8 +73,7 @@ def known_objects(
 
     `where` is computed for the first `located` objects (None: for all); it is "" for the others.
     """
-    catalogue = semantic_map.catalogue
-    kinds = {place.iri: in_brackets(catalogue, place) for place in semantic_map.places()}
+    spoken = spoken_places(semantic_map)
     others = dict[str, list[tuple[str, float]]]()
     for row in semantic_map.query("may-be", least=0.0).records():
         alternative = str(row["other"]), number(row, "probability")
@@ -92,7 +91,7 @@ def known_objects(
                 iri=iri,
                 label=label_of(row),
                 category=str(row["category"]),
-                where=kinds.get(str(row["place"]), ""),
+                where="",
                 p_map=np.array([number(row, "x"), number(row, "y")]),
                 existence=existence,
                 last_seen=time_or_none(row, "lastSeen"),
@@ -112,7 +111,7 @@ def known_objects(
     return tuple(
         replace(
             one,
-            where=whereabouts(semantic_map, one.iri) + one.where + _of_map(one.iri, titles)
+            where=whereabouts(semantic_map, one.iri, spoken) + _of_map(one.iri, titles)
             if n < wanted
             else "",
         )

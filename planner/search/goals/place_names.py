@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -11,8 +12,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
+from planner.freespace.planning_map import NUMBERED, SURE, plain_place
 
-_SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
 _LISTED = 8  # places in a message
 _DETERMINERS = frozenset(
     ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
@@ -21,13 +22,6 @@ _UNNAMED = (
     *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
     *("unnamed object", "unnamed objects"),
 )
-#: The catalogue calls a bathroom what Places205 calls it.
-_PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
-
-
-def plain_place(label: str) -> str:
-    """The everyday name of a category of places, by its label."""
-    return _PLAIN.get(label, label)
 
 
 def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
@@ -36,12 +30,34 @@ def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
     kind = plain_place(catalogue.label(top)) if top else ""
     if not kind or kind.casefold() in place.label.casefold():
         return ""
-    return f" ({kind})" if place.beliefs[top] >= _SURE else f" (perhaps {kind})"
+    return f" ({kind})" if place.beliefs[top] >= SURE else f" (perhaps {kind})"
 
 
 def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
     """``place 6 (kitchen)``: the label of a place with its kind."""
     return place.label + in_brackets(catalogue, place)
+
+
+def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
+    """What a sentence calls each place (by IRI): ``the kitchen``, or its label and kind.
+
+    A numbered place is called by its kind where that is sure, and no other place has it.
+    """
+    catalogue, places = semantic_map.catalogue, semantic_map.places()
+    kinds = {place.iri: _sure_kind(catalogue, place) for place in places}
+    count = Counter(kinds.values())
+    return {
+        place.iri: f"the {kinds[place.iri]}"
+        if count[kinds[place.iri]] == 1 and kinds[place.iri] and NUMBERED.fullmatch(place.label)
+        else in_words(catalogue, place.label) + in_brackets(catalogue, place)
+        for place in places
+    }
+
+
+def _sure_kind(catalogue: Catalogue, place: PlaceRecord) -> str:
+    """The everyday name of the category that a place is believed to be; "" where that is unsure."""
+    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
+    return plain_place(catalogue.label(top)) if place.beliefs.get(top, 0.0) >= SURE else ""
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:

@@ -7,7 +7,7 @@ is located.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -191,11 +191,14 @@ def times(count: float) -> str:
 _MAX_NAMED: Final = 3  # objects named: an apple in a bowl on a table
 
 
-def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
+def whereabouts(
+    semantic_map: SemanticMap, iri: str, spoken: Mapping[str, str] | None = None
+) -> str:
     """Relations and place of an object: ``inside bowl 4 on dining table 3 in the kitchen``.
 
     An object beside it is named where nothing carries it. Its position [m] is given where it has
-    neither a relation nor a place. "" for an IRI that is no object of the map.
+    neither a relation nor a place. "" for an IRI that is no object of the map. `spoken` has what
+    sentences call places (by IRI), by default their labels.
     """
     words, place, at, current = list[str](), "", "", iri
     named = set[str]()
@@ -205,7 +208,8 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
         if not rows:
             break
         if current == iri:
-            place = str(rows[0]["placeLabel"] or "")
+            place = in_words(semantic_map.catalogue, str(rows[0]["placeLabel"] or ""))
+            place = (spoken or {}).get(str(rows[0]["place"]), place)
             at = f"at ({rows[0]['x']:.1f}, {rows[0]['y']:.1f}) m"
         carriers = [row for row in rows if row["relation"] in ("inside", "on")]
         beside = [row for row in rows if row["relation"] == "beside"] if not words else []
@@ -215,5 +219,5 @@ def whereabouts(semantic_map: SemanticMap, iri: str) -> str:
             break
         current = str(carriers[0]["other"])
     if place:
-        words.append(f"in {in_words(semantic_map.catalogue, place)}")
+        words.append(f"in {place}")
     return " ".join(words) or at

@@ -23,8 +23,8 @@ from planner.search.goals.place_names import (
     StatedCategory,
     object_named,
     place_named,
+    spoken_places,
     stated_categories,
-    titled,
 )
 from planner.search.goals.search_goals import resolve_target
 from planner.search.goals.target_words import undetectable
@@ -97,7 +97,7 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if place is not None:
         chosen = place_named(semantic_map, place)
         found = tuple(one for one in found if one.place == chosen)
-    places = {p.iri: titled(semantic_map.catalogue, p) for p in semantic_map.places()}
+    places = spoken_places(semantic_map)
     named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
     value, proof = _combined(found), _proof(category.label, named)
     if category.undetected and value != "present" and "no detector" not in proof:

@@ -10,7 +10,8 @@ from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_place
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
 from mapping.looks.word_looks import things_that_look_like
-from planner.search.goals.place_names import in_words, place_category, plain_place
+from planner.freespace.planning_map import plain_place
+from planner.search.goals.place_names import in_words, place_category
 
 _ALIKE = 3  # things that are said to look like a word
 _FEW = 3  # activities or rooms with a thing, below which its place is only named as possible

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from kg.history.timestamps import span
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
+from planner.search.goals.place_names import in_words
 from planner.search.goals.search_goals import times, with_article
 from planner.search.goals.status import Value, status
 from planner.search.goals.targets import Target
@@ -49,7 +51,7 @@ def find_sentences(
     known = known_objects(semantic_map, target, located=2 * LISTED)
     if known:
         return answer_lines(known, now, target, rooms=_room_probabilities(state))
-    guess = _guess(target, state)
+    guess = _guess(semantic_map.catalogue, target, state)
     if target.iri is None:
         return [f"{target.none} is in the map{guess}"]
     found = status(semantic_map, target.thing or target.iri)
@@ -145,7 +147,7 @@ def _room_probabilities(state: PlanningState | None) -> dict[str, float]:
     }
 
 
-def _guess(target: Target, state: PlanningState | None) -> str:
+def _guess(catalogue: Catalogue, target: Target, state: PlanningState | None) -> str:
     """The place that is most probable to hold a target that is not in the map; "" for none."""
     if state is None:
         return ""
@@ -157,4 +159,5 @@ def _guess(target: Target, state: PlanningState | None) -> str:
     best = int(np.argmax(p)) if len(p) else 0
     if not len(p) or p[best] < _GUESS:
         return ""
-    return f"; the first place to look is {state.room_names[best]} ({min(p[best], 1.0):.2f})"
+    room_name = in_words(catalogue, state.room_names[best])
+    return f"; if it is here, then most probably in {room_name} ({min(p[best], 1.0):.2f})"

@@ -82,7 +82,7 @@ def plan(
     seed: int = 0,
     time_limit: float = 0.3,
     trials: int = TRIALS,
-    compare: bool = True,
+    compare: bool = False,
 ) -> ViewPlan:
     """Plan of views that find the targets of `state` in little expected time.
 
@@ -98,7 +98,7 @@ def plan(
         time_limit: Computing time for the trials [s]; if infinite, the plan is the same on every
             machine.
         trials: Number of trials.
-        compare: Whether the plan has baselines.
+        compare: Whether the plan has baselines, which take about as long as the plan.
     Raises:
         QueryParameterError: the position is too far from the floor to belong to the building.
     """
@@ -231,7 +231,7 @@ def plan_from(
     start: Start | None = None,
     *,
     budget: float | None = None,
-    compare: bool = True,
+    compare: bool = False,
 ) -> ViewPlan:
     """The plan on `state` from `start`, by default the robot's pose; the same on every machine."""
     x, y, heading = start or robot_start(semantic_map)

@@ -138,7 +138,7 @@ TASKS: list[tuple[str, Any, Any]] = [
     ("how many things", one("describe_map", lambda a: a["objects"]), 4),
     ("which places", one("describe_map", lambda a: len(ids(a, "places"))), 3),
     ("where the cup is", one("where_is", lambda a: a["things"][0]["untrusted_where"], what="cup"),
-     "in place 2 (bedroom)"),
+     "in the bedroom"),
     ("how high it is", one("where_is", lambda a: a["things"][0]["z"], what="cup"), 0.8),
     ("where it was", one("where_is", lambda a: a["things"][0]["x"], what="cup", at="#2"), 3.0),
     ("somewhere to sit", one("where_is", ids, what="something to sit on"), ["object/3"]),
@@ -179,8 +179,8 @@ TASKS: list[tuple[str, Any, Any]] = [
          question="do we have a book, a banana and a giraffe?"),
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
-      "giraffe: None is known: the robot viewed 0% of place 3, 98% of place 1 "
-      "(kitchen), 98% of place 2 (bedroom), last at 1970-01-01 00:01:40; it would have noticed "
+      "giraffe: None is known: the robot viewed 0% of place 3, 98% of the "
+      "kitchen, 98% of the bedroom, last at 1970-01-01 00:01:40; it would have noticed "
       "one with probability 0.39"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),

@@ -195,7 +195,7 @@ def test_every_tool_answers_over_stdio(flat: Path) -> None:
     (cup,) = mug["things"]
     assert (cup["id"], cup["probability"], cup["x"], cup["z"]) == ("object/2", 0.9, 3.0, 0.8)
     assert described["map"]["time"] == described["robot"]["time"]
-    assert banana["things"][0]["untrusted_where"] == "in place 1"
+    assert banana["things"][0]["untrusted_where"] == "in the kitchen"
     assert (sofa["things"], sofa["status"]) == ([], "hidden")
     assert "viewed" in sofa["untrusted_proof"]
     assert sofa["untrusted_understood"] == "'sofa' means couch"

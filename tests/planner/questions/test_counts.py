@@ -27,9 +27,9 @@ def test_they_are_counted_by_place() -> None:
     [
         (
             "what is in the kitchen?",
-            "2 objects in place 1 (kitchen): a banana, a cup, and 2 things without a name",
+            "2 objects in the kitchen: a banana, a cup, and 2 things without a name",
         ),
-        ("what is in the bedroom?", "1 object in place 2 (bedroom): a bed"),
+        ("what is in the bedroom?", "1 object in the bedroom: a bed"),
         ("what is in place 3?", "0 objects in place 3 by name, and 1 thing without a name"),
         (
             "list all objects",

@@ -52,18 +52,18 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
 @pytest.mark.parametrize(
     ("question", "answer"),
     [
-        ("Where is the cup?", "Probably no longer in place 1 (kitchen): cup 2 was seen there"),
-        ("cup 2", "Probably no longer in place 1 (kitchen): cup 2 was seen there 4 times"),
+        ("Where is the cup?", "Probably no longer in the kitchen: cup 2 was seen there"),
+        ("cup 2", "Probably no longer in the kitchen: cup 2 was seen there 4 times"),
         ("the red cup", "The map does not keep what is red, so this is about all of them"),
-        ("what is in the kitchen", "2 objects in place 1 (kitchen): a banana, a cup"),
-        ("what's in the bedroom?", "1 object in place 2 (bedroom): a bed"),
+        ("what is in the kitchen", "2 objects in the kitchen: a banana, a cup"),
+        ("what's in the bedroom?", "1 object in the bedroom: a bed"),
         ("is there a banana", "It was there, and has probably been moved since:"),
         ("is there a mug?", "'mug' means cup\nIt was there, and has probably been moved since:"),
         ("is there a free cup", "The map does not keep what is free, so this is about all of"),
         ("how many places are there", " places: "),
-        ("is the cup in the bedroom?", "Unknown: the robot viewed 0% of place 2 (bedroom)"),
-        ("is cup 2 in the bedroom?", "No: cup 2 is in place 1"),
-        ("how many cups are there in the kitchen", "cup: 1 in place 1"),
+        ("is the cup in the bedroom?", "Unknown: the robot viewed 0% of the bedroom"),
+        ("is cup 2 in the bedroom?", "No: cup 2 is in the kitchen"),
+        ("how many cups are there in the kitchen", "cup: 1 in the kitchen"),
         ("how many giraffes", "giraffe: 0"),
         ("is there a cup near the banana?", "No cup is known within 2 m of banana"),
         ("something to sit on", "bed 3 was seen there"),
@@ -76,41 +76,41 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("which room did you see the bed in", "exit 1: error"),
         ("I can't find my bed", "bed 3 was seen there"),
         ("where do we keep the cups?", "cup 2 was seen there"),
-        ("Whats in the kitchen", "2 objects in place 1 (kitchen)"),
-        ("tell me everything that's in the kitchen", "2 objects in place 1 (kitchen)"),
+        ("Whats in the kitchen", "2 objects in the kitchen"),
+        ("tell me everything that's in the kitchen", "2 objects in the kitchen"),
         ("what size is the bed?", "bed 3"),
         ("where's the cup gone?", "cup 2 was seen there"),
         ("has the robot ever seen a bed?", "bed 3"),
         ("tell me about cup 2", "cup 2 was seen there"),
-        ("how many cups did you see in the kitchen", "cup: 1 in place 1"),
+        ("how many cups did you see in the kitchen", "cup: 1 in the kitchen"),
         ("where is the second cup", "exit 1: error: not understood"),
-        ("where can I sit in the kitchen?", "Nothing to sit is known to be in place 1"),
+        ("where can I sit in the kitchen?", "Nothing to sit is known to be in the kitchen"),
         ("wieviele Betten gibt es", "bed: 1"),
         ("wie gross ist das Bett?", "bed 3"),
         ("ist das Bett noch da?", "bed 3 was seen there"),
         ("wie weit ist das Bett von der Tasse?", " m from cup 2"),
-        ("when did you last see the cup?", "years ago: cup 2 in place 1 (kitchen), at 1970-01-01"),
+        ("when did you last see the cup?", "years ago: cup 2 in the kitchen, at 1970-01-01"),
         ("which rooms are there", "3 places: place 1 (kitchen), place 2 (bedroom), place 3"),
         ("list all objects", "3 objects: a banana, a cup, a bed"),
-        ("where are you?", "The robot is in place 2 (bedroom) at (6.0, 1.0), as of "),
+        ("where are you?", "The robot is in the bedroom at (6.0, 1.0), as of "),
         ("what is missing?", "Nothing is known to be gone"),
         ("what changed since yesterday", "Appeared: banana 1, cup 2, bed 3"),
         ("where are my keys?", "No detector here can see things called 'keys'. They are usually"),
-        ("Wo ist die Tasse?", "'tasse' means cup\nProbably no longer in place 1 (kitchen): cup 2"),
+        ("Wo ist die Tasse?", "'tasse' means cup\nProbably no longer in the kitchen: cup 2"),
         (
             "gibt es eine Banane in der K\u00fcche?",
             "It was there, and has probably been moved since:",
         ),
         ("ist das Bett im Schlafzimmer", "It was there, and has probably been moved since:"),
-        ("wie viele Tassen sind in der K\u00fcche", "cup: 1 in place 1"),
+        ("wie viele Tassen sind in der K\u00fcche", "cup: 1 in the kitchen"),
         ("was liegt auf dem Bett", "Nothing is known to be on or in bed 3"),
         ("was steht neben der Tasse?", "Within 2 m of cup 2: nothing"),
-        ("wann hast du die Tasse zuletzt gesehen?", "years ago: cup 2 in place 1"),
+        ("wann hast du die Tasse zuletzt gesehen?", "years ago: cup 2 in the kitchen"),
         ("was hat sich seit gestern ge\u00e4ndert?", "Appeared: banana 1, cup 2, bed 3"),
-        ("Wo bist du?", "The robot is in place 2 (bedroom) at (6.0, 1.0), as of "),
+        ("Wo bist du?", "The robot is in the bedroom at (6.0, 1.0), as of "),
         ("was fehlt", "Nothing is known to be gone"),
         ("suche mir bitte eine Banane", "'banane' means banana"),
-        ("how many things are in the kitchen", "2 objects in place 1 (kitchen): a banana, a"),
+        ("how many things are in the kitchen", "2 objects in the kitchen: a banana, a"),
         ("how many objects are there?", "The map has 3 objects: a banana, a cup, a bed"),
         ("is there a cup on the bed", "No cup is known to be on bed 3\nProbably no longer"),
         ("how many cups are on the bed?", "cup: 0 on bed 3"),
@@ -125,44 +125,44 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("where are the cup and the bed?", "bed 3 was seen there 4 times"),
         ("where is my cup and my keys", "No detector here can see things called 'keys'"),
         ("is there somewhere I can sit?", "bed 3 was seen there"),
-        ("was there ever a cup?", "years ago: cup 2 in place 1"),
+        ("was there ever a cup?", "years ago: cup 2 in the kitchen"),
         ("are you sure there is a banana", "It was there, and has probably been moved since:"),
         ("isn't there a banana?", "It was there, and has probably been moved since:"),
         ("wher is teh banana", "This is read as 'where is the banana'"),
         ("bring me the banana", "This answers questions and moves no robot"),
-        ("what room are you in", "The robot is in place 2"),
+        ("what room are you in", "The robot is in the bedroom"),
         ("where was the cup yesterday?", "the past before "),
         ("mugs", "'mugs' means cup"),
         (
             "where am I?",
-            "The map knows where the robot is, not where you are\nThe robot is in place 2",
+            "The map knows where the robot is, not where you are\nThe robot is in the bedroom",
         ),
         ("hello", "where is the banana?\nwhat is next to the banana?"),
         ("Danke", "is there a cup in the kitchen?"),
         ("what can I ask you?", "which rooms are there?"),
-        ("thanks, where is the cup?", "Probably no longer in place 1 (kitchen): cup 2"),
+        ("thanks, where is the cup?", "Probably no longer in the kitchen: cup 2"),
         ("has anyone moved the cup?", "No cup is known to have moved or gone\nSince 2"),
         ("has the bed been moved", "No bed is known to have moved or gone\nSince 2"),
         ("is anything missing?", "Nothing is known to be gone"),
         ("do you own a banana", "It was there, and has probably been moved since:"),
         ("where can I sleep?", "bed 3 was seen there"),
         ("what animals are there?", "No animal is in the map, but nobody looked: the robot viewed"),
-        ("which cups are in the kitchen", "Probably no longer in place 1 (kitchen): cup 2"),
-        ("where is the cup in the bedroom", "No cup is known to be in place 2 (bedroom)\nProbably"),
-        ("bring me the bed from the bedroom", "moves no robot\nProbably no longer in place 2 (bed"),
+        ("which cups are in the kitchen", "Probably no longer in the kitchen: cup 2"),
+        ("where is the cup in the bedroom", "No cup is known to be in the bedroom\nProbably"),
+        ("bring me the bed from the bedroom", "moves no robot\nProbably no longer in the bed"),
         ("number of cups", "cup: 1"),
         ("how many beds are in the house?", "bed: 1"),
-        ("how many beds does the kitchen have", "bed: 0 in place 1 (kitchen)"),
-        ("which room has the most cups?", "Most are in place 1 (kitchen): 1 of 1"),
+        ("how many beds does the kitchen have", "bed: 0 in the kitchen"),
+        ("which room has the most cups?", "Most are in the kitchen: 1 of 1"),
         ("where can I find the most", "exit 1: error: not understood"),
         (
             "which room has the most things",
-            "Most are in place 1 (kitchen): 2 of 3\nOthers: 1 in pl",
+            "Most are in the kitchen: 2 of 3\nOthers: 1 in the bed",
         ),
         ("where is the doggy", "'doggy' is a kind of dog"),
         ("gibt es im Schlafzimmer ein Bett?", "It was there, and has probably been moved since:"),
-        ("wo ist die Tasse in der K\u00fcche", "Probably no longer in place 1 (kitchen): cup 2"),
-        ("wie viele Tassen hat die K\u00fcche?", "cup: 1 in place 1 (kitchen)"),
+        ("wo ist die Tasse in der K\u00fcche", "Probably no longer in the kitchen: cup 2"),
+        ("wie viele Tassen hat die K\u00fcche?", "cup: 1 in the kitchen"),
         ("welche Tiere gibt es", "'tiere' means animal\nNo animal is in the map"),
         ("what moved today?", "Nothing is known to have moved"),
         ("wo sind meine Schl\u00fcssel", "see things called 'schl\u00fcssel' (keys)"),
@@ -177,7 +177,7 @@ def test_a_thing_seen_just_now_is_there() -> None:
         fill(semantic_map)
         (seen,) = [one for one in semantic_map.objects() if one.category.endswith("Banana")]
         (line,) = answer_question(semantic_map, "is there a banana", seen.last_seen + 5).lines
-        assert line.startswith("Yes, probably in place 1 (kitchen): banana 1 was seen there")
+        assert line.startswith("Yes, probably in the kitchen: banana 1 was seen there")
 
 
 def test_doubted_things_are_listed_where_none_is_present() -> None:
@@ -187,7 +187,7 @@ def test_doubted_things_are_listed_where_none_is_present() -> None:
         semantic_map.apply(MapUpdate(objects=(doubted,)))
         first, second = answer_question(semantic_map, "is there a vase?").lines
         assert first.startswith("Unknown: the robot viewed")
-        vase = "Probably no longer in place 1 (kitchen): vase 4, which is probably no vase, was"
+        vase = "Probably no longer in the kitchen: vase 4, which is probably no vase, was"
         assert second.startswith(vase)
         (elsewhere,) = answer_question(semantic_map, "is there a vase in the bedroom?").lines
         assert elsewhere.startswith("Unknown: ")
@@ -299,7 +299,7 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
         assert str(found["answer"]).startswith("['The map does not keep what is blue")
         assert answer_box(semantic_map, ["cup", "bed"])["targets"] == ["cup", "bed"]
         then = answer_question(semantic_map, "where is the cup?", now=60.0)
-        assert then.lines[0].startswith("Probably in place 1 (kitchen): cup 2 was seen there 4")
+        assert then.lines[0].startswith("Probably in the kitchen: cup 2 was seen there 4")
 
 
 def test_questions_and_commands_take_the_same_moments(says: Says) -> None:

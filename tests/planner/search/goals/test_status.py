@@ -81,7 +81,7 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
     assert status(semantic_map, "banana", "HALL").value == "hidden"
     found = status(semantic_map, "banana")
     assert found.value == "hidden"
-    assert "0% of attic" in found.proof
+    assert "0% of the attic" in found.proof
     with pytest.raises(QueryParameterError, match="there are: kitchen, hall, den, attic"):
         status(semantic_map, "banana", "cellar")
     assert status(semantic_map, "bananna").target == "banana"
