@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,17 @@ _LOOKS_ONLY = (
     "picture",
     "compare",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """Objects to find, and the answers for words that no category includes."""
+
+    objects: list[str]
+    undetectable: list[dict[str, object]]
+
+    def write_json(self, answer: dict[str, object]) -> None:
+        write_json({**answer, "undetectable": self.undetectable})
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -103,59 +115,46 @@ def run(arguments: argparse.Namespace) -> int:
 
     with open_map(arguments.map, read_only=True) as opened:
         semantic_map = opened.in_one_frame(arguments.in_map)
-        arguments.undetectable = _take_undetectable(semantic_map, arguments)
-        if not arguments.object:
+        wanted = _wanted(semantic_map, arguments)
+        if not wanted.objects:
             if arguments.json:
                 now = now_of(semantic_map, arguments)
-                _write_answer(arguments, empty_answer(semantic_map, (), now))
+                wanted.write_json(empty_answer(semantic_map, (), now))
             return 0
-        code = _find(semantic_map, arguments)
+        code = _find(semantic_map, wanted, arguments)
         if not arguments.json:
-            _print_elsewhere(opened, semantic_map, arguments)
+            from planner.search.goals.other_frames import elsewhere_lines
+
+            for line in elsewhere_lines(opened, semantic_map, wanted.objects, arguments.map):
+                write(line)
         return code
 
 
-def _take_undetectable(
-    semantic_map: SemanticMap, arguments: argparse.Namespace
-) -> list[dict[str, object]]:
-    """Remove words that no category includes from the wanted objects, and answer them."""
+def _wanted(semantic_map: SemanticMap, arguments: argparse.Namespace) -> _Wanted:
+    """The objects to find; words that no category includes are answered."""
     from planner.search.goals.targets import as_one, undetectable_target
 
-    arguments.object = as_one(semantic_map, arguments.object)
-    unseen = {text: undetectable_target(semantic_map, text) for text in arguments.object}
-    arguments.object = [text for text in arguments.object if unseen[text] is None]
+    words = as_one(semantic_map, arguments.object)
+    unseen = {text: undetectable_target(semantic_map, text) for text in words}
     answers = [answer for answer in unseen.values() if answer is not None]
     for answer in answers if not arguments.json else ():
         write(f"{answer.answer}.")
-    return [answer.to_json() for answer in answers]
+    return _Wanted(
+        [text for text in words if unseen[text] is None], [answer.to_json() for answer in answers]
+    )
 
 
-def _write_answer(arguments: argparse.Namespace, answer: dict[str, object]) -> None:
-    """Write an answer as JSON, with the words that no category includes."""
-    write_json({**answer, "undetectable": arguments.undetectable})
-
-
-def _find(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+def _find(semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namespace) -> int:
     if arguments.rule != _RULES[0]:
-        return _by_reference(semantic_map, arguments)
-    state = _planning_state(semantic_map, arguments)
+        return _by_reference(semantic_map, wanted.objects, arguments)
+    state = _planning_state(semantic_map, wanted.objects, arguments)
     if state is None:
-        return _without_floor(semantic_map, arguments)
-    return _by_viewpoints(semantic_map, state, arguments)
-
-
-def _print_elsewhere(
-    opened: SemanticMap, semantic_map: SemanticMap, arguments: argparse.Namespace
-) -> None:
-    """Print the targets in maps without a known way to the frame of the plan."""
-    from planner.search.goals.other_frames import elsewhere_lines
-
-    for line in elsewhere_lines(opened, semantic_map, arguments.object, arguments.map):
-        write(line)
+        return _without_floor(semantic_map, wanted, arguments)
+    return _by_viewpoints(semantic_map, state, wanted, arguments)
 
 
 def _planning_state(
-    semantic_map: SemanticMap, arguments: argparse.Namespace
+    semantic_map: SemanticMap, objects: list[str], arguments: argparse.Namespace
 ) -> PlanningState | None:
     from planner.search.plans.search_state import build_search
     from planner.search.viewpoints.candidate_views import Motion, Sensor
@@ -164,7 +163,7 @@ def _planning_state(
     near, far = arguments.range or (default.near, default.far)
     return build_search(
         semantic_map,
-        arguments.object,
+        objects,
         sensor=Sensor(near=near, far=far, recall=arguments.recall or default.recall),
         motion=Motion(
             speed=arguments.speed or usual.speed,
@@ -184,7 +183,7 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 
 
 def _by_viewpoints(
-    semantic_map: SemanticMap, state: PlanningState, arguments: argparse.Namespace
+    semantic_map: SemanticMap, state: PlanningState, wanted: _Wanted, arguments: argparse.Namespace
 ) -> int:
     from planner.search.plans.report import answer_json
     from planner.search.plans.view_plan import plan_from
@@ -205,7 +204,7 @@ def _by_viewpoints(
     if found.note:
         note(found.note)
     if arguments.json:
-        _write_answer(arguments, answer_json(semantic_map, state, found, now))
+        wanted.write_json(answer_json(semantic_map, state, found, now))
         return 0
     _print_known(semantic_map, state.targets, now, arguments, state)
     if not found.steps:
@@ -268,17 +267,19 @@ def _print(found: ViewPlan, arguments: argparse.Namespace) -> None:
     write("\n".join(lines))
 
 
-def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+def _by_reference(
+    semantic_map: SemanticMap, objects: list[str], arguments: argparse.Namespace
+) -> int:
     """The thesis' rule or its baseline, on one target and without geometry."""
     from kg.maps.map_extent import check_positions
     from planner.search.goals.search_goals import resolve_target
     from planner.search.plans.thesis_rules import Travel, brute_force, plan_search
     from planner.search.plans.view_plan import robot_start
 
-    if len(arguments.object) > 1:
+    if len(objects) > 1:
         raise QueryParameterError(
             f"--rule {arguments.rule} searches for one object at a time, got "
-            f"{len(arguments.object)}; --rule viewpoints takes several"
+            f"{len(objects)}; --rule viewpoints takes several"
         )
     given = ["--" + n.replace("_", "-") for n in _LOOKS_ONLY if getattr(arguments, n)]
     if given:
@@ -286,7 +287,7 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
             f"{' and '.join(given)} has no effect with --rule {arguments.rule}; "
             "use --rule viewpoints"
         )
-    target = arguments.object[0]
+    target = objects[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
     x, y, _ = arguments.start or robot_start(semantic_map)
     if odd := check_positions(semantic_map.engine, [(x, y)], "start", QueryParameterError):
@@ -306,16 +307,18 @@ def _by_reference(semantic_map: SemanticMap, arguments: argparse.Namespace) -> i
     return 0
 
 
-def _without_floor(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
+def _without_floor(
+    semantic_map: SemanticMap, wanted: _Wanted, arguments: argparse.Namespace
+) -> int:
     """Print the known facts, and the reason why a map without floor has nowhere to look."""
     from planner.search.goals.search_goals import explain_none
     from planner.search.goals.targets import resolve
     from planner.search.plans.report import empty_answer
 
-    targets = resolve(semantic_map, arguments.object)
+    targets = resolve(semantic_map, wanted.objects)
     now = now_of(semantic_map, arguments)
     if arguments.json:
-        _write_answer(arguments, empty_answer(semantic_map, targets, now))
+        wanted.write_json(empty_answer(semantic_map, targets, now))
         return 0
     if arguments.start is not None:
         from kg.maps.map_extent import check_positions
