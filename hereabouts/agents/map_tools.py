@@ -14,7 +14,7 @@ from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from hereabouts.agents.map_context import MapContext, clock, state_of, time_or_none
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import PlaceRecord
+from kg.model.records import PlaceRecord, likeliest
 from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.freespace.planning_map import Row, plain_place
 from planner.questions.patterns import Question
@@ -203,7 +203,7 @@ class MapTools:
         )
 
     def _summary(self, place: PlaceRecord) -> a.PlaceSummary:
-        top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default=None)
+        top = likeliest(place.beliefs)
         viewed = place.viewed
         return a.PlaceSummary(
             id=place.iri,

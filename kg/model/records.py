@@ -100,6 +100,11 @@ class PlaceViews:
     last: float  # [s] since 1970, to the minute: the last view
 
 
+def likeliest(beliefs: Mapping[str, float]) -> str | None:
+    """The most believed category, by IRI the last of several alike; None without beliefs."""
+    return max(beliefs, key=lambda category: (beliefs[category], category), default=None)
+
+
 @dataclass(frozen=True, slots=True)
 class PlaceRecord:
     """A place with its area and the belief over its categories.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
@@ -16,7 +16,7 @@ from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
-from kg.model.records import UNKNOWN
+from kg.model.records import UNKNOWN, likeliest
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import BEHIND, Frontier, free_space, seen_space, with_frontiers
@@ -188,12 +188,6 @@ class Place(Area):
     last_seen: float | None = None  # [s] when something in it was last seen
     name: str = ""  # what tells it from the others: ``kitchen``, ``place 4``
 
-    @property
-    def kind(self) -> str:
-        """The everyday name of the category that it is believed to be; "" where that is unsure."""
-        best = max(self.beliefs, key=lambda iri: (self.beliefs[iri], iri), default="")
-        return plain_place(self.names[best]) if self.beliefs.get(best, 0.0) >= SURE else ""
-
 
 def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
     """Every place of the map with its beliefs."""
@@ -210,7 +204,7 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
         if row["kind"] is not None:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
-    return named_apart(list(found.values()))
+    return _named_apart(list(found.values()))
 
 
 def plain_place(label: str) -> str:
@@ -218,19 +212,35 @@ def plain_place(label: str) -> str:
     return _PLAIN.get(label, label)
 
 
-def named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
+def sure_kind(beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
+    """The everyday name of the category that is believed, by its `label`; "" where it is unsure."""
+    best = likeliest(beliefs)
+    return "" if best is None or beliefs[best] < SURE else plain_place(label(best))
+
+
+def distinct_kinds(places: Sequence[tuple[str, str]]) -> list[str]:
+    """The kind of each place (label, kind) that it alone has and nobody named; "" for others."""
+    count = Counter(kind for _, kind in places)
+    return [
+        kind if count[kind] == 1 and NUMBERED.fullmatch(label) else "" for label, kind in places
+    ]
+
+
+def _named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
     """The places with names that people use: the label that a person gave, or the kind.
 
     A kind that several have stands behind their labels, and a place of unsure kind has its label.
     """
-    kinds = Counter(place.kind for place in places)
-    names = []
-    for place in places:
-        kind = place.kind if NUMBERED.fullmatch(place.label) else ""
-        names.append(kind if kinds[kind] == 1 else f"{place.label} ({kind})" if kind else "")
+    kinds = [sure_kind(place.beliefs, place.names.__getitem__) for place in places]
+    distinct = distinct_kinds([(p.label, kind) for p, kind in zip(places, kinds, strict=True)])
     return tuple(
-        replace(place, name=name or place.label) for place, name in zip(places, names, strict=True)
+        replace(place, name=alone or _with_kind(place.label, kind))
+        for place, alone, kind in zip(places, distinct, kinds, strict=True)
     )
+
+
+def _with_kind(label: str, kind: str) -> str:
+    return f"{label} ({kind})" if kind and NUMBERED.fullmatch(label) else label
 
 
 def _without_beliefs(row: Row, last_seen: float | None) -> Place:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -10,8 +9,8 @@ from typing import Final
 from kg.history.timestamps import iso, span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
-from kg.model.records import DoorRecord, PlaceRecord
-from planner.freespace.planning_map import plain_place
+from kg.model.records import DoorRecord, PlaceRecord, likeliest
+from planner.freespace.planning_map import NUMBERED, plain_place
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -91,7 +90,7 @@ class _Answerer:
         try:
             one = self._places.get(self._map.resolve("place", words) if words else "")
         except QueryParameterError:
-            if re.fullmatch(r"place \d+", words):
+            if NUMBERED.fullmatch(words):
                 raise
             one = None
         if one is not None:
@@ -254,8 +253,8 @@ def _touch(one: PlaceRecord, other: PlaceRecord) -> bool:
 
 def _kind(semantic_map: SemanticMap, place: PlaceRecord) -> str:
     """``a kitchen (0.51)``: the most believed category of a place; "" where nothing is believed."""
-    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    if not top:
+    top = likeliest(place.beliefs)
+    if top is None:
         return ""
     label = plain_place(semantic_map.catalogue.label(top))
     return f"{with_article(label)} (probability {place.beliefs[top]:.2f})"

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patheffects import Stroke
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import ObjectRecord, PlaceRecord
+from kg.model.records import ObjectRecord, PlaceRecord, likeliest
 
 INK: Final = "#23272e"
 FAINT: Final = "#68717d"
@@ -86,9 +86,7 @@ def object_groups(semantic_map: SemanticMap, objects: Sequence[ObjectRecord]) ->
 
 def top_category(place: PlaceRecord) -> str | None:
     """IRI of the likeliest category of a place that has been viewed, else None."""
-    if not place.views or not place.beliefs:
-        return None
-    return max(place.beliefs, key=lambda category: (place.beliefs[category], category))
+    return likeliest(place.beliefs) if place.views else None
 
 
 def place_groups(semantic_map: SemanticMap, places: Sequence[PlaceRecord]) -> dict[str, Group]:

@@ -24,7 +24,7 @@ from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
-from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind
+from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind, likeliest
 from kg.rdf.literals import date_time, seconds
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
@@ -302,7 +302,7 @@ def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assert
     if assertion.property == "label":
         return replace(assertion, perceived=record.label)
     beliefs = record.beliefs
-    top = max(beliefs, key=lambda category: (beliefs[category], category), default=None)
+    top = likeliest(beliefs)
     strength = 0.0 if top is None else beliefs[top]
     updated = replace(assertion, perceived=top, strength=strength, beliefs=dict(beliefs))
     return _compared(updated, now)

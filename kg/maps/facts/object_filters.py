@@ -15,7 +15,7 @@ from pyoxigraph import NamedNode
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
-from kg.model.records import ObjectRecord, PlaceRecord
+from kg.model.records import ObjectRecord, PlaceRecord, likeliest
 from kg.rdf.literals import cells_of_disc
 from kg.rdf.quad_store import QuadStore
 
@@ -139,7 +139,5 @@ def is_believed(place: PlaceRecord, kinds: frozenset[str] | None, min_belief: fl
     if min_belief is not None:
         held = [b for kind, b in place.beliefs.items() if kinds is None or kind in kinds]
         return any(belief >= min_belief for belief in held)
-    if not place.beliefs:
-        return False
-    top = max(place.beliefs, key=lambda category: (place.beliefs[category], category))
-    return kinds is None or top in kinds
+    top = likeliest(place.beliefs)
+    return top is not None and (kinds is None or top in kinds)

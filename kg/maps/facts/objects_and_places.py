@@ -26,6 +26,7 @@ from kg.model.records import (
     DepartedRecord,
     ObjectRecord,
     PlaceRecord,
+    likeliest,
 )
 from kg.rdf.literals import (
     AXES,
@@ -148,8 +149,8 @@ class RecordCodec:
             facts.append((v.FROM_FLOOR, Literal(True)))
         beliefs = self.of_beliefs(record)
         facts += [(v.TOLD_BY, iri_node(iri, f"{what}: told by")) for iri in record.evidence_objects]
-        if (record.views or record.evidence_objects) and beliefs:
-            top = max(record.beliefs, key=lambda category: (record.beliefs[category], category))
+        top = likeliest(record.beliefs)
+        if (record.views or record.evidence_objects) and top is not None:
             facts.append((v.RDF_TYPE.value, NamedNode(top)))
         return subject_quads(record.iri, facts) + beliefs
 

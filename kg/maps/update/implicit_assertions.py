@@ -24,7 +24,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
-from kg.model.records import Assertion, PlaceRecord, Relation, RelationKind
+from kg.model.records import Assertion, PlaceRecord, Relation, RelationKind, likeliest
 from kg.rdf.literals import AXES, SIDES
 from kg.rdf.quad_store import Subject
 
@@ -94,7 +94,7 @@ def _category(
         _remove_linked(pending, subject, v.HAS_LABEL_BELIEF)
     else:
         beliefs = _beliefs(pending, subject)
-        top = max(beliefs, key=lambda c: (beliefs[c], c), default=None)
+        top = likeliest(beliefs)
         strength = 0.0 if top is None else beliefs[top]
         made = replace(made, perceived=top, strength=strength, beliefs=beliefs)
     contradicts = made.perceived is not None and made.perceived != value

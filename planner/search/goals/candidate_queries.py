@@ -18,6 +18,7 @@ from kg.history.timestamps import span
 from kg.knowledge.placement.table import PlacementTable
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
+from kg.model.records import likeliest
 from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.planning_map import (
     Place,
@@ -219,7 +220,7 @@ class CandidateQueries:
         self, index: int, place: Place, rooms: _Rooms, half_life: float, ground: PlanningMap
     ) -> Candidate:
         p, facts = rooms.of(place)
-        kind = max(place.beliefs, key=lambda kind: (place.beliefs[kind], kind), default=v.PLACE)
+        kind = likeliest(place.beliefs) or v.PLACE
         noticed = 0.0
         if place.views > 0:
             age = self._now - (place.last_seen if place.last_seen is not None else self._now)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -10,9 +9,15 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.records import PlaceRecord
+from kg.model.records import PlaceRecord, likeliest
 from kg.model.vocabulary import UNNAMED_THING
-from planner.freespace.planning_map import NUMBERED, SURE, plain_place
+from planner.freespace.planning_map import (
+    NUMBERED,
+    SURE,
+    distinct_kinds,
+    plain_place,
+    sure_kind,
+)
 
 _LISTED = 8  # places in a message
 _DETERMINERS = frozenset(
@@ -26,8 +31,10 @@ _UNNAMED = (
 
 def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
     """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the label of the place has it already."""
-    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    kind = plain_place(catalogue.label(top)) if top else ""
+    top = likeliest(place.beliefs)
+    if top is None:
+        return ""
+    kind = plain_place(catalogue.label(top))
     if not kind or kind.casefold() in place.label.casefold():
         return ""
     return f" ({kind})" if place.beliefs[top] >= SURE else f" (perhaps {kind})"
@@ -39,25 +46,18 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 
 
 def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
-    """What a sentence calls each place (by IRI): ``the kitchen``, or its label and kind.
+    """Names of places (by IRI) in sentences: ``the kitchen``, or the label and kind.
 
     A numbered place is called by its kind where that is sure, and no other place has it.
     """
     catalogue, places = semantic_map.catalogue, semantic_map.places()
-    kinds = {place.iri: _sure_kind(catalogue, place) for place in places}
-    count = Counter(kinds.values())
+    kinds = distinct_kinds([(p.label, sure_kind(p.beliefs, catalogue.label)) for p in places])
     return {
-        place.iri: f"the {kinds[place.iri]}"
-        if count[kinds[place.iri]] == 1 and kinds[place.iri] and NUMBERED.fullmatch(place.label)
+        place.iri: f"the {kind}"
+        if kind
         else in_words(catalogue, place.label) + in_brackets(catalogue, place)
-        for place in places
+        for place, kind in zip(places, kinds, strict=True)
     }
-
-
-def _sure_kind(catalogue: Catalogue, place: PlaceRecord) -> str:
-    """The everyday name of the category that a place is believed to be; "" where that is unsure."""
-    top = max(place.beliefs, key=lambda iri: (place.beliefs[iri], iri), default="")
-    return plain_place(catalogue.label(top)) if place.beliefs.get(top, 0.0) >= SURE else ""
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:
@@ -66,6 +66,8 @@ def in_words(catalogue: Catalogue, label: str) -> str:
     Labels take an article where their last word is a common noun, and no other word is before it
     that stands for one. Other names stay as people gave them.
     """
+    if NUMBERED.fullmatch(label):
+        return label
     first, *_, last = label.split() * 2 or ["", ""]
     is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
     determined = first in _DETERMINERS or "'" in label
