@@ -84,11 +84,12 @@ DOORS: dict[str, Callable[[House, str], str]] = {
 }
 
 
-@pytest.mark.parametrize("door", DOORS)
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(
+    ("door", "form"),
+    # a question has words
+    [(door, form) for form in FORMS for door in DOORS if (door, form) != ("question", "IRI")],
+)
 def test_each_form_of_a_name_means_one_thing(house: House, door: str, form: str) -> None:
-    if door == "question" and form == "IRI":
-        pytest.skip("a question has words")
     name = house.map.base + CUP if form == "IRI" else form
     found = DOORS[door](house, name)
     assert found.removeprefix(house.map.base) == CUP

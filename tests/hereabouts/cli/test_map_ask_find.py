@@ -164,7 +164,7 @@ def test_a_plan_is_drawn_also_by_the_option_of_before(
     prints("plot", mapped, "-o", by_plot, "--find", "banana", *begin, "2030-01-01")
     prints("find", mapped, "banana", *begin, "2030-01-01", "--picture", by_find)
     assert by_plot.read_bytes() == by_find.read_bytes()
-    prints("plot", mapped, "-o", by_plot, "--find", "banana", *begin, "map")
+    prints("plot", mapped, "-o", by_plot, "--find=banana", *begin, "map")
     assert by_plot.read_bytes() != by_find.read_bytes()
     assert "finds it with" in by_plot.read_text() and "after" in by_plot.read_text()
 

@@ -265,7 +265,7 @@ TEXT = st.text(max_size=40) | st.sampled_from(
 
 
 @settings(
-    max_examples=8,
+    max_examples=20,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

@@ -54,6 +54,7 @@ EVALUATED, PARSED = 589, 310
 #: of other protocols, and what calls out
 LEFT_OUT = {"service", "syntax-fed", "protocol", "http-rdf-update"}
 LEFT_OUT |= {"graph-store-protocol", "service-description"}
+ACCEPTED = "application/sparql-results+json, application/n-triples"
 #: a graph that there is not
 NOTHING = "urn:w3c:nothing"
 
@@ -197,12 +198,18 @@ def rows_of(results: dict[str, Any]) -> Counter[str]:
     return Counter(json.dumps(row, sort_keys=True) for row in rows)
 
 
-def response_of(endpoint: str, session: requests.Session, case: Case) -> object:
-    """What the server answers, in the same form."""
+def asked(
+    endpoint: str, session: requests.Session, case: Case, accept: str = ACCEPTED
+) -> requests.Response:
+    """The server's answer in one of the formats of `accept`."""
     default, named = graphs_of(case)
     given = {"query": case.text, "default-graph-uri": default, "named-graph-uri": named}
-    accept = "application/sparql-results+json, application/n-triples"
-    answer = session.post(f"{endpoint}sparql", data=given, headers={"Accept": accept})
+    return session.post(f"{endpoint}sparql", data=given, headers={"Accept": accept})
+
+
+def response_of(endpoint: str, session: requests.Session, case: Case) -> object:
+    """What the server answers, in the same form."""
+    answer = asked(endpoint, session, case)
     if answer.status_code != 200:
         assert answer.status_code == 400, (answer.status_code, answer.text)
         return None
@@ -322,15 +329,8 @@ def number(text: str) -> Literal:
 
 def agrees(endpoint: str, session: requests.Session, case: Case, suites: Path) -> bool:
     """Whether the server's answer is the one that the W3C expects."""
-    default, named = graphs_of(case)
-    given = {"query": case.text, "default-graph-uri": default, "named-graph-uri": named}
     path = suites / case.result
-    accept = (
-        "text/csv"
-        if path.suffix == ".csv"
-        else ("application/sparql-results+json, application/n-triples")
-    )
-    answer = session.post(f"{endpoint}sparql", data=given, headers={"Accept": accept})
+    answer = asked(endpoint, session, case, "text/csv" if path.suffix == ".csv" else ACCEPTED)
     if case.syntax:
         return (answer.status_code == 200) != ("Negative" in case.kind)
     if answer.status_code != 200:
