@@ -20,7 +20,7 @@ ACCEPTED = re.compile(
     r"|0BSD|LGPL|Lesser General Public|EPL|Eclipse|W3C|Matplotlib|Academic Free)",
     re.IGNORECASE,
 )
-#: what distributions that say too little say in their repositories
+#: licences in the repositories of distributions whose metadata name none
 KNOWN = {
     "apsw": "zlib licence or any OSI licence",
     "axe-playwright-python": "MIT",
@@ -32,27 +32,26 @@ KNOWN = {
 def closure(name: str, extras: set[str]) -> dict[str, metadata.Distribution]:
     """The distributions that one needs, by name, as far as they are installed."""
     found: dict[str, metadata.Distribution] = {}
-    asked = [(name, extras)]
+    asked, known = [(name, frozenset(extras))], set[tuple[str, frozenset[str]]]()
     while asked:
-        name, extras = asked.pop()
+        name, wanted = asked.pop()
         key = canonicalize_name(name)
+        if (key, wanted) in known:
+            continue
+        known.add((key, wanted))
         try:
-            one = found.setdefault(key, metadata.distribution(name))
+            found[key] = metadata.distribution(name)
         except metadata.PackageNotFoundError:
             continue  # of an extra that is not installed
-        for text in one.requires or ():
-            need = Requirement(text)
-            scopes = [{"extra": extra} for extra in extras or {""}]
-            wanted = need.marker is None or any(need.marker.evaluate(scope) for scope in scopes)
-            if wanted and (canonicalize_name(need.name) not in found or need.extras):
-                if canonicalize_name(need.name) == key and need.extras <= extras:
-                    continue
-                asked.append((need.name, set(need.extras)))
+        for need in map(Requirement, found[key].requires or ()):
+            scopes = [{"extra": extra} for extra in wanted or {""}]
+            if need.marker is None or any(need.marker.evaluate(scope) for scope in scopes):
+                asked.append((need.name, frozenset(need.extras)))
     return found
 
 
 def licence(one: metadata.Distribution) -> str:
-    """What a distribution says of its licence: expression, classifiers, or the first line."""
+    """Licence of a distribution by its metadata: expression, classifiers, or text."""
     about = one.metadata
     if known := KNOWN.get(canonicalize_name(about["Name"])):
         return known

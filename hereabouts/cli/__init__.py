@@ -164,9 +164,14 @@ def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) 
 
 def _renamed(words: Sequence[str]) -> Sequence[str]:
     """The words of a command by the names that it has now, which are told."""
+    parts = [  # --find=banana is --find banana
+        part
+        for word in words[1:]
+        for part in (word.split("=", 1) if word.startswith("--") else (word,))
+    ]
     for (command, option), (now, options) in _RENAMED.items():
-        if words[0] == command and option in ("", *words):
-            rest = [options.get(word, word) for word in words[1:]]
+        if words[0] == command and option in ("", *parts):
+            rest = [options.get(part, part) for part in parts]
             rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
             new = [now, *filter(None, rest)]
             note = f"`hereabouts {command}{' ' * bool(option)}{option}` goes; write `hereabouts "
