@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
 from hereabouts.cli.text_table import printable, text_blocks, text_table
-from kg.model.vocabulary import GRAPH, HERE, PREFIXES
+from kg.model.vocabulary import shorten
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -159,28 +159,6 @@ def progress(description: str = "[progress.description]{task.description}") -> P
         transient=False,
         disable=not sys.stderr.isatty(),
     )
-
-
-def shorten(iri: str) -> str:
-    """An IRI as people read it: ``here:Chair``, ``object/17``; other text unchanged.
-
-    >>> shorten("https://w3id.org/hereabouts#Chair")
-    'here:Chair'
-    """
-    if not iri.startswith(("http://", "https://", "urn:")):
-        return iri
-    for prefix, namespace in PREFIXES.items():
-        if iri.startswith(namespace) and namespace not in (HERE, GRAPH):
-            return f"{prefix}:{iri[len(namespace) :]}"
-    if iri.startswith(HERE):
-        return f"here:{iri[len(HERE) :]}"
-    if iri.startswith(GRAPH):
-        return f"graph:{iri[len(GRAPH) :]}"
-    parts = iri.split("/")
-    for kind in ("object", "place", "observation", "recording", "search"):
-        if kind in parts:
-            return "/".join(parts[parts.index(kind) :])
-    return iri
 
 
 def _styled(text: str, style: str, stream: TextIO) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hereabouts.cli.arguments import add_json
-from hereabouts.cli.console import note, print_table, progress, shorten, write_json
+from hereabouts.cli.console import note, print_table, progress, write_json
+from kg.model.vocabulary import shorten
 
 if TYPE_CHECKING:
     from kg.knowledge.conceptnet.importing import ConceptNetImport

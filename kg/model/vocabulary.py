@@ -350,3 +350,25 @@ def curie(iri: str) -> str:
 def local_name(iri: str) -> str:
     """Local name of an IRI: the text after its last ``#``, ``/`` or ``:``."""
     return re.split("[#/:]", iri)[-1]
+
+
+def shorten(iri: str) -> str:
+    """An IRI as people read it: ``here:Chair``, ``object/17``; other text unchanged.
+
+    >>> shorten("https://w3id.org/hereabouts#Chair")
+    'here:Chair'
+    """
+    if not iri.startswith(("http://", "https://", "urn:")):
+        return iri
+    for prefix, namespace in PREFIXES.items():
+        if iri.startswith(namespace) and namespace not in (HERE, GRAPH):
+            return f"{prefix}:{iri[len(namespace) :]}"
+    if iri.startswith(HERE):
+        return f"here:{iri[len(HERE) :]}"
+    if iri.startswith(GRAPH):
+        return f"graph:{iri[len(GRAPH) :]}"
+    parts = iri.split("/")
+    for kind in ("object", "place", "observation", "recording", "search"):
+        if kind in parts:
+            return "/".join(parts[parts.index(kind) :])
+    return iri

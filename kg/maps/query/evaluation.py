@@ -150,12 +150,10 @@ def _literal_value(text: str, datatype: str) -> Value:
 
 
 def _short(cell: Value) -> str:
-    """A cell for reading: IRIs by their ends, times to the second."""
+    """A cell for reading: IRIs in short, times to the second."""
     if isinstance(cell, datetime):
         return f"{cell:%Y-%m-%d %H:%M:%S}"
-    text = "" if cell is None else str(cell)
-    if text.startswith("http") and "/maps/" in text:
-        text = "/".join(text.rsplit("/", 2)[-2:])
+    text = "" if cell is None else v.shorten(str(cell))
     return " ".join(text.split())[:60]
 
 
