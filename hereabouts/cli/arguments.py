@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from kg.model.errors import QueryParameterError
-from kg.model.platforms import end_within
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -126,6 +125,8 @@ def end_at_latest() -> None:
 
     A map loses nothing by that: each transaction is in its history before it is acknowledged.
     """
+    from kg.model.platforms import end_within
+
     end_within(END_WITHIN)
 
 

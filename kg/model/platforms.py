@@ -10,11 +10,10 @@ import os
 import signal
 import sys
 from pathlib import Path
-from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
-fcntl: ModuleType | None
-resource: ModuleType | None
+fcntl: Any
+resource: Any  # None where a system has no limits of processes
 try:
     import fcntl
 except ImportError:  # Windows

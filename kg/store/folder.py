@@ -55,7 +55,7 @@ def announce(path: Path, name: str) -> None:
 
 
 def announced(path: Path) -> str | None:
-    """What the writer of a map has announced; None in a folder of another user."""
+    """Announcement of the writer of a map; None in a folder of another user."""
     file = path / "lock"
     try:
         if {path.stat().st_uid, file.lstat().st_uid} != {user()}:

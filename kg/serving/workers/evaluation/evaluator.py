@@ -48,6 +48,7 @@ from kg.model.errors import (
     NotAcceptableError,
     QueryTooLargeError,
 )
+from kg.model.platforms import resource
 from kg.rdf.literals import XmlPieces, is_xml
 from kg.rdf.sparql import extension_functions
 from kg.rdf.sparql.order_by import with_total_order
@@ -61,9 +62,6 @@ from kg.rdf.sparql.vetting import (
 )
 from kg.serving.workers.isolation.confinement import confine
 from kg.store.disk_space import is_disk_full
-
-with contextlib.suppress(ImportError):  # Windows, where no worker starts
-    import resource
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import PastStates
