@@ -114,7 +114,7 @@ def _connection(source: str) -> Connection | None:
         return Ros2Domain.at(source)
     if scheme in extensions(CONNECTIONS):
         require_ros(source, "rosbags")
-        from perception.sources.live.extension_connection import AddedConnection
+        from perception.sources.live.connection import AddedConnection
 
         return AddedConnection.at(source)
     if scheme in ("ws", "wss"):

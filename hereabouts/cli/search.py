@@ -174,7 +174,7 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if is_ros1(arguments.robot):
         return open_ros1_robot(arguments.robot, ros1_options(arguments))
     if _scheme(arguments.robot) in extensions(ROBOTS):
-        from planner.execution.transports.extension_robot import AddedRobot
+        from planner.execution.robot import AddedRobot
 
         return AddedRobot(arguments.robot)
     if arguments.robot.startswith("http"):

@@ -210,3 +210,8 @@ def did_you_mean(given: str, known: Iterable[str], shown: Mapping[str, str] | No
     names = {name.lower(): (shown or {}).get(name, name) for name in reversed(list(known))}
     close = difflib.get_close_matches(given.lower(), names, n=1, cutoff=0.6)
     return f"; did you mean {names[close[0]]}?" if close else ""
+
+
+def in_one_line(error: object) -> str:
+    """The message of an error of somebody else's code in one line; its type where it has none."""
+    return " ".join(str(error).split()) or type(error).__name__

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from kg.model.errors import RecordingError
+from kg.model.errors import RecordingError, in_one_line
 from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
 from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
@@ -267,7 +267,7 @@ def _errors(path: Path | str, what: str = "") -> Iterator[None]:
     except RecordingError:
         raise
     except Exception as error:  # rosbags parses hostile bytes and asserts much
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = in_one_line(error)
         if "Storage plugin" in reason:  # of rosbags
             reason = (
                 f"{reason.partition(';')[0]}; sqlite3 and mcap are read, which `ros2 bag convert` "

@@ -5,13 +5,15 @@ from __future__ import annotations
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.errors import HereaboutsError, RecordingError, in_one_line
+from kg.model.extensions import CONNECTIONS, load_extension
 from perception.camera.image_decoding import metres
 from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.bags.bag_index import IMAGES
@@ -50,6 +52,60 @@ class Connection(Protocol):
         """
 
 
+Wanted = Callable[[Mapping[str, str]], set[str]]
+Offer = Callable[[str, str, int, bytes], None]
+
+
+class ExtensionConnection(Protocol):
+    """Connection of an entry point of `hereabouts.connections`, for an address such as ``zmq://HOST``.
+
+    `wanted` takes the topics that there are, name -> type such as sensor_msgs/msg/Image, and
+    returns those that are used. `offer` takes topic, type, time [ns] and the message as ROS 2
+    serialises it (CDR); any thread may call it. `run` returns once `ended` is set, or at the end of
+    what is played.
+    """
+
+    def run(self, wanted: Wanted, offer: Offer, ended: threading.Event) -> None:
+        """Offer messages until `ended` is set."""
+
+
+@dataclass(frozen=True, slots=True)
+class AddedConnection:
+    """A connection of an extension; `run` raises RecordingError where the extension fails."""
+
+    address: str
+    own: Any
+
+    @classmethod
+    def at(cls, address: str) -> AddedConnection:
+        """The connection to an address whose scheme an extension has added."""
+        opened: Any = load_extension(CONNECTIONS, address.partition("://")[0], object)
+        try:
+            own = opened(address)
+        except Exception as error:
+            raise _failed(address, error) from error
+        if not callable(getattr(own, "run", None)):
+            raise RecordingError(f"{address}: its extension gives no connection with `run`")
+        return cls(address, own)
+
+    def run(self, inbox: Inbox, ended: threading.Event) -> None:
+        """Pass messages to `inbox` until `ended`."""
+
+        def offer(topic: str, kind: str, time: int, data: bytes) -> None:
+            inbox.offer(RawMessage(topic, kind, time, data, "cdr"), is_ros1=False)
+
+        try:
+            self.own.run(inbox.wanted, offer, ended)
+        except Exception as error:
+            raise _failed(self.address, error) from error
+
+
+def _failed(address: str, error: Exception) -> HereaboutsError:
+    if isinstance(error, HereaboutsError):
+        return error
+    return RecordingError(f"{address}: {in_one_line(error)}")
+
+
 def max_size(type_: str) -> int:
     """Size [bytes] above which a message of that type is refused."""
     return MAX_IMAGE if type_ in IMAGES else MAX_OTHER
@@ -71,7 +127,7 @@ class Retry:
 
     def failed(self, error: object) -> None:
         """Warn of the error, and wait."""
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = in_one_line(error)[:200]
         if (self._where, reason) not in self._warned and len(self._warned) < MAX_WARNINGS:
             _log.warning("%s: %s; trying again", self._where, reason)
             self._warned.add((self._where, reason))
