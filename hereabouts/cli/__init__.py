@@ -13,6 +13,7 @@ import argparse
 import importlib
 import os
 import re
+import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
@@ -21,8 +22,14 @@ from pathlib import Path
 from typing import NoReturn
 
 from hereabouts.cli.arguments import join_signed
-from hereabouts.cli.console import printable
-from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError, did_you_mean
+from hereabouts.cli.console import name_map, printable, with_map
+from kg.model.errors import (
+    ExtensionError,
+    HereaboutsError,
+    MapNotFoundError,
+    RecordingError,
+    did_you_mean,
+)
 
 #: command modules, in the order `hereabouts --help` lists them
 COMMANDS = (
@@ -186,11 +193,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = argparse.Namespace()
     try:
         arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
+        if isinstance(address := getattr(arguments, "map", None), str):
+            name_map(address)
         _check_outputs(arguments)
         return int(arguments.run(arguments))
     except HereaboutsError as error:
-        text = printable(" ".join(str(error).split()))
-        print(f"error: {text}{_swapped(arguments, error)}", file=sys.stderr)  # noqa: T201
+        text = _map_as_recording(arguments, error) or f"{error}{_swapped(arguments, error)}"
+        print(f"error: {with_map(printable(' '.join(text.split())))}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:
         # the reader of stdout ended (| head); Python must not flush at its exit
@@ -210,6 +219,14 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
         for path in paths:
             check_outside_maps(path)
+
+
+def _map_as_recording(arguments: argparse.Namespace, error: HereaboutsError) -> str:
+    """What to tell if a map was given in place of a recording."""
+    recording = str(getattr(arguments, "recording", ""))
+    if not isinstance(error, RecordingError) or not (Path(recording) / "store").is_dir():
+        return ""
+    return f"{recording} is a map; `hereabouts describe {shlex.quote(recording)}` shows it"
 
 
 def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:

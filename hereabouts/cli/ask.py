@@ -13,7 +13,16 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import MAP_HELP, add_at, moment_of, name_value, plain_value
-from hereabouts.cli.console import counted, json_value, note, print_table, write, write_json
+from hereabouts.cli.console import (
+    counted,
+    json_value,
+    note,
+    print_table,
+    with_map,
+    without_details,
+    write,
+    write_json,
+)
 from hereabouts.cli.name import note_unnamed
 from kg.model.errors import QueryParameterError
 
@@ -69,6 +78,11 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_const", const="json", dest="format", help="as --format json"
     )
+    parser.add_argument(
+        "--explain",
+        action="store_true",
+        help="print all columns, and behind an answer in words the query that has the facts",
+    )
     add_at(parser)
 
 
@@ -90,8 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
         _note_frames(semantic_map)
         if _is_plain(semantic_map, arguments):
             return _answer_plainly(semantic_map, arguments, opened)
-        answer = _ask(semantic_map, arguments, parameters, opened)
-        _print(answer, arguments.format)
+        answer, shipped = _ask(semantic_map, arguments, parameters, opened)
+        _print(answer, arguments, shipped=shipped)
         if arguments.format == "table" and arguments.at is None and arguments.question in _LISTS:
             place = parameters.get("place")
             where = None if place is None else semantic_map.resolve("place", str(place))
@@ -159,10 +173,11 @@ def _answer_plainly(
         raise QueryParameterError(
             f"an answer in words is no {arguments.format}; the same facts: {answer.command}"
         )
-    write("\n".join(answer.lines))
+    write(with_map("\n".join(answer.lines)))
     if answer.rows:
-        print_table(answer.columns, answer.rows)
-    if answer.command:
+        table = answer.columns, answer.rows
+        print_table(*(table if arguments.explain else without_details(*table)))
+    if answer.command and arguments.explain:
         note(answer.command)
     return 0
 
@@ -172,8 +187,8 @@ def _ask(
     arguments: argparse.Namespace,
     parameters: Mapping[str, object],
     opened: ExitStack,
-) -> Table:
-    """The answer; a query that is not shipped is evaluated in an isolated process."""
+) -> tuple[Table, bool]:
+    """The answer, and whether its query is shipped; another one runs in an isolated process."""
     from kg.maps.query.query_files import inline_query, resolve_query
     from kg.store.sparql_client import is_url
 
@@ -190,12 +205,14 @@ def _ask(
     if not question.shipped and not is_url(arguments.map or ""):
         from kg.serving.workers.local_evaluation import query_isolated
 
-        return query_isolated(
+        answer = query_isolated(
             semantic_map, question, parameters, at=arguments.at, language=arguments.language
         )
+        return answer, False
     if arguments.at is not None:
         semantic_map = opened.enter_context(semantic_map.at(arguments.at))
-    return semantic_map.query(question, language=arguments.language, **parameters)
+    answer = semantic_map.query(question, language=arguments.language, **parameters)
+    return answer, question.shipped
 
 
 def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
@@ -208,11 +225,13 @@ def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
             note(meaning.note)
 
 
-def _print(answer: Table, form: str) -> None:
+def _print(answer: Table, arguments: argparse.Namespace, *, shipped: bool) -> None:
+    """Print an answer; a table has the details of a shipped query only with `--explain`."""
     for line in answer.notes:
         note(line)
-    if form != "table":
-        write(answer.serialise(form))
+    if arguments.format != "table":
+        write(answer.serialise(arguments.format))
         return
-    print_table(answer.columns, answer.rows)
+    table = answer.columns, answer.rows
+    print_table(*(without_details(*table) if shipped and not arguments.explain else table))
     note(counted(len(answer.rows), "row"))

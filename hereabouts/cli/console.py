@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import sys
 import unicodedata
@@ -26,6 +28,10 @@ if TYPE_CHECKING:
 
 _MIN_WIDTH: Final = 3  # columns of a terminal that a folded cell keeps
 _RULE: Final = "─"
+#: columns of shipped answers that a table shows only where details are asked for
+DETAILS: Final = frozenset(("confidence", "observations", "close by", "noticed"))
+_HINT: Final = re.compile(r"(hereabouts [a-z]+) MAP\b")
+_map_in_hints = ["MAP"]  # the map of this command, quoted for a shell
 _DIRECTIONS: Final = "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 
 
@@ -130,6 +136,16 @@ def printable(text: str) -> str:
     return "\n".join(kept)
 
 
+def name_map(address: str) -> None:
+    """Let the commands in hints of this process name that map, so that they can be copied."""
+    _map_in_hints[0] = shlex.quote(address)
+
+
+def with_map(text: str) -> str:
+    """The text, in which commands name the map of this one instead of MAP."""
+    return _HINT.sub(lambda found: f"{found[1]} {_map_in_hints[0]}", text)
+
+
 # wide enough that a table piped into a file or pager is not squeezed into 80 columns
 _PIPE_WIDTH = 200
 
@@ -150,7 +166,7 @@ def err() -> Console:
 
 def note(message: str) -> None:
     """A line on stderr, dim where colours are on."""
-    print(_styled(printable(message), "2", sys.stderr), file=sys.stderr)  # noqa: T201
+    print(_styled(printable(with_map(message)), "2", sys.stderr), file=sys.stderr)  # noqa: T201
 
 
 def notes_of(change: ChangeSet | None, *, shown: bool) -> dict[str, list[str]]:
@@ -229,6 +245,14 @@ def print_table(
         heading(title)
     text = text_table(columns, cells, right, width) if width >= 80 else text_blocks(columns, cells)
     write(f"\n{text}\n")
+
+
+def without_details(
+    columns: Sequence[str], rows: Iterable[Sequence[object]]
+) -> tuple[Sequence[str], list[Sequence[object]]]:
+    """Columns and rows of a table without the columns of `DETAILS`."""
+    kept = [number for number, name in enumerate(columns) if name not in DETAILS]
+    return [columns[n] for n in kept], [[row[n] for n in kept] for row in rows]
 
 
 def print_rows(columns: Sequence[str], rows: Sequence[Sequence[object]], *, as_json: bool) -> None:

@@ -1,6 +1,7 @@
 """List the changes of one thing, each with its time and author.
 
-Each line is a transaction, the oldest first.
+Each line is a transaction, the oldest first. Counters, and corrections within the uncertainty of
+what was told before, are left out; --explain lists every changed fact.
 
 example: hereabouts log kitchen.map object/17
 """
@@ -8,6 +9,7 @@ example: hereabouts log kitchen.map object/17
 from __future__ import annotations
 
 import argparse
+from datetime import UTC, datetime
 
 from hereabouts.cli.arguments import add_json, add_map, count
 from hereabouts.cli.console import note, print_table, write_json
@@ -21,6 +23,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         help="object/17, a label such as 'cup 2', place/1, robot, or an IRI",
     )
     parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
+    parser.add_argument("--explain", action="store_true", help="list every changed fact")
     add_json(parser)
 
 
@@ -32,7 +35,9 @@ def run(arguments: argparse.Namespace) -> int:
     with open_map(arguments.map, read_only=True) as semantic_map:
         thing = thing_named(semantic_map, arguments.thing)
         entries = list(semantic_map.history.events(thing))
-    shown = entries if arguments.last is None else entries[len(entries) - arguments.last :]
+    whole = arguments.explain or arguments.json
+    shown = [entry for entry in entries if whole or entry.told]
+    shown = shown if arguments.last is None else shown[len(shown) - arguments.last :]
     if arguments.json:
         write_json(
             [
@@ -43,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
                     "by": entry.cause.by,
                     "note": entry.cause.note,
                     "changes": list(entry.changes),
+                    "told": list(entry.told),
                 }
                 for entry in shown
             ]
@@ -51,9 +57,16 @@ def run(arguments: argparse.Namespace) -> int:
     print_table(
         ("#", "time", "cause", "by", "change"),
         [
-            (e.sequence, iso(e.time), f"{e.cause.kind} {e.cause.note}", e.cause.by or "", e.words)
+            (
+                e.sequence,
+                datetime.fromtimestamp(e.time, UTC),
+                f"{e.cause.kind} {e.cause.note}",
+                e.cause.by or "",
+                e.words if arguments.explain else ", ".join(e.told),
+            )
             for e in shown
         ],
     )
-    note(f"{len(shown)} of {len(entries)} changes")
+    more = "" if arguments.explain else "; --explain lists every changed fact"
+    note(f"{len(shown)} of {len(entries)} changes{more}")
     return 0

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import add_json, add_map
-from hereabouts.cli.console import json_value, print_table, write, write_json
+from hereabouts.cli.console import json_value, print_table, without_details, write, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -31,17 +31,22 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--in", dest="place", metavar="PLACE", help="only in this place: label, number or IRI"
     )
+    parser.add_argument(
+        "--explain", action="store_true", help="print also what was seen close by, and the chances"
+    )
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
+    from planner.search.goals.place_names import spoken_places
     from planner.search.goals.status import status
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         found = status(semantic_map, arguments.object, arguments.place)
         doubted = _doubted(semantic_map, found, arguments.place)
         lines = _perhaps(semantic_map, found, doubted, arguments)
+        called = spoken_places(semantic_map)
     if arguments.json:
         plain = {name: json_value(value) for name, value in asdict(found).items()}
         write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})
@@ -50,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     for line in lines:
         write(f"{line}.")
     if found.places:
-        print_table(
+        table = (
             (
                 "place",
                 "status",
@@ -64,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             ),
             [
                 (
-                    one.place_label,
+                    called.get(one.place or "", one.place_label).removeprefix("the "),
                     one.value,
                     one.label,
                     one.existence,
@@ -77,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
                 for one in found.places
             ],
         )
+        print_table(*(table if arguments.explain else without_details(*table)))
     return 0
 
 

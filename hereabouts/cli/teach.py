@@ -10,8 +10,6 @@ recordings of the map name an object that looks like it. A mark on the thing (--
 certain.
 
 example: hereabouts teach home.map place/2 kitchen --images photographs/kitchen
-
-`hereabouts teach MAP thing NAME PICTURES...`: a thing taught by pictures, a mark or both.
 """
 
 from __future__ import annotations

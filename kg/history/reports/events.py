@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.history.replay.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
@@ -21,6 +22,16 @@ from kg.model.transactions import Cause
 from kg.rdf.quad_store import Term
 
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
+_FARTHER: Final = 0.1  # [m] from where a thing was told to be, below which it has not moved
+_SURER: Final = 0.2  # change of existence that is told
+_NUMBERS: Final = (v.X, v.Y, v.EXISTENCE, v.DEVIATION)
+_STATED: Final = {
+    v.IN_PLACE: "in",
+    v.ON: "on",
+    v.INSIDE: "inside",
+    v.RDFS_LABEL: "called",
+    v.SEARCH_STATE: "",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +42,9 @@ class HistoryEvent:
     time: float  # [s] since 1970-01-01 UTC
     cause: Cause
     changes: tuple[str, ...]  # in words, e.g. "x 1.20 -> 1.23"
+    #: what a person would tell of them; () where they are counters and corrections within the
+    #: uncertainty of what was told before
+    told: tuple[str, ...] = ()
 
     @property
     def words(self) -> str:
@@ -57,11 +71,72 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
             f"the history knows nothing of {short(iri, base)}; "
             "`hereabouts ask MAP objects` lists what there is"
         )
+    telling = _Telling(iri, base)
     for sequence, changes in sorted(found.items()):
         commit = log.commit(sequence)
         if commit is not None:
             lines = tuple(text for change in changes for text in _words(change, base))
-            yield HistoryEvent(sequence, commit.time, commit.cause, lines)
+            told = tuple(text for change in changes for text in telling.of(change))
+            yield HistoryEvent(sequence, commit.time, commit.cause, lines, told)
+
+
+class _Telling:
+    """Tells the changes of one thing that matter, beside what it has told before."""
+
+    def __init__(self, iri: NamedNode, base: str) -> None:
+        self._iri, self._base = iri, base
+        self._at: tuple[float, ...] = ()  # [m] where the thing was told to be
+        self._existence = math.nan  # as told
+        self._numbers: dict[str, float] = {}  # present values
+
+    def of(self, change: ChangeLines) -> Iterator[str]:
+        """What a change of the thing's own facts tells, in words."""
+        removed_quads, added_quads = (quads_of(side) for side in change)
+        if (removed_quads + added_quads)[0].subject != self._iri:
+            return
+        removed, added = _by_predicate(removed_quads), _by_predicate(added_quads)
+        if v.RDF_TYPE in removed and _DEPARTED in added.get(v.RDF_TYPE, ()):
+            yield "left where it stood"
+            return
+        if v.RDF_TYPE in removed and v.RDF_TYPE not in added:
+            yield "removed"
+            return
+        self._numbers |= {
+            predicate.value: float(values[0].value)
+            for predicate, values in added.items()
+            if isinstance(predicate, NamedNode)
+            and predicate.value in _NUMBERS
+            and isinstance(values[0], Literal)
+        }
+        yield from self._kind(removed, added)
+        yield from self._numbers_told()
+        for predicate, words in _STATED.items():
+            now = added.get(NamedNode(predicate), [])
+            gone = removed.get(NamedNode(predicate), []) if not now else []
+            yield from (f"{words} {short(value, self._base)}".strip() for value in now)
+            yield from (f"no longer {words} {short(value, self._base)}" for value in gone)
+
+    def _kind(
+        self, removed: dict[Term, list[Term]], added: dict[Term, list[Term]]
+    ) -> Iterator[str]:
+        for kind in added.get(v.RDF_TYPE, ()):
+            yield f"a {word(kind)} now" if v.RDF_TYPE in removed else f"new: {word(kind)}"
+
+    def _numbers_told(self) -> Iterator[str]:
+        x, y, existence = (self._numbers.get(name, math.nan) for name in (v.X, v.Y, v.EXISTENCE))
+        reach = max(_FARTHER, self._numbers.get(v.DEVIATION, 0.0))
+        if math.isfinite(x + y) and not (self._at and math.dist(self._at, (x, y)) <= reach):
+            moved = f"moved {math.dist(self._at, (x, y)):.2f} m, " if self._at else ""
+            self._at = (x, y)
+            yield f"{moved}at ({x:.2f}, {y:.2f}) m"
+        if math.isfinite(existence) and not self._is_as_told(existence):
+            self._existence = existence
+            yield f"there with {100 * existence:.0f} %"
+
+    def _is_as_told(self, existence: float) -> bool:
+        """Whether an existence is near the one told, and on its side of an even chance."""
+        same_side = (existence >= 0.5) == (self._existence >= 0.5)
+        return same_side and abs(existence - self._existence) < _SURER
 
 
 def _words(change: ChangeLines, base: str) -> Iterator[str]:

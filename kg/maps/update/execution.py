@@ -1,7 +1,7 @@
 """Evaluation of SPARQL Update to ground quads: the quads that each operation deletes and inserts.
 
 Evaluation writes nothing, so that the result can be validated and committed as one transaction. It
-may run in another process than the writer (`kg.serving.workers.evaluation.tasks`). The engine
+may run in another process than the writer (`kg.serving.workers.evaluation.ingestion`). The engine
 parses every part and evaluates every WHERE; this module instantiates the templates (SPARQL 1.1
 Update, sections 3.1 and 4.1). A triple without GRAPH belongs to graph:map; a WHERE without WITH or
 USING reads the union of all graphs, as queries do.

@@ -120,13 +120,15 @@ def entry_to_json(entry: HistoryEvent) -> Json:
         "time": iso(entry.time),
         **cause_to_json(entry.cause),
         "changes": list(entry.changes),
+        "told": list(entry.told),
     }
 
 
 def entry_from_json(data: Mapping[str, Any]) -> HistoryEvent:
     """The inverse of `entry_to_json`."""
+    told, changes = tuple(data.get("told", data["changes"])), tuple(data["changes"])
     return HistoryEvent(
-        data["sequence"], moment(data["time"]), cause_from_json(data), tuple(data["changes"])
+        data["sequence"], moment(data["time"]), cause_from_json(data), changes, told
     )
 
 

@@ -195,7 +195,7 @@ class QueryPool:
         asker: Asker = ANYONE,
         **options: object,
     ) -> Answer:
-        """A report on the history: "log", "diff" or "why" (`evaluation.tasks`).
+        """A report on the history: "log", "diff" or "why" (`evaluation.history_tasks`).
 
         Raises as `run_async`; HistoryError if the map keeps no history.
         """

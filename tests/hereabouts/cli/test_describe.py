@@ -122,3 +122,14 @@ def test_names_of_before_are_understood_and_the_new_ones_told(
     assert told.err.startswith(f"`hereabouts {words[0]}` goes; write `hereabouts {' '.join(then)}`")
     assert main(then) == code
     assert capsys.readouterr().out == told.out
+
+
+def test_a_map_in_place_of_a_recording_is_told(flat: Path, fails: Callable[..., str]) -> None:
+    for words in (("info", flat), ("map", flat, "--into", flat.parent / "other.map")):
+        assert f"is a map; `hereabouts describe {flat}` shows it" in fails(*words)
+
+
+def test_commands_in_hints_name_the_map(flat: Path, fails: Callable[..., str]) -> None:
+    assert f"`hereabouts ask {flat} objects`" in fails("log", flat, "object/9")
+    spaced = flat.rename(flat.with_name("my flat.map"))
+    assert f"`hereabouts ask '{spaced}' objects`" in fails("log", spaced, "object/9")

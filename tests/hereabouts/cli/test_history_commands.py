@@ -41,7 +41,10 @@ def test_the_past_of_a_map(mapped: Path, prints: Prints) -> None:
     assert [entry["sequence"] for entry in robot][:2] == [1, 2]
     assert len(json.loads(prints("log", mapped, "robot", "--json", "--last", 3))) == 3
     assert json.loads(prints("log", mapped, "robot", "--json", "--last", 0)) == []
-    assert "frame kitchen/frame-000224" in prints("log", mapped, "robot")
+    assert "frame kitchen/frame-000224" in prints("log", mapped, "robot", "--explain")
+    brief = prints("log", mapped, "object/1")
+    assert "observation count" not in brief and "new: " in brief
+    assert "observation count" in prints("log", mapped, "object/1", "--explain")
     earlier = json.loads(prints("ask", mapped, "robot", "--format", "json", "--at", "#2"))
     timed = json.loads(prints("ask", mapped, "robot", "--format", "json", "--at", robot[1]["time"]))
     latest = json.loads(prints("ask", mapped, "robot", "--format", "json"))

@@ -13,6 +13,8 @@ import pyoxigraph
 import pytest
 from pyoxigraph import RdfFormat
 
+from hereabouts.cli import main
+
 Prints = Callable[..., str]
 Shared = Callable[[str], Path]
 CHAIR = "https://w3id.org/hereabouts#Chair"
@@ -81,6 +83,22 @@ def test_answers_come_in_every_format(lab: Path, prints: Prints) -> None:
     )
     triples = list(pyoxigraph.parse(turtle, format=RdfFormat.TURTLE))
     assert len(triples) == 2 * sum(row["category"] == "chair" for row in rows)
+
+
+def test_a_table_has_details_only_where_they_are_asked_for(
+    lab: Path, prints: Prints, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, brief = prints("ask", lab, "objects", "--explain"), prints("ask", lab, "objects")
+    assert "observations" in whole and "observations" not in brief and "existence" in brief
+    rows = json.loads(prints("ask", lab, "objects", "--format", "json"))
+    assert rows[0]["observations"] >= 1
+    text = "SELECT (COUNT(?o) AS ?observations) { ?o here:x ?x }"
+    assert "observations" in prints("ask", lab, text)
+    capsys.readouterr()
+    assert main(["ask", str(lab), "where is the chair?"]) == 0
+    assert "objects-by-category" not in capsys.readouterr().err
+    assert main(["ask", str(lab), "where is the chair?", "--explain"]) == 0
+    assert f"hereabouts ask {lab} objects-by-category" in capsys.readouterr().err
 
 
 def test_sparql_text_is_asked_without_an_option(lab: Path, prints: Prints) -> None:

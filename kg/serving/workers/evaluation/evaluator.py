@@ -100,7 +100,7 @@ class Evaluator:
         """Write the whole answer to a request, or one error."""
         try:
             if kind == b"L":
-                from kg.serving.workers.evaluation.tasks import (
+                from kg.serving.workers.evaluation.ingestion import (
                     parse_document,  # few workers need it
                 )
 
@@ -152,13 +152,13 @@ class Evaluator:
         from kg.history.replay.point_in_time import (
             PastStates,  # few workers evaluate queries about the past
         )
-        from kg.serving.workers.evaluation.tasks import past_store
+        from kg.serving.workers.evaluation.history_tasks import past_store
 
         self._past = self._past or PastStates()
         return past_store(self._past, self._store, request)
 
     def _update(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.tasks import (  # as above
+        from kg.serving.workers.evaluation.ingestion import (  # as above
             SnapshotView,
             evaluate_update,
         )
@@ -185,19 +185,19 @@ class Evaluator:
         self._send(b".", b"")
 
     def _report_history(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.tasks import history_report  # as above
+        from kg.serving.workers.evaluation.history_tasks import history_report  # as above
 
         report = history_report(self._store, request)
         self._send_all(request["media_type"], report.encode(), request)
 
     def _draw(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.tasks import map_state  # as above
+        from kg.serving.workers.evaluation.history_tasks import map_state  # as above
 
         body = map_state(self._store, self._sequence, request)
         self._send_all("application/json", body.encode(), request)
 
     def _plan_ontology(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.tasks import plan_ontology  # as above
+        from kg.serving.workers.evaluation.ontology_tasks import plan_ontology  # as above
 
         head, body = plan_ontology(self._store, request)
         self._send_all("application/n-quads", body, request, **head)
@@ -351,10 +351,12 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
 
 def _load_extensions(*, ontologies: bool) -> None:
     """Import the modules of all requests: a confined process loads no machine code."""
+    import kg.serving.workers.evaluation.history_tasks
+    import kg.serving.workers.evaluation.ingestion  # noqa: F401
 
     extension_functions.load_libraries()
     if ontologies:
-        from kg.serving.workers.evaluation.tasks import load_libraries  # takes a second
+        from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
 
         load_libraries()
 

@@ -1,0 +1,46 @@
+"""What the history of a thing tells people: no counters, no corrections within the uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from kg.model import vocabulary as v
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import in_memory_map
+
+Told = Callable[..., list[list[str]]]
+CUP, BOWL = v.HERE + "Cup", v.HERE + "Bowl"
+
+
+@pytest.fixture
+def told() -> Iterator[Told]:
+    """Callable: what the history tells of each of the states (x, existence, category) of a cup."""
+    with in_memory_map() as semantic_map:
+
+        def tell(*states: tuple[float, float, str]) -> list[list[str]]:
+            iri = semantic_map.base + "object/1"
+            for number, (x, existence, kind) in enumerate(states, start=1):
+                at = np.array([x, 2.0, 0.5])
+                seen = ObjectRecord(iri, kind, at, 3 * existence, existence, number, 1.0, number)
+                semantic_map.apply(MapUpdate(objects=(seen,)))
+            return [list(event.told) for event in semantic_map.history.events("object/1")]
+
+        yield tell
+
+
+def test_a_step_below_the_uncertainty_is_not_told_and_steps_add_up(told: Told) -> None:
+    first, *later = told(*((x, 0.9, CUP) for x in (1.0, 1.06, 1.12, 1.18)))
+    assert first == ["new: cup", "at (1.00, 2.00) m", "there with 90 %", "called cup 1"]
+    assert later == [[], ["moved 0.12 m, at (1.12, 2.00) m"], []]
+
+
+def test_an_existence_is_told_where_it_is_surer_or_on_the_other_side(told: Told) -> None:
+    _, *later = told(*((1.0, existence, CUP) for existence in (0.45, 0.52, 0.6, 0.75)))
+    assert later == [["there with 52 %"], [], ["there with 75 %"]]
+
+
+def test_a_new_kind_is_told(told: Told) -> None:
+    assert "a bowl now" in told((1.0, 0.9, CUP), (1.0, 0.9, BOWL))[1]
