@@ -1,4 +1,4 @@
-"""`python -m benchmarks.search`: things searched for in real homes, by four ways of searching."""
+"""`python -m benchmarks.search`: things searched for in real homes, by five ways of searching."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks.search",
         description="Hide every object of every home, and search for it with the same robot, "
-        "camera and luck: ours, the thesis' rule, brute force, and one that knows where it is "
+        "camera and luck: ours, the thesis' rule, a greedy walk, brute force, one that knows where "
+        "it is, and the same without pictures on the way "
         "(lab/research/search_trials.md).",
         epilog="example: python -m benchmarks.search --homes homes --json",
     )
@@ -87,6 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_json(scores.to_json())
         return 0
     _print(scores.methods)
+    heading("without pictures on the way")
+    _print(scores.silent)
     if scores.parts:
         heading("ours without some of its parts")
         _print(scores.parts)

@@ -6,22 +6,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from benchmarks.search.scores import HORIZON, Score, score
-from benchmarks.search.trial import METHODS, PARTS, Searched, TrialSettings
+from benchmarks.search.trial import METHODS, PARTS, SILENT, Searched, TrialSettings
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
     """Scores by name."""
 
-    methods: Mapping[str, Score]  # the four ways
+    methods: Mapping[str, Score]  # the five ways; all take pictures on the way
+    silent: Mapping[str, Score]  # the same that take none
     parts: Mapping[str, Score]  # ours without some of its parts
     robustness: Mapping[str, Score]  # with beliefs that mislead; empty unless asked for
     settings: TrialSettings
     slower: int  # queries for which ours takes more than three times as long as the thesis' rule
 
     def to_json(self) -> dict[str, object]:
-        """The four ways at the top level, then variants and settings; plain values."""
+        """The five ways at the top level, then variants and settings; plain values."""
         values: dict[str, object] = {name: _plain(s) for name, s in self.methods.items()}
+        values["nothing_on_the_way"] = {name: _plain(s) for name, s in self.silent.items()}
         values["variants"] = {name: _plain(s) for name, s in self.parts.items()}
         if self.robustness:
             values["robustness"] = {name: _plain(s) for name, s in self.robustness.items()}
@@ -32,7 +34,7 @@ class Report:
     def ratios(self) -> Iterator[str]:
         """Ratios of the mean times, in sentences."""
         ours = self.methods["ours"].mean_seconds
-        for name in ("thesis", "brute_force"):
+        for name in ("thesis", "greedy", "brute_force"):
             other = self.methods[name].mean_seconds
             yield f"ours takes {ours / other:.2f} of the time of {name}, 1 / {other / ours:.2f}"
         count = self.methods["ours"].queries
@@ -45,8 +47,11 @@ def report(searched: Sequence[Searched], settings: TrialSettings) -> Report:
     scores = {name: _score(searched, name) for name in names}
     return Report(
         methods={name: scores[name] for name in METHODS},
+        silent={name: scores[name] for name in ("nothing on the way", *SILENT)},
         parts={name: scores[name] for name in PARTS},
-        robustness={n: s for n, s in scores.items() if n not in METHODS and n not in PARTS},
+        robustness={
+            n: s for n, s in scores.items() if n not in METHODS and n not in {*PARTS, *SILENT}
+        },
         settings=settings,
         slower=sum(
             one.outcomes["ours"].seconds > 3 * one.outcomes["thesis"].seconds for one in searched

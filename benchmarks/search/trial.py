@@ -21,13 +21,15 @@ from benchmarks.search.homes import Home, read_homes
 from benchmarks.search.plan_calibration import PlanOutcome, planned
 from benchmarks.search.priors import Prior, PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
-from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
+from benchmarks.search.room_policies import brute_force, greedy_walk, oracle, thesis_rule
 from benchmarks.search.view_policy import Ablation, ours
 from kg.model.errors import InvalidFactError
 from planner.search.viewpoints.candidate_views import Motion, Sensor
 from planner.settings import BELIEF
 
-METHODS: Final = ("ours", "thesis", "brute_force", "clairvoyant")
+METHODS: Final = ("ours", "thesis", "greedy", "brute_force", "clairvoyant")
+#: The same without pictures on the way; ours is one of `PARTS`.
+SILENT: Final = tuple(f"{who}, nothing on the way" for who in ("thesis", "greedy", "brute_force"))
 #: Ours without some of its parts.
 PARTS: Final[Mapping[str, Ablation]] = {
     "a picture a metre": Ablation(apart=1.0),
@@ -161,7 +163,11 @@ def _search(
     found = {
         "ours": ours(building, start, hidden, prior.chances, plain),
         "thesis": thesis_rule(building, start, hidden, prior.listed),
+        "greedy": greedy_walk(building, start, hidden, prior.chances.p),
         "brute_force": brute_force(building, start, hidden),
+        SILENT[0]: thesis_rule(building, start, hidden, prior.listed, listens=False),
+        SILENT[1]: greedy_walk(building, start, hidden, prior.chances.p, listens=False),
+        SILENT[2]: brute_force(building, start, hidden, listens=False),
         "clairvoyant": oracle(building, start, hidden),
     }
     for part, manner in PARTS.items():

@@ -26,6 +26,7 @@ from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
+_HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1; percent are far above
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,11 @@ class OnnxDetector:
         self, answer: list[NDArray[np.generic]], fitted: Fitted, shape: tuple[int, int]
     ) -> Detections:
         found = self.head.candidates(answer, fitted, self.threshold)
+        if len(found.score) and (highest := float(np.nanmax(found.score))) > _HIGHEST:
+            raise ModelError(
+                f"scores up to {highest:g} are no shares of 1 (percent, or values before the "
+                "sigmoid?): export the network so that its scores lie in 0..1"
+            )
         xyxy = np.clip(found.xyxy, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         sides = xyxy[:, 2:] - xyxy[:, :2]
         real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]

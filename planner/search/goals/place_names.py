@@ -97,9 +97,11 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
         believed = places_of_kind(semantic_map, text)
         if len(believed) == 1:
             return believed[0].iri
-        labels = ", ".join(place.label for place in believed or semantic_map.places())
-        said = f"several places have the category {text!r}; give one of {labels}"
-        if not believed:
+        if believed:
+            told = ", ".join(titled(semantic_map.catalogue, place) for place in believed)
+            said = f"several places have the category {text!r}; give one of {told}"
+        else:
+            labels = ", ".join(place.label for place in semantic_map.places())
             said = str(error).replace(labels or " ", listed_places(semantic_map) or " ")
         raise QueryParameterError(said) from None
 

@@ -20,7 +20,7 @@ from benchmarks.search.plan_calibration import planned, reliability
 from benchmarks.search.priors import PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
 from benchmarks.search.room_beliefs import RoomChances
-from benchmarks.search.room_policies import brute_force, oracle, thesis_rule
+from benchmarks.search.room_policies import brute_force, greedy_walk, oracle, thesis_rule
 from benchmarks.search.scores import HORIZON, score
 from benchmarks.search.view_policy import Ablation, ours
 from kg.model.errors import InvalidFactError
@@ -110,6 +110,7 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
         told = {
             "thesis": thesis_rule(building(), start, thing, [True, False, False]),
             "brute": brute_force(building(), start, thing),
+            "greedy": greedy_walk(building(), start, thing, np.array([0.8, 0.3, 0.1])),
             "ours": ours(building(), start, thing, RoomChances.apart([0.8, 0.3, 0.1])),
             "turns": ours(building(), start, thing, RoomChances.apart(np.ones(3) / 2), turns),
         }
@@ -117,6 +118,26 @@ def test_all_ways_find_it_and_none_before_the_one_that_knows() -> None:
             assert outcome.found, (name, room)
             assert outcome.seconds >= least.seconds - 1e-6, (name, room)
             assert outcome.metres >= least.metres - 1e-4, (name, room)
+
+
+def test_a_rule_that_listens_is_faster_on_the_whole_and_never_finds_less() -> None:
+    start = building().space.nearest((7, 5), 2)
+    pairs = [
+        [thesis_rule(building(), start, hidden(room), [False] * 3, listens=on) for on in (1, 0)]
+        for room in range(3)
+    ]
+    assert all(listening.found for listening, _ in pairs)
+    heard, blind = (sum(one.seconds for one in side) for side in zip(*pairs, strict=True))
+    assert heard < blind
+
+
+def test_a_greedy_walk_goes_where_the_chance_is_worth_the_way() -> None:
+    start = building().space.nearest((4, 5), 2)
+    likely, unlikely = (
+        greedy_walk(building(), start, hidden(0), np.array(chances)).seconds
+        for chances in ([0.9, 0.01, 0.01], [0.01, 0.9, 0.01])
+    )
+    assert likely < unlikely
 
 
 def test_the_rule_goes_to_listed_rooms_first_and_belief_to_likely_ones() -> None:

@@ -236,3 +236,11 @@ def test_suppression_keeps_the_best_and_separates_what_it_keeps(rows):
 def test_outputs_that_do_not_belong_together_are_an_error(write_network, boxes, scores):
     with pytest.raises(ModelError, match="shapes"):
         run(write_network(dense(boxes, scores)))
+
+
+def test_scores_of_percent_are_refused_and_sums_of_shares_are_not(write_network) -> None:
+    boxes = [[10, 5, 40, 45]]
+    with pytest.raises(ModelError, match=r"scores up to 93 are no shares of 1"):
+        run(write_network(dense(boxes, [[93.0, 2.0]])))
+    found = run(write_network(dense(boxes, [[1.04, 0.0]])))
+    assert found.score.tolist() == [1.0]
