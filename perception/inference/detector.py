@@ -26,7 +26,8 @@ from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
-_HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1; percent are far above
+_HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1 ...
+_PERCENT: Final = 100.0  # ... and percent, or values before the sigmoid, are up to here
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,8 @@ class OnnxDetector:
         self, answer: list[NDArray[np.generic]], fitted: Fitted, shape: tuple[int, int]
     ) -> Detections:
         found = self.head.candidates(answer, fitted, self.threshold)
-        if len(found.score) and (highest := float(np.nanmax(found.score))) > _HIGHEST:
+        highest = float(np.max(found.score, initial=0.0))
+        if _HIGHEST < highest <= _PERCENT:
             raise ModelError(
                 f"scores up to {highest:g} are no shares of 1 (percent, or values before the "
                 "sigmoid?): export the network so that its scores lie in 0..1"
