@@ -33,7 +33,8 @@ _OLDEST: Final = 0.8  # [s] of a snapshot that a reader gets
 _RENEWED: Final = 0.5  # [s] of a snapshot, when the next one is made while readers use it
 CHECKED: Final = 0.2  # [s] between two questions of a reader whether there is a newer one
 HELD: Final = 2.0  # [s] that another process may keep the writer from writing
-PATIENCE: Final = 60.0  # [s] for an answer of the writer
+PATIENCE: Final = 60.0  # [s] for an answer of the writer ...
+_SOON: Final = 5.0  # ... and for a state of the map, which it gives without waiting for anything
 _GREETING: Final = "hereabouts folder 1"
 _GREETED: Final = 5.0  # [s]
 #: calls of other processes, by the part of the map
@@ -187,10 +188,11 @@ class FolderClient:
         with self._lock:
             try:
                 self._connection.send((name, arguments, keywords))
-                if not self._connection.poll(PATIENCE):
+                if not self._connection.poll(_SOON if name == "snapshot" else PATIENCE):
                     raise TimeoutError
                 succeeded, result = self._connection.recv()
             except (EOFError, OSError) as error:
+                self._connection.close()  # a late answer would be taken for that of another call
                 raise MapBusyError("the process that writes the map has ended or hangs") from error
         if not succeeded:
             raise result

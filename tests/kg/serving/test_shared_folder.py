@@ -243,3 +243,27 @@ def test_a_map_that_nobody_holds_is_free(tmp_path: Path) -> None:
     create_map(tmp_path / "a.map", base=BASE)
     gc.collect()
     open_map(tmp_path / "a.map", exclusive=True).close()
+
+
+def test_a_writer_that_is_stopped_does_not_hold_a_reader_for_a_minute(written: Written) -> None:
+    with written(3) as semantic_map:
+        path = path_of(semantic_map)
+    writer = subprocess.Popen(
+        [sys.executable, "-c", _WRITER, path], cwd=ROOT, stdout=subprocess.PIPE, text=True
+    )
+    assert writer.stdout is not None and writer.stdout.readline() == "open\n"
+    client = FolderClient(Path(path))
+    os.kill(writer.pid, signal.SIGSTOP)
+    try:
+        with pytest.raises(MapBusyError, match="has ended or hangs"):
+            client.call("snapshot", str(Path(path).parent / "copy"), 0, -1)
+        os.kill(writer.pid, signal.SIGCONT)
+        with pytest.raises(MapBusyError):  # its late answer is nobody's
+            client.call("sequence")
+        again = FolderClient(Path(path))
+        assert again.call("sequence") == 3
+        again.close()
+    finally:
+        writer.kill()
+        writer.wait()
+        writer.stdout.close()
