@@ -10,7 +10,7 @@ from hereabouts.agents import answers as a
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.untrusted_text import for_agents
 from planner.questions.answers import answer_question
-from planner.questions.wording import MAX_LENGTH
+from planner.questions.patterns import MAX_LENGTH
 
 
 class QuestionTools:
