@@ -26,7 +26,7 @@ from planner.questions.rooms import about_rooms
 from planner.search.plans.report import empty_answer, find_answer
 
 #: names of all that a map has, unless a place is called so
-_WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
+WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
 
 
 def answer_question(semantic_map: SemanticMap, text: str, now: float | None = None) -> PlainAnswer:
@@ -69,7 +69,7 @@ def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
     if question is None:
         return None
     question = replace(question, what=_by_number(question.what), other=_by_number(question.other))
-    if question.where in _WHOLE:
+    if question.where in WHOLE:
         labels = {place.label.casefold() for place in semantic_map.places()}
         return question if question.where in labels else replace(question, where="")
     return question

@@ -192,8 +192,9 @@ class _Names:
         if not self.known(words) and self.language.one_of("refused").search(need):
             return None
         name, qualities = self.without(words)
-        owned = self.language.one_of("owners").search(name) and not self.known(name)
-        return None if owned else (name, qualities)
+        # an article within, as in "water the plants", begins the name of something else
+        inside = any(language.one_of("articles").search(name) for language in languages())
+        return None if inside and not self.known(name) else (name, qualities)
 
     def without(self, words: str) -> tuple[str, tuple[str, ...]]:
         """A name without leading articles and qualities, and these qualities."""

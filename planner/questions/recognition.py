@@ -35,9 +35,10 @@ def is_known_word(semantic_map: SemanticMap, words: str) -> bool:
 
 
 def target_named(semantic_map: SemanticMap, words: str) -> Target:
-    """The target that words name. Raises as `resolve`; for a misspelt word, too, with the right one.
+    """The target that words name.
 
-    Spelling never decides: a word that nobody knows may still be one.
+    Spelling never decides, since a word that nobody knows may be one. Raises as `resolve`, and
+    UnknownCategoryError, with the word that is perhaps meant, for one that is perhaps misspelt.
     """
     try:
         (target,) = resolve(semantic_map, (words,))

@@ -18,6 +18,7 @@ FOLDER: Final = Path(__file__).with_name("sentences")
 ENGLISH: Final = "en"  # is tried last, since its sentences take names alone, too
 _TOKEN: Final = re.compile(r"\{(?:(\w+):)?(\w+)\}|([\[\]()|])|\s+|([^\s{}\[\]()|]+)")
 _WORD: Final = re.compile(r"(?<![{:\w])[^\s{}\[\]()|]+")
+_PAUSES: Final = re.compile(r"[ ,;:]*[,;:](?= )[ ,;:]*")
 _MARKS: Final = {"[": "(?:", "]": ")?", "(": "(?:", ")": ")", "|": "|"}
 _UMLAUTS: Final = {"ä": "(?:ä|ae)", "ö": "(?:ö|oe)", "ü": "(?:ü|ue)", "ß": "(?:ß|ss)"}
 _MIN_MISSPELT: Final = 4  # letters of a word that lacks a letter, or has one too many
@@ -128,10 +129,8 @@ class Language:
         """Lower case, single spaces, full forms; without marks at the end and politeness."""
         words = " ".join(text.replace("\u2019", "'").casefold().split()).strip(" ?!.,;:'\"")
         spelt = self._texts("spelt")
-        words = " ".join(
-            spelt.get(word, word)
-            for word in re.sub(r"[ ,;:]*[,;:](?= )[ ,;:]*", ", ", words).split()
-        )
+        words = _PAUSES.sub(", ", words)
+        words = " ".join(spelt.get(word, word) for word in words.split())
         before, after = (self._around(key) for key in ("before", "after"))
         while (match := before.match(words)) and match.end():
             words = words[match.end() :]
