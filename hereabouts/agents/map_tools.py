@@ -19,9 +19,8 @@ from kg.model.records import PlaceRecord, likeliest
 from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.freespace.planning_map import Row, plain_place
 from planner.questions.answers import answer_question
-from planner.questions.patterns import Question
+from planner.questions.patterns import MAX_LENGTH, Question
 from planner.questions.rooms import about_rooms
-from planner.questions.wording import MAX_LENGTH
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
 from planner.search.goals.place_names import (

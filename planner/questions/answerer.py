@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from datetime import datetime
 from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
-from kg.history.timestamps import iso, span
+from kg.history.timestamps import span
+from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.counts import NAMED, counted, counted_kinds, counted_unnamed
+from planner.questions.evidence import Evidence
 from planner.questions.examples import example_questions
-from planner.questions.measures import Measures
 from planner.questions.moments import read_since, since
 from planner.questions.patterns import EVENTS, Kind
 from planner.questions.plain_answer import PlainAnswer
@@ -34,7 +34,7 @@ _YES: Final[Mapping[Value, str]] = {
 _ALL: Final = ("thing", "things", "object", "objects", "items")
 
 
-class Answerer(Measures):
+class Answerer(Evidence):
     """Answers a question of any kind."""
 
     def answer(self) -> PlainAnswer:
@@ -58,6 +58,13 @@ class Answerer(Measures):
             "compare": self._compare,
             "most": self._most,
             "under": self._under,
+            "recent": self._recent,
+            "largest": self._largest,
+            "route": self._route,
+            "between": self._between,
+            "certainty": self._certainty,
+            "unseen": self._unseen,
+            "why": self._why,
             "help": lambda: self._made("", example_questions(self._map)),
         }
         rooms = about_rooms(self._map, self._question, self._now)
@@ -94,23 +101,30 @@ class Answerer(Measures):
         found = read_since(self._map, moment, self._map.history.compare)
         what = self._question.what
         target, one = self._target(what) if what else (None, None)
+        where, base = self._question.where, self._map.base
+        place = self._place(where) if where else None
+        if where and place is None:
+            raise QueryParameterError(f"changes are listed by place, and {where!r} is none")
         wanted = ("moved", "gone") if what else EVENTS.get(self._question.event, ())
         changes = [
             change
             for change in found.changes
             if (not wanted or change.kind in wanted)
             and (target is None or change.category in target.kinds.values())
-            and (one is None or change.iri == one.iri)
+            and (one is None or f"{base}{change.iri}" == one.iri)
+            and (place is None or f"{base}{change.place}" == place)
         ]
         lines = []
         rows_now = self._map.query("objects", least=0.0).records()
         titles = {str(row["object"]): str(row["label"] or "") for row in rows_now}
         for kind in ("appeared", "gone", "moved", "relabelled"):
-            some = [titles.get(c.iri) or self._title_of(c) for c in changes if c.kind == kind]
+            of_kind = [change for change in changes if change.kind == kind]
+            some = [titles.get(f"{base}{c.iri}") or self._title_of(c) for c in of_kind]
             if some:
                 rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
                 lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
+        event += f" in {self._title(place)}" if place else ""
         lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
         lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
         if target is not None:
@@ -141,7 +155,7 @@ class Answerer(Measures):
             assert target.iri is not None
             found = status(self._map, target.iri, place)
         lines = [target.note] if target.note and one is None else []
-        known = [one] if one is not None else known_objects(self._map, target)
+        known = self._known(target, one)
         known = [k for k in known if place in (None, k.place)]
         sure = [k for k in known if k.sure]
         if found.value == "present" and sure:
@@ -188,7 +202,9 @@ class Answerer(Measures):
         sure = [one for one in known if one.sure]
         rest = len(known) - len(sure)
         doubted = f", and perhaps {rest} more" if rest else ""
-        return self._of_category(target, [f"{target.label}: {len(sure)}{where}{doubted}"])
+        whether = self._question.whether(len(sure), len(known))
+        line = f"{whether}{target.label}: {len(sure)}{where}{doubted}"
+        return self._of_category(target, [line])
 
     def _most(self) -> PlainAnswer:
         """The places with the most things of a kind, and how many each has."""
@@ -218,26 +234,6 @@ class Answerer(Measures):
         if len(carriers) > 1:
             return self._made("", lines)
         return self._made("related", lines, object=carriers[0].iri.removeprefix(self._map.base))
-
-    def _last_seen(self) -> PlainAnswer:
-        target, one = self._target(self._question.what)
-        rows = [
-            row
-            for iri in target.queried
-            for row in self._map.query("last-seen", category=iri).records()
-        ]
-        rows = [row for row in rows if one is None or row["object"] == one.iri]
-        if not rows:
-            never = f"{target.none} was ever seen for sure"
-            return self._made("last-seen", [never], category=target.kind)
-        row = max(rows, key=lambda row: str(row["lastSeen"]))
-        seen = row["lastSeen"]
-        assert isinstance(seen, datetime)
-        ago = span(max(self._now - seen.timestamp(), 0.0))
-        place = f" in {self._titled(row['place'])}" if row["place"] else ""
-        name, at = row["label"] or row["category"], iso(seen.timestamp())[:19]
-        line = f"{ago} ago: {name}{place}, at {at}"
-        return self._listed("last-seen", [line], rows, category=target.kind)
 
     def _places(self) -> PlainAnswer:
         rows = self._map.query("places").records()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from typing import Final
@@ -17,18 +19,18 @@ from kg.model.errors import (
 from planner.questions.answerer import Answerer
 from planner.questions.examples import example_questions
 from planner.questions.moments import past
-from planner.questions.patterns import Question, parsed
+from planner.questions.patterns import MAX_LENGTH, Question, ordered, parsed
 from planner.questions.plain_answer import PlainAnswer
+from planner.questions.recognition import target_named
 from planner.questions.rooms import about_rooms
-from planner.questions.wording import MAX_LENGTH
 from planner.search.plans.report import empty_answer, find_answer
 
 #: names of all that a map has, unless a place is called so
-_WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
+WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
 
 
 def answer_question(semantic_map: SemanticMap, text: str, now: float | None = None) -> PlainAnswer:
-    """The answer to a question in English, at `now` [s since 1970], by default the clock's time.
+    """The answer to a question, at `now` [s since 1970], by default the clock's time.
 
     Raises:
         UnknownQueryError: the question is not understood; the message has questions that are.
@@ -64,10 +66,18 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
     question = parsed(text, cache(partial(_is_name, semantic_map)))
-    if question is not None and question.where in _WHOLE:
+    if question is None:
+        return None
+    question = replace(question, what=_by_number(question.what), other=_by_number(question.other))
+    if question.where in WHOLE:
         labels = {place.label.casefold() for place in semantic_map.places()}
         return question if question.where in labels else replace(question, where="")
     return question
+
+
+def _by_number(words: str) -> str:
+    """``object/12`` for ``object 12``."""
+    return re.sub(r"^object (\d+)$", r"object/\1", words)
 
 
 def _is_name(semantic_map: SemanticMap, words: str) -> bool:
@@ -78,6 +88,8 @@ def _is_name(semantic_map: SemanticMap, words: str) -> bool:
 
 
 def _not_understood(semantic_map: SemanticMap, text: str) -> str:
+    if thing := ordered(text):
+        return f"this answers questions and moves no robot; ask where {thing} is"
     shown = " ".join(text.split())
     shown = f"{shown[:60]!r}{' ...' if len(shown) > 60 else ''}" if shown else "an empty text"
     limit = f" of at most {MAX_LENGTH} characters" if len(text) > MAX_LENGTH else ""
@@ -97,6 +109,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
     if question.kind == "where" and alone:
+        with suppress(UndetectableError):  # that has its own answer
+            target_named(semantic_map, question.what)
         found = find_answer(semantic_map, [question.what])
         return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
     answer = answer_question(semantic_map, wanted[0], now)

@@ -9,12 +9,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord
 from planner.freespace.planning_map import number
 from planner.questions.counts import NAMED, sized
-from planner.questions.named_things import ROBOT, NamedThings
+from planner.questions.named_things import NamedThings, Spot
+from planner.questions.patterns import ROBOT
 from planner.questions.plain_answer import PlainAnswer
 from planner.search.goals.known_objects import LISTED, KnownObject
+from planner.search.plans.answer_sentences import answer_lines
+from planner.settings import SPEED
 
 NEAR: Final = 2.0  # [m] in a straight line
 _BELOW: Final = 0.2  # [m] by which a thing's centre is below the top of what it is under
@@ -102,16 +106,76 @@ class Measures(NamedThings):
     def _under(self) -> PlainAnswer:
         """Things inside the box of another from above, well below its top, and not held by it."""
         lines, rows, things = [], self._map.query("objects").records(), self._map.objects()
+        target, only = self._target(self._question.what) if self._question.what else (None, None)
+        wanted = None if target is None else {k.iri for k in self._known(target, only)}
         for one, record in self._boxed(self._question.other):
             others = {one.iri, *(str(row["object"]) for row in self._held(one))}
-            below = {thing.iri for thing in things if _is_under(thing, record)}
-            named = [str(row["label"]) for row in rows if row["object"] in below - others]
+            below = {t.iri for t in things if _is_under(t, record)} - others
+            below = below if wanted is None else below & wanted
+            found = ", ".join(str(row["label"]) for row in rows if row["object"] in below)
             if record.extent is None:
                 lines.append(f"The size of {one.label} is not known, so nor is what is under it")
-            else:
-                found = ", ".join(named) or "nothing is known to be there"
-                lines.append(f"Under the part of {one.label} that was seen: {found}")
+            elif target is None or found:
+                found = found or "nothing is known to be there"
+                yes = "" if target is None else "Yes: "
+                lines.append(f"{yes}Under the part of {one.label} that was seen: {found}")
+        if target is not None and not lines:
+            lines = [f"{target.none} is known to be under {self._all_of(self._question.other)}"]
+            lines += answer_lines(self._known(target, only), self._now, target)
         return self._made("", lines)
+
+    def _between(self) -> PlainAnswer:
+        """Things on the floor's strip between two things, of several the two closest."""
+        firsts, others = (self._named(w) for w in (self._question.what, self._question.other))
+        pairs = [(one, other) for one in firsts for other in others if one.iri != other.iri]
+        if not pairs:
+            raise QueryParameterError(f"{firsts[0].label} is both ends, so nothing is between")
+        one, other = min(pairs, key=lambda pair: math.dist(pair[0].p_map, pair[1].p_map))
+        rows = self._map.query("between", one=one.iri, other=other.iri).records()
+        named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
+        rest = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
+        found = ", ".join(named) or "nothing is known to be there"
+        line = f"From {one.label} to {other.label}: {found}{rest}"
+        ends = {"one": one, "other": other}
+        short = {name: end.iri.removeprefix(self._map.base) for name, end in ends.items()}
+        return self._listed("between", [line], rows, **short)
+
+    def _largest(self) -> PlainAnswer:
+        """The places by area, the largest or the smallest first."""
+        sign = 1 if self._question.event.startswith("small") else -1
+        places = sorted(self._map.places(), key=lambda place: sign * place.area.area)
+        sizes = [f"{self._title(place.iri)} ({place.area.area:.1f} m2)" for place in places]
+        if not sizes:
+            return self._made("places", ["The map has no places"])
+        rest = f"; then {', '.join(sizes[1:NAMED])}" if len(sizes) > 1 else ""
+        name = "smallest" if sign == 1 else "largest"
+        return self._made("places", [f"The {name} is {sizes[0]}{rest}"])
+
+    def _route(self) -> PlainAnswer:
+        """Length of the way over the known floor, and the places that it goes through."""
+        from planner.search.plans.route import route
+
+        (begin, start), *_ = self._ends(self._question.other or ROBOT)
+        ends = self._ends(self._question.where)
+        end, goal = min(ends, key=lambda spot: math.dist(spot[1], start))
+        found = route(self._map, start, goal)
+        if found is None:
+            raise QueryParameterError("the map has no floor and no places, so no way is known")
+        if not math.isfinite(found.metres):
+            return self._made("", [f"No way from {begin} to {end} is known", *found.notes])
+        through = [self._title(crossing.places[1].iri) for crossing in found.crossings]
+        by = f", through {', then '.join(through)}" if through else ", in the same place"
+        seconds = found.metres / SPEED
+        line = f"From {begin} to {end}: {found.metres:.1f} m{by}; the robot needs {seconds:.0f} s"
+        return self._made("", [line, *found.notes])
+
+    def _ends(self, words: str) -> list[Spot]:
+        """Positions of the place, or of the things, that words name; at least one."""
+        place = None if words == ROBOT else self._place(words)
+        if place is None:
+            return self._spots(words)
+        centre = next(p.area.centre for p in self._map.places() if p.iri == place)
+        return [(self._title(place), centre)]
 
 
 def _is_under(thing: ObjectRecord, other: ObjectRecord) -> bool:

@@ -7,14 +7,12 @@ from collections.abc import Callable, Sequence
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UndetectableError
 from planner.freespace.planning_map import Row, number
-from planner.questions.patterns import Question
+from planner.questions.patterns import ROBOT, Question
 from planner.questions.plain_answer import PlainAnswer
-from planner.questions.recognition import is_known_word
+from planner.questions.recognition import is_known_word, target_named
 from planner.search.goals.known_objects import KnownObject, known_objects
 from planner.search.goals.place_names import place_named, spoken_places, titled
-from planner.search.goals.targets import Target, resolve
-
-ROBOT = "robot"  # in place of a thing, the last pose of the robot
+from planner.search.goals.targets import Target
 
 Spot = tuple[str, tuple[float, float]]  # label and position [m]
 
@@ -27,9 +25,13 @@ class NamedThings:
 
     def _target(self, words: str) -> tuple[Target, KnownObject | None]:
         """The target that words name; and the object, if they are its label."""
-        (target,) = resolve(self._map, (words,))
+        target = target_named(self._map, words)
         known = known_objects(self._map, target) if target.thing else ()
         return target, known[0] if known else None
+
+    def _known(self, target: Target, one: KnownObject | None) -> Sequence[KnownObject]:
+        """The one object of a target, or all that are known."""
+        return known_objects(self._map, target) if one is None else (one,)
 
     def _sure(self, target: Target) -> list[KnownObject]:
         return [one for one in known_objects(self._map, target) if one.sure]

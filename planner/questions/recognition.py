@@ -7,9 +7,10 @@ from typing import Final
 
 from kg.maps.query.query_files import shipped_names
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import UnknownCategoryError
+from kg.model.errors import UndetectableError, UnknownCategoryError
 from planner.search.goals.place_names import object_named
 from planner.search.goals.target_words import any_meaning
+from planner.search.goals.targets import Target, resolve
 
 _SPARQL: Final = re.compile(
     r"(?:\s|#[^\n]*\n)*(?:select|ask|construct|describe|prefix|base|insert|delete)\b", re.IGNORECASE
@@ -31,3 +32,25 @@ def is_known_word(semantic_map: SemanticMap, words: str) -> bool:
         return any_meaning(semantic_map.catalogue, words).how != "spelling"
     except UnknownCategoryError:
         return False
+
+
+def target_named(semantic_map: SemanticMap, words: str) -> Target:
+    """The target that words name.
+
+    Spelling never decides, since a word that nobody knows may be one. Raises as `resolve`, and
+    UnknownCategoryError, with the word that is perhaps meant, for one that is perhaps misspelt.
+    """
+    try:
+        (target,) = resolve(semantic_map, (words,))
+    except UndetectableError:
+        _ask_back(semantic_map, words)
+        raise
+    if target.note:
+        _ask_back(semantic_map, words)
+    return target
+
+
+def _ask_back(semantic_map: SemanticMap, words: str) -> None:
+    found = any_meaning(semantic_map.catalogue, words)
+    if found.how == "spelling":
+        raise UnknownCategoryError(f"nothing is called '{found.text}'; did you mean {found.word}?")

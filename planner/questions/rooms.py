@@ -137,7 +137,10 @@ class _Answerer:
 
     def _count(self, rooms: _Rooms) -> list[str]:
         named = [self._name(place) for place in rooms.sure[:_LISTED]]
-        return [", ".join([f"{rooms.name}: {len(rooms.sure)}", *named]), *self._perhaps(rooms)]
+        sure = len(rooms.sure)
+        whether = self._question.whether(sure, sure + len(rooms.perhaps))
+        line = ", ".join([f"{whether}{rooms.name}: {sure}", *named])
+        return [line, *self._perhaps(rooms)]
 
     def _viewed(self, rooms: _Rooms) -> list[str]:
         seen = [(p.viewed.last, p) for p in rooms.sure if p.viewed is not None]
@@ -188,7 +191,7 @@ class _Answerer:
         of = f" of {self._places[where].label}" if where else ""
         count = f"{len(found)} door{'' if len(found) == 1 else 's'}{of}"
         if self._question.kind == "count":
-            return [count]
+            return [f"{self._question.whether(len(found), len(found))}{count}"]
         shown = [self._door(door) for door in found[:_LISTED]]
         rest = [f"and {len(found) - _LISTED} more"] if len(found) > _LISTED else []
         if self._question.kind == "status":
