@@ -1,4 +1,4 @@
-"""`python -m benchmarks.graph`: the graph at several sizes, beside rdflib and owlready2."""
+"""`python -m benchmarks.graph`: the graph at several sizes, beside other stores of RDF."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="N,N,...",
         help="how many objects (default: 1000,10000)",
     )
-    graph.add_argument("--seconds", type=float, default=10.0, help="of the live run (default: 10)")
+    graph.add_argument("--seconds", type=float, default=5.0, help="of each live run (default: 5)")
     graph.add_argument(
         "--frames",
         type=int,
-        default=3000,
+        default=1000,
         metavar="N",
-        help="of the long run (default: 3000; 0: none)",
+        help="of the long run (default: 1000; 0: none)",
     )
     graph.add_argument(
         "--rivals-up-to",
         type=int,
         default=10_000,
         metavar="N",
-        help="objects up to which rdflib and owlready2 are measured (default: 10000)",
+        help="objects up to which other stores are measured (default: 10000)",
     )
     add_json(graph)
     return command_line.run(graph, run, argv)
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     _note_graph(result)
     if max(arguments.sizes) > arguments.rivals_up_to:
-        note(f"rdflib and owlready2 were measured up to {arguments.rivals_up_to:,} objects only")
+        note(f"other stores were measured up to {arguments.rivals_up_to:,} objects only")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The same facts and the same three questions in plain rdflib and in owlready2's SQLite store.
+"""The same facts and questions in bare pyoxigraph, plain rdflib and owlready2's SQLite store.
 
 Facts alone, without named graphs, since owlready2 has none; questions that all can parse. Writing
 happens as each library wants it: triple by triple, then a save where the store is on disk.
@@ -7,11 +7,13 @@ happens as each library wants it: triple by triple, then a save where the store 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import count
 from pathlib import Path
 
 import owlready2
 import rdflib
-from pyoxigraph import NamedNode, Quad, RdfFormat, serialize
+from pyoxigraph import DefaultGraph, NamedNode, Quad, RdfFormat, Store, serialize
 
 from benchmarks.graph.building import Building
 from benchmarks.graph.ours import STORE
@@ -20,6 +22,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.query.evaluation import evaluate
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
+from kg.model.records import MapUpdate
 from kg.rdf.literals import cell_of
 from kg.rdf.shacl import as_rdflib
 from kg.rdf.sparql.parameters import substitute
@@ -43,6 +46,28 @@ def ours(semantic_map: SemanticMap, building: Building) -> Iterator[Timing]:
     for operation, sparql in questions(building, semantic_map).items():
         run = _counting(lambda text=sparql: evaluate(semantic_map.engine, text).rows)  # type: ignore[misc]
         yield measured(operation, STORE, building.size, run)
+
+
+def raw_pyoxigraph(semantic_map: SemanticMap, building: Building, folder: Path) -> Iterator[Timing]:
+    """The store below a map without the map: no history, checks, types or graphs."""
+    store, name = Store(str(folder / f"raw-{building.size}")), "pyoxigraph on disk"
+    store.bulk_extend(Quad(*quad.triple) for quad in _facts(semantic_map))
+    for operation, sparql in questions(building, semantic_map).items():
+        run = _counting(lambda text=sparql: store.query(text))  # type: ignore[misc]
+        yield measured(operation, name, building.size, run)
+    facts = RecordCodec(semantic_map.base, semantic_map.catalogue)
+    frames = count()
+
+    def update() -> None:
+        for quad in _changing(facts, building.frame(next(frames))):
+            for old in store.quads_for_pattern(quad.subject, quad.predicate, None):
+                store.remove(old)
+            store.add(Quad(*quad.triple))
+
+    yield measured("update by a frame", name, building.size, update)
+    out, form = folder / "raw.nt", RdfFormat.N_TRIPLES
+    dump = partial(store.dump, str(out), form, from_graph=DefaultGraph())
+    yield measured("export as N-Triples", name, building.size, lambda: _none(dump()))
 
 
 def rdflib_memory(semantic_map: SemanticMap, building: Building, folder: Path) -> Iterator[Timing]:
@@ -103,18 +128,24 @@ def _measure(
     save: Callable[[], object] = lambda: None,
 ) -> Iterator[Timing]:
     facts = RecordCodec(semantic_map.base, semantic_map.catalogue)
-    frames = iter(range(10**9))
+    frames = count()
 
     def update() -> None:
-        for record in building.frame(next(frames)).objects:
-            for quad in facts.of_object(record):
-                if quad.predicate.value in CHANGING and quad.subject == NamedNode(record.iri):
-                    subject, predicate, value = _triple(quad)
-                    graph.remove((subject, predicate, None))
-                    graph.add((subject, predicate, value))
+        for quad in _changing(facts, building.frame(next(frames))):
+            subject, predicate, value = _triple(quad)
+            graph.remove((subject, predicate, None))
+            graph.add((subject, predicate, value))
         save()
 
     yield measured("update by a frame", store, building.size, update)
+
+
+def _changing(facts: RecordCodec, update: MapUpdate) -> Iterator[Quad]:
+    """Facts of a frame's objects that change with it."""
+    for record in update.objects:
+        for quad in facts.of_object(record):
+            if quad.predicate.value in CHANGING and quad.subject == NamedNode(record.iri):
+                yield quad
 
 
 def _facts(semantic_map: SemanticMap) -> Iterator[Quad]:

@@ -85,7 +85,8 @@ def bench_graph(
                 timings += ours.measure(semantic_map, building, folder)
                 timings += rivals.ours(semantic_map, building)
                 if size <= rivals_most:
-                    say(f"the same in rdflib and owlready2, {size:,} objects")
+                    say(f"the same in pyoxigraph, rdflib and owlready2, {size:,} objects")
+                    timings += rivals.raw_pyoxigraph(semantic_map, building, folder)
                     timings += rivals.rdflib_memory(semantic_map, building, folder)
                     timings += rivals.owlready_sqlite(semantic_map, building, folder)
                 if size == max(sizes) and seconds:

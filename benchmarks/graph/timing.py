@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-BUDGET = 3.0  # [s] a measurement; up to four times that where few runs fit into it
+BUDGET = 0.5  # [s] a measurement; up to four times that where few runs fit into it
 MIN_RUNS, MAX_RUNS = 3, 300  # runs
 
 

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar, cast
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Triple, serialize
 
@@ -27,6 +27,7 @@ from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
 from kg.rdf.standard_terms import geometry_quads, standard_quads, to_jsonld
 from kg.store.atomic_file import write_atomically
+from kg.store.writer_priority import in_pieces
 
 #: format -> endings of its files
 FORMATS: Final[dict[str, tuple[str, ...]]] = {
@@ -57,8 +58,10 @@ _GRAPHS = (
     v.HISTORY_GRAPH.value,
 )
 _FIRST = {v.RDF_TYPE.value: 0, v.RDFS_LABEL: 1}
+_PIECE: Final = 2000  # quads read between two rests for a writer
 _DOUBLE = NamedNode(v.XSD + "double")
 _Prefixes = dict[str, str]
+_Statement = TypeVar("_Statement", Quad, Triple)
 
 _TURTLE_TOKEN: Final = re.compile(
     r"""
@@ -92,21 +95,25 @@ def export_map(
     """
     path = Path(path)
     chosen = format or _format_of(path)
-    quads = export_quads(semantic_map, ontology=ontology)
-    statements = _statements(semantic_map, quads, chosen, ontology=ontology)
+    statements = _statements(semantic_map, chosen, ontology=ontology)
     write_atomically(path, _text(statements, chosen, prefixes_of(semantic_map.base)))
     return len(statements)
 
 
 def export_text(semantic_map: SemanticMap, format: str, *, ontology: bool = True) -> str:
     """The map as text in one of `FORMATS`; raises GraphError for an unknown one."""
-    quads = export_quads(semantic_map, ontology=ontology)
-    statements = _statements(semantic_map, quads, format, ontology=ontology)
+    statements = _statements(semantic_map, format, ontology=ontology)
     return _text(statements, format, prefixes_of(semantic_map.base))
 
 
 def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Quad]:
     """Quads of an export in their order, with geometries."""
+    parts = _graphs(semantic_map, ontology=ontology)
+    return [quad for quads in parts for quad in _in_order(quads)]
+
+
+def _graphs(semantic_map: SemanticMap, *, ontology: bool) -> Iterator[Iterator[Quad]]:
+    """Quads of each graph of an export, in no order."""
     graphs = (*_GRAPHS, v.ONTOLOGY_GRAPH.value) if ontology else _GRAPHS
     engine = semantic_map.engine
     quads = {
@@ -114,48 +121,44 @@ def export_quads(semantic_map: SemanticMap, *, ontology: bool = True) -> list[Qu
         for graph in graphs
     }
     codec = RecordCodec(semantic_map.base, semantic_map.catalogue)
-    things = codec.objects_among(quads[v.MAP_GRAPH.value]), semantic_map.places()
-    base, stored = semantic_map.base, by_subject(quads[v.MAP_GRAPH.value])
+    stored = by_subject(in_pieces(quads[v.MAP_GRAPH.value], _PIECE))
+    things = codec.objects_of(stored), semantic_map.places()
+    base = semantic_map.base
     described = {quad.triple for quad in quads[v.DATASET_GRAPH.value]}
     derived = (*geometry_quads(base, *things, semantic_map.robot()), *standard_quads(base, stored))
     quads[v.MAP_GRAPH.value] += tuple(q for q in derived if q.triple not in described)
-    return [
-        quad
-        for graph in graphs
-        for about in _by_subject(map(_with_exponent, anonymous(quads[graph])))
-        for quad in about
-    ]
+    for graph in graphs:
+        yield map(_with_exponent, anonymous(quads[graph]))
 
 
 def _statements(
-    semantic_map: SemanticMap, quads: list[Quad], form: str, *, ontology: bool
-) -> list[Quad]:
+    semantic_map: SemanticMap, form: str, *, ontology: bool
+) -> list[Quad] | list[Triple]:
     """Statements of a file in that format: all graphs, an OWL 2 document, or one graph."""
     if keeps_graphs(form):
         inferred = semantic_map.engine.quads_for_pattern(None, None, None, v.INFERRED_GRAPH)
-        return [*quads, *(quad for about in _by_subject(inferred) for quad in about)]
-    triples = list(dict.fromkeys(quad.triple for quad in quads))
+        return [*export_quads(semantic_map, ontology=ontology), *_in_order(inferred)]
+    parts = _graphs(semantic_map, ontology=ontology)
+    triples = [quad.triple for quads in parts for quad in quads]
     if ontology:
         iri, label = semantic_map.base + "ontology", f"ontology of {semantic_map.description.title}"
         triples = owl_document(triples, iri, label)
-    merged = (Quad(t.subject, t.predicate, t.object) for t in triples)
-    return [quad for about in _by_subject(merged) for quad in about]
+    return _in_order(triples)
 
 
-def _text(quads: list[Quad], form: str, prefixes: _Prefixes) -> str:
+def _text(statements: list[Quad] | list[Triple], form: str, prefixes: _Prefixes) -> str:
     name = _known(form)
     if name == "trig":
-        return _tidy(quads, RdfFormat.TRIG, prefixes)
+        return _tidy(statements, RdfFormat.TRIG, prefixes)
     if name == "nq":
-        return serialised(quads, RdfFormat.N_QUADS, {})
-    triples = _triples(quads)
+        return serialised(statements, RdfFormat.N_QUADS, {})
     if name == "ttl":
-        return _tidy(triples, RdfFormat.TURTLE, prefixes)
+        return _tidy(statements, RdfFormat.TURTLE, prefixes)
     if name == "nt":
-        return serialised(triples, RdfFormat.N_TRIPLES, {})
+        return serialised(statements, RdfFormat.N_TRIPLES, {})
     if name == "rdfxml":
-        return serialised(triples, RdfFormat.RDF_XML, prefixes)
-    return to_jsonld(triples, prefixes) + "\n"
+        return serialised(statements, RdfFormat.RDF_XML, prefixes)
+    return to_jsonld(cast(list[Triple], statements), prefixes) + "\n"
 
 
 def is_format(form: str) -> bool:
@@ -194,10 +197,6 @@ def prefixes_of(base: str) -> _Prefixes:
     return {**v.PREFIXES, "map": base, **things}
 
 
-def _triples(quads: Iterable[Quad]) -> list[Triple]:
-    return list(dict.fromkeys(quad.triple for quad in quads))
-
-
 def serialised(
     statements: Iterable[Quad] | Iterable[Triple], form: RdfFormat, prefixes: _Prefixes
 ) -> str:
@@ -233,15 +232,17 @@ def _with_exponent(quad: Quad) -> Quad:
     return Quad(quad.subject, quad.predicate, Literal(text, datatype=_DOUBLE), quad.graph_name)
 
 
-def _by_subject(quads: Iterable[Quad]) -> Iterator[list[Quad]]:
-    """Quads grouped by subject, without duplicates, in the order of their numbers."""
-    about: dict[Subject, dict[tuple[object, ...], Quad]] = {}
-    for quad in quads:
-        subject, predicate, value, _ = quad
-        about.setdefault(subject, {})[_rank(predicate.value, str(value))] = quad
-    for subject in sorted(about, key=_number):
-        facts = about[subject]
-        yield [facts[rank] for rank in sorted(facts)]
+def _in_order(statements: Iterable[_Statement]) -> list[_Statement]:
+    """Statements by subject, in the order of their numbers, without duplicates."""
+    about: dict[Subject, dict[tuple[object, ...], _Statement]] = {}
+    for one in statements:
+        rank = _rank(one.predicate.value, str(one.object))
+        about.setdefault(one.subject, {})[rank] = one
+    return [
+        facts[rank]
+        for subject, facts in sorted(about.items(), key=lambda item: _number(item[0]))
+        for rank in sorted(facts)
+    ]
 
 
 def _number(subject: Subject) -> tuple[object, ...]:

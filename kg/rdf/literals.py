@@ -19,6 +19,8 @@ from kg.model.errors import InvalidFactError
 from kg.model.vocabulary import CELL
 from kg.rdf.quad_store import QuadStore
 
+_ESCAPE: Final = re.compile(r"\\(.)")
+_ESCAPED: Final = {"t": "\t", "n": "\n", "r": "\r", "b": "\b", "f": "\f"}
 _DATE_TIME = NamedNode(v.XSD + "dateTime")
 
 
@@ -169,6 +171,21 @@ def by_subject(quads: Iterable[Quad]) -> dict[str, Properties]:
 def text_of(term: object) -> str:
     """IRI or lexical form of a term."""
     return str(getattr(term, "value", term))
+
+
+def tsv_text(cell: str) -> str:
+    """IRI or lexical form of a term in SPARQL results in TSV, which write numbers bare."""
+    mark = cell[:1]
+    if mark == "<":
+        return cell[1:-1]
+    if mark != '"':
+        return cell
+    text = cell[1 : cell.rindex('"')]
+    return _ESCAPE.sub(_unescaped, text) if "\\" in text else text
+
+
+def _unescaped(match: re.Match[str]) -> str:
+    return _ESCAPED.get(match[1], match[1])
 
 
 def first(properties: Mapping[str, Sequence[str]], predicate: str, default: str) -> str:

@@ -85,12 +85,12 @@ def with_fresh_iris(quads: Iterable[Quad]) -> Iterator[Quad]:
 def anonymous(quads: Iterable[Quad]) -> Iterator[Quad]:
     """The quads with a blank node in place of each such IRI; the inverse of `named`."""
     for quad in quads:
-        subject, predicate, value, graph = quad
+        subject, value = quad.subject, quad.object
         bare, bare_value = _without_name(subject), _without_name(value)
         if bare is subject and bare_value is value:
             yield quad
         else:
-            yield Quad(bare, predicate, bare_value, graph)  # type: ignore[arg-type]
+            yield Quad(bare, quad.predicate, bare_value, quad.graph_name)  # type: ignore[arg-type]
 
 
 def anonymous_triple(triple: Triple) -> Triple:

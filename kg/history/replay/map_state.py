@@ -7,19 +7,21 @@ that is not finite is left out, and so is a thing without a position.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pyoxigraph import Literal, NamedNode, Quad
+from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QuerySolutions, Store
 
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
+from kg.rdf.literals import text_of, tsv_text
 from kg.rdf.quad_store import QuadStore
 
 State = dict[str, Any]
 Row = dict[str, Any]
+_Fact = tuple[str, str]  # a subject as in N-Triples, and the IRI or text of its value
 
 #: predicate -> field of a row
 _TEXTS: Final = {
@@ -108,11 +110,19 @@ def _is_english(label: Literal) -> bool:
     return (label.language or "en").lower().partition("-")[0] == "en"
 
 
-def present_state(engine: QuadStore, categories: Categories, base: str) -> State:
+def present_state(engine: Store, categories: Categories, base: str) -> State:
     """The state of the facts in `engine`."""
-    predicates = (NamedNode(name) for name in _PREDICATES)
-    quads = (q for p in predicates for q in engine.quads_for_pattern(None, p, None, v.MAP_GRAPH))
-    return _state(quads, categories, base)
+    return _state(((name, _stored(engine, name)) for name in _PREDICATES), categories, base)
+
+
+def _stored(engine: Store, predicate: str) -> Iterator[_Fact]:
+    """The facts of graph:map with a predicate, read as text: in half of the time of quads."""
+    found = engine.query(f"SELECT ?s ?o {{ GRAPH {v.MAP_GRAPH} {{ ?s <{predicate}> ?o }} }}")
+    assert isinstance(found, QuerySolutions)
+    lines = (found.serialize(format=QueryResultsFormat.TSV) or b"").decode().split("\n")
+    for line in lines[1:-1]:
+        subject, _, cell = line.partition("\t")
+        yield subject, tsv_text(cell)
 
 
 def state_after(log: HistoryLog, sequence: int, categories: Categories, base: str) -> State:
@@ -121,23 +131,31 @@ def state_after(log: HistoryLog, sequence: int, categories: Categories, base: st
     Only the facts that are drawn are parsed: no store is filled, and no observation read.
     """
     lines = (line for line in log.facts(sequence) if _is_drawn(line))
-    return _state(quads_of(lines), categories, base)
+    facts = dict[str, list[_Fact]]()
+    for quad in quads_of(lines):
+        fact = str(quad.subject), text_of(quad.object)
+        facts.setdefault(quad.predicate.value, []).append(fact)
+    return _state(facts.items(), categories, base)
 
 
 def _is_drawn(line: bytes) -> bool:
     return line.split(b" ", 2)[1] in _LINE_PREDICATES and line.endswith(_MAP_GRAPH)
 
 
-def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
+def _state(
+    facts: Iterable[tuple[str, Iterable[_Fact]]], categories: Categories, base: str
+) -> State:
+    """The state of the facts with each predicate, an IRI."""
     rows, types, beliefs = dict[str, Row](), dict[str, list[str]](), dict[str, list[str]]()
-    for quad in quads:
-        predicate, subject, value = quad.predicate.value, str(quad.subject), quad.object
-        if predicate == v.RDF_TYPE.value:
-            types.setdefault(subject, []).append(getattr(value, "value", ""))
-        elif predicate == v.HAS_BELIEF:
-            beliefs.setdefault(subject, []).append(str(value))
+    for predicate, those in facts:
+        if predicate in (v.RDF_TYPE.value, v.HAS_BELIEF):
+            known = types if predicate == v.RDF_TYPE.value else beliefs
+            for subject, text in those:
+                known.setdefault(subject, []).append(text)
+        elif predicate in _TEXTS:
+            _read_texts(rows, _TEXTS[predicate], those)
         else:
-            _read(rows.setdefault(subject, {}), predicate, getattr(value, "value", ""))
+            _read_numbers(rows, _NUMBERS[predicate], those)
     state: State = {kind: [] for kind in _NEEDED}
     for subject in sorted(rows):
         row, kinds = rows[subject], types.get(subject, ())
@@ -145,7 +163,7 @@ def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
         if kind == "objects":
             row["class"] = min((name for name in kinds if name in categories.objects), default=None)
         if kind == "places":
-            nodes = (rows.get(node, {}) for node in beliefs.get(subject, ()))
+            nodes = (rows.get(f"<{node}>", {}) for node in beliefs.get(subject, ()))
             held = (one for one in nodes if "category" in one and "belief" in one)
             pairs = ([one["category"], one["belief"]] for one in held)
             row["beliefs"] = sorted(pairs, key=lambda pair: (-pair[1], pair[0]))
@@ -157,14 +175,18 @@ def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
     return state
 
 
-def _read(row: Row, predicate: str, text: str) -> None:
-    if predicate in _TEXTS:
-        name = _TEXTS[predicate]
+def _read_texts(rows: dict[str, Row], name: str, facts: Iterable[_Fact]) -> None:
+    for subject, text in facts:
+        row = rows.setdefault(subject, {})
         row[name] = min(row.get(name, text), text)  # of several values always the same
-        return
-    try:
-        number = float(text)
-    except ValueError:
-        return
-    if math.isfinite(number):
-        row[_NUMBERS[predicate]] = round(number, _DIGITS)
+
+
+def _read_numbers(rows: dict[str, Row], name: str, facts: Iterable[_Fact]) -> None:
+    for subject, text in facts:
+        row = rows.setdefault(subject, {})
+        try:
+            number = float(text)
+        except ValueError:
+            continue
+        if math.isfinite(number):
+            row[name] = round(number, _DIGITS)

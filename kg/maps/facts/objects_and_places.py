@@ -178,7 +178,11 @@ class RecordCodec:
 
     def objects_among(self, quads: Iterable[Quad]) -> tuple[ObjectRecord, ...]:
         """The objects described by `quads` of graph:map, in the order of their numbers."""
-        found = self._objects(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
+        return self.objects_of(by_subject(in_pieces(quads, 10 * CHUNK_SIZE)))
+
+    def objects_of(self, subjects: dict[str, Properties]) -> tuple[ObjectRecord, ...]:
+        """The objects among things with those properties, in the order of their numbers."""
+        found = self._objects(subjects)
         return tuple(record for record in found if record.category != v.UNNAMED_THING)
 
     def unnamed_things(self, store: QuadStore) -> tuple[ObjectRecord, ...]:

@@ -10,7 +10,6 @@ import csv
 import io
 import json
 import math
-import re
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -36,6 +35,7 @@ from pyoxigraph import (
 from kg.knowledge.ontology.declared_terms import known_terms
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
+from kg.rdf.literals import tsv_text
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
@@ -62,8 +62,6 @@ _INTEGERS = {
     )
 }
 _BOOLEANS = {"true": True, "false": False}
-_ESCAPE = re.compile(r"\\(.)")
-_ESCAPED = {"t": "\t", "n": "\n", "r": "\r", "b": "\b", "f": "\f"}
 
 
 def rows_of(solutions: QuerySolutions) -> tuple[Row, ...]:
@@ -107,17 +105,12 @@ def _value_in(cell: str) -> Value:
     """Value of a term in a TSV cell, where numbers may be unquoted."""
     if cell.startswith("<<"):
         return _triple_in(cell)
-    if cell[0] == "<":
-        return cell[1:-1]
-    if cell[0] == "_":
-        return cell
+    text = tsv_text(cell)
+    if cell[0] in "<_":
+        return text
     if cell[0] != '"':
-        return _number_in(cell)
-    end = cell.rindex('"')
-    text = cell[1:end]
-    if "\\" in text:
-        text = _ESCAPE.sub(lambda match: _ESCAPED.get(match[1], match[1]), text)
-    datatype = cell[end + 1 :]
+        return _number_in(text)
+    datatype = cell.rpartition('"')[2]
     return _literal_value(text, datatype[3:-1]) if datatype.startswith("^^") else text
 
 
