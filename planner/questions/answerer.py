@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from typing import Final
 
@@ -188,7 +189,8 @@ class Answerer(Measures):
         sure = [one for one in known if one.sure]
         rest = len(known) - len(sure)
         doubted = f", and perhaps {rest} more" if rest else ""
-        return self._of_category(target, [f"{target.label}: {len(sure)}{where}{doubted}"])
+        answer = self._of_category(target, [f"{target.label}: {len(sure)}{where}{doubted}"])
+        return replace(answer, things=tuple(one.iri for one in sure))
 
     def _most(self) -> PlainAnswer:
         """The places with the most things of a kind, and how many each has."""

@@ -16,6 +16,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
+from kg.model.place_names import place_titles
 from kg.rdf.quad_store import QuadStore
 
 State = dict[str, Any]
@@ -145,6 +146,7 @@ def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
         if kind == "objects":
             row["class"] = min((name for name in kinds if name in categories.objects), default=None)
         if kind == "places":
+            row.setdefault("label", subject[1:-1].rpartition("/")[2])
             nodes = (rows.get(node, {}) for node in beliefs.get(subject, ()))
             held = (one for one in nodes if "category" in one and "belief" in one)
             pairs = ([one["category"], one["belief"]] for one in held)
@@ -154,6 +156,9 @@ def _state(quads: Iterable[Quad], categories: Categories, base: str) -> State:
         if all(row.get(name) is not None for name in _NEEDED[kind]):
             state[kind].append({"iri": subject[1:-1].removeprefix(base), **row})
     state["robot"] = next(iter(state["robot"]), None)
+    named = [(place["label"], dict(place["beliefs"])) for place in state["places"]]
+    for place, title in zip(state["places"], place_titles(named, categories.label), strict=True):
+        place["title"] = title
     return state
 
 
