@@ -28,7 +28,7 @@ from PIL import Image
 
 from kg.serving.opening import open_map
 from kg.serving.server import MapServer, Settings
-from planner.search.plans.report import find_answer
+from planner.questions.answers import answer_box
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -75,10 +75,18 @@ def kitchen_banana(folder: Path, picture: Path) -> None:
 
 
 def map_page(folder: Path, picture: Path) -> None:
-    """The live page of the demo's map with the plan of a search."""
+    """The live page of the demo's map with the answer to a question."""
     with opened(demo_map(folder)) as page:
         find_cup(page)
-        page.screenshot(path=picture)
+        page.click("#fit")
+        settled(page).screenshot(path=picture)
+
+
+def thing_page(folder: Path, picture: Path) -> None:
+    """The page of a thing of the demo."""
+    with opened(demo_map(folder), "object/9", size=(1100, 760)) as page:
+        page.wait_for_selector("#about-history li")
+        settled(page).screenshot(path=picture)
 
 
 def map_3d(folder: Path, picture: Path) -> None:
@@ -119,12 +127,9 @@ def lounge(folder: Path, picture: Path) -> None:
 def focus(folder: Path, picture: Path) -> None:
     """The kitchen's table alone."""
     with opened(recorded("redkitchen", "kitchen", folder), "#?solid=1", size=(1300, 720)) as page:
-        page.fill("#filter", "dining table")
         page.click("text=All objects")
-        page.click("#objects button >> nth=0")
-        page.fill("#filter", "")
+        page.click("#objects button:has-text('dining table') >> nth=0")
         page.click("#focus")
-        page.evaluate("document.querySelector('.side').scrollTop = 0")
         settled(page).screenshot(path=picture)
 
 
@@ -150,9 +155,9 @@ def settled(page: Page) -> Page:
 
 def find_cup(page: Page) -> None:
     """Have the page plan a search."""
-    page.fill("#wanted", "cup")
+    page.fill("#wanted", "where is the cup?")
     page.press("#wanted", "Enter")
-    page.wait_for_selector("#plan ol li")
+    page.wait_for_selector("#plan ol li", state="attached")
     page.wait_for_timeout(500)
 
 
@@ -174,6 +179,7 @@ MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
     "kitchen-3d": kitchen_3d,
     "map-page": map_page,
     "map-3d": map_3d,
+    "thing-page": thing_page,
     "living-room": living_room,
     "lounge": lounge,
     "focus": focus,
@@ -213,7 +219,7 @@ def opened(path: Path, address: str = "", size: tuple[int, int] = SIZE) -> Itera
     from playwright.sync_api import sync_playwright
 
     with open_map(path, read_only=True) as semantic_map, sync_playwright() as playwright:
-        planner = partial(find_answer, semantic_map)
+        planner = partial(answer_box, semantic_map)
         with MapServer(semantic_map, Settings(port=0), planner=planner) as server:
             browser = playwright.chromium.launch(
                 executable_path=shutil.which("chromium"),

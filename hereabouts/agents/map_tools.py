@@ -15,9 +15,10 @@ from hereabouts.agents.list_tools import At, Limit, Skip, Word, thing, unknown, 
 from hereabouts.agents.map_context import MapContext, clock, state_of, time_or_none
 from hereabouts.agents.untrusted_text import for_agents
 from kg.maps.semantic_map import SemanticMap
+from kg.model.place_names import plain_place
 from kg.model.records import PlaceRecord, likeliest
 from kg.serving.workers.local_evaluation import LimitedQueries
-from planner.freespace.planning_map import Row, plain_place
+from planner.freespace.planning_map import Row
 from planner.questions.answers import answer_question
 from planner.questions.patterns import MAX_LENGTH, Question
 from planner.questions.rooms import about_rooms

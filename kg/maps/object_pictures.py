@@ -27,11 +27,18 @@ class ObjectPictures:
         self._folder = path / FOLDER
 
     def path_of(self, record: ObjectRecord) -> Path | None:
-        """File with the best observation of `record`; None without a picture."""
-        path = self._path(record)
-        if path is None or path.is_symlink() or not path.is_file():
-            return None  # a link may lead to files that are not the map's
-        return path if path.stat().st_size <= MAX_BYTES else None
+        """File with the best view of `record` that is kept; None without a picture.
+
+        Where its best observation has no picture, that is the latest of the former ones.
+        """
+        views = self.views_of(record.iri)
+        best = self._path(record)
+        path = best if best in views else next(iter(views), None)
+        return path if path and path.stat().st_size <= MAX_BYTES else None
+
+    def has(self, record: ObjectRecord) -> bool:
+        """Whether the best observation of `record` has a picture."""
+        return self._path(record) in self.views_of(record.iri)
 
     def views_of(self, iri: str) -> list[Path]:
         """Files with views of an object, the latest first; up to `MAX_VIEWS`."""
@@ -39,7 +46,7 @@ class ObjectPictures:
         return self._views(number[1])[:MAX_VIEWS] if number else []
 
     def read(self, record: ObjectRecord) -> bytes | None:
-        """The JPEG of the best observation of `record`; None without a picture."""
+        """The JPEG of the best view of `record`; None without a picture."""
         path = self.path_of(record)
         try:
             return None if path is None else path.read_bytes()

@@ -22,7 +22,9 @@ Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
 
 PERSON: Final = "person"  # label of things whose pictures are never kept
 RECENT: Final = 15  # frames held, since a thing is a candidate before it is an object
-_SURE: Final = 0.1  # score from which a detected person is made unrecognisable in others' pictures
+_SUSPECTED: Final = 0.1  # score from which what may be a person is left out of the surface
+_SURE: Final = 0.5  # and from which it is made unrecognisable in pictures of other things
+_COVERED: Final = 0.3  # share of a thing's box that people cover, so that another frame is taken
 
 
 class PictureKeeper:
@@ -48,7 +50,7 @@ class PictureKeeper:
         """Hold a frame for pictures of what it shows."""
         if self._pictures is None:
             return
-        self._recent[frame.id] = frame.rgb, people_in(detections)
+        self._recent[frame.id] = frame.rgb, people_in(detections, _SURE)
         if len(self._recent) > RECENT:
             del self._recent[next(iter(self._recent))]
 
@@ -76,7 +78,10 @@ class PictureKeeper:
             return
         if self._map.catalogue.label(record.category) == PERSON:
             pictures.remove(record.iri)
-        elif pictures.path_of(record) is None:
+        elif not pictures.has(record):
+            _, people = self._recent[shown.frame]
+            if covered_share(shown.box, people) > _COVERED and pictures.views_of(record.iri):
+                return  # a former view shows more of it
             data = self._picture(shown)
             if data is not None:
                 pictures.write(record, data)
@@ -105,11 +110,20 @@ class PictureKeeper:
             self.problem = f"known things are not looked for: {error}"
 
 
-def people_in(detections: Detections) -> Boxes:
-    """Boxes (n, 4) [px] of the people in an image, who are left out of pictures."""
+def covered_share(box: tuple[float, float, float, float], people: Boxes) -> float:
+    """Share of a box (xyxy [px]) that the one of `people` covers who covers most of it, 0..1."""
+    x1, y1, x2, y2 = box
+    wide = np.clip(np.minimum(people[:, 2], x2) - np.maximum(people[:, 0], x1), 0, None)
+    high = np.clip(np.minimum(people[:, 3], y2) - np.maximum(people[:, 1], y1), 0, None)
+    area = max((x2 - x1) * (y2 - y1), 1e-9)
+    return float((wide * high).max(initial=0.0)) / area
+
+
+def people_in(detections: Detections, least: float = _SUSPECTED) -> Boxes:
+    """Boxes (n, 4) [px] of the people in an image, from a score `least` on."""
     chosen = [
         n
         for n, (label, score) in enumerate(zip(detections.label, detections.score, strict=True))
-        if label == PERSON and score >= _SURE
+        if label == PERSON and score >= least
     ]
     return detections.xyxy[chosen]

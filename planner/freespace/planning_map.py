@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
@@ -16,7 +14,8 @@ from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
-from kg.model.records import UNKNOWN, likeliest
+from kg.model.place_names import NUMBERED, distinct_kinds, sure_kind
+from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import BEHIND, Frontier, free_space, seen_space, with_frontiers
@@ -27,10 +26,6 @@ _MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor
 _MAX_CELLS: float = 4e5  # of a grid; larger buildings get larger cells
 _MAX_CELL: float = 1.0  # [m] larger cells show no doors
 _MAX_MARGIN_ROOMS: int = 40
-SURE = 0.5  # belief in a place's category from which on it is named without "perhaps"
-#: The catalogue calls a bathroom what Places205 calls it.
-_PLAIN = {"shower": "bathroom", "lobby": "entrance hall"}
-NUMBERED = re.compile(r"place \d+")  # the label of a place that nobody named
 _NEAR = 0.5  # [m] from a room within which a spot needs no margin of its own
 _MARGIN: float = BEHIND + 0.2  # [m] of grid around what was seen
 
@@ -205,25 +200,6 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
     return _named_apart(list(found.values()))
-
-
-def plain_place(label: str) -> str:
-    """The everyday name of a category of places, by its label."""
-    return _PLAIN.get(label, label)
-
-
-def sure_kind(beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
-    """The everyday name of the category that is believed, by its `label`; "" where it is unsure."""
-    best = likeliest(beliefs)
-    return "" if best is None or beliefs[best] < SURE else plain_place(label(best))
-
-
-def distinct_kinds(places: Sequence[tuple[str, str]]) -> list[str]:
-    """The kind of each place (label, kind) that it alone has and nobody named; "" for others."""
-    count = Counter(kind for _, kind in places)
-    return [
-        kind if count[kind] == 1 and NUMBERED.fullmatch(label) else "" for label, kind in places
-    ]
 
 
 def _named_apart(places: Sequence[Place]) -> tuple[Place, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
@@ -204,7 +205,8 @@ class Answerer(Evidence):
         doubted = f", and perhaps {rest} more" if rest else ""
         whether = self._question.whether(len(sure), len(known))
         line = f"{whether}{target.label}: {len(sure)}{where}{doubted}"
-        return self._of_category(target, [line])
+        answer = self._of_category(target, [line])
+        return replace(answer, things=tuple(one.iri for one in sure))
 
     def _most(self) -> PlainAnswer:
         """The places with the most things of a kind, and how many each has."""

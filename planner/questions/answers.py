@@ -23,8 +23,11 @@ from planner.questions.patterns import MAX_LENGTH, Question, ordered, parsed
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import target_named
 from planner.questions.rooms import about_rooms
+from planner.search.goals.place_names import spoken_places
 from planner.search.plans.report import empty_answer, find_answer
 
+#: columns of answers that have the IRI of a thing or place
+_LISTING: Final = ("object", "thing", "place", "robot")
 #: names of all that a map has, unless a place is called so
 WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
 
@@ -61,7 +64,9 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
             one = PlainAnswer(question.kind, "", {}, (str(error),))
         named = f"{what}: " * bool(question.also)
         answers.append(replace(one, lines=(named + one.lines[0], *one.lines[1:])))
-    return replace(answers[0], lines=tuple(line for one in answers for line in one.lines))
+    things = tuple(iri for one in answers for iri in _listed_in(one))
+    lines = tuple(line for one in answers for line in one.lines)
+    return replace(answers[0], lines=lines, things=things)
 
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
@@ -104,7 +109,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
     if question is None:
-        return find_answer(semantic_map, wanted)
+        found = find_answer(semantic_map, wanted)
+        return {**found, "about": about(semantic_map, _texts(found["answer"]))}
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
@@ -112,13 +118,50 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         with suppress(UndetectableError):  # that has its own answer
             target_named(semantic_map, question.what)
         found = find_answer(semantic_map, [question.what])
-        return {**found, "answer": [*question.notes, *_texts(found["answer"])]}
+        lines = [*question.notes, *_texts(found["answer"])]
+        return {**found, "answer": lines, "about": about(semantic_map, lines)}
     answer = answer_question(semantic_map, wanted[0], now)
+    # of several times one is told; the things of the other rows are not what it is about
+    listed = () if answer.kind == "last seen" else answer.things
     return {
         **empty_answer(semantic_map, (), now),
         "target": wanted[0],
         "answer": list(answer.lines),
+        "about": about(semantic_map, answer.lines, listed),
     }
+
+
+def about(
+    semantic_map: SemanticMap, lines: Sequence[str], listed: Sequence[str] = ()
+) -> list[dict[str, str]]:
+    """What an answer is about, for links: `iri`, and `name` as its lines have it, or "".
+
+    Things and places whose names stand in the lines come first, then the IRIs `listed`.
+    """
+    text = "\n".join(lines)
+    names = dict[str, str]()
+    for place in semantic_map.places():
+        names[place.label] = place.iri
+    for iri, title in spoken_places(semantic_map).items():
+        names[title.removeprefix("the ")] = iri
+    rows = semantic_map.query("objects", least=0.0).records()
+    names |= {str(row["label"]): str(row["object"]) for row in rows if row["label"]}
+    named = {
+        iri: name
+        for name, iri in sorted(names.items(), key=lambda pair: len(pair[0]))
+        if name in text and re.search(rf"(?<!\w){re.escape(name)}(?!\w)", text)
+    }
+    first = sorted(named, key=lambda iri: text.index(named[iri]))
+    rest = [semantic_map.base + iri if ":" not in iri else iri for iri in listed]
+    order = dict.fromkeys([*first, *rest])
+    return [{"iri": iri, "name": named.get(iri, "")} for iri in order]
+
+
+def _listed_in(answer: PlainAnswer) -> list[str]:
+    """IRIs of the things and places that an answer lists."""
+    columns = [n for n, name in enumerate(answer.columns) if name in _LISTING]
+    cells = [row[columns[0]] for row in answer.rows] if columns else []
+    return [*answer.things, *(cell for cell in cells if isinstance(cell, str))]
 
 
 def _texts(value: object) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from kg.maps.semantic_map import SemanticMap
-from planner.freespace.planning_map import plain_place
+from kg.model.place_names import plain_place
 from planner.search.goals.search_goals import with_article
 
 

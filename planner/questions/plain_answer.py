@@ -18,6 +18,7 @@ class PlainAnswer:
     lines: tuple[str, ...]  # the answer in sentences
     columns: tuple[str, ...] = ()
     rows: tuple[tuple[object, ...], ...] = field(default=())
+    things: tuple[str, ...] = ()  # IRIs of what was counted, beside those of the rows
 
     @property
     def command(self) -> str:

@@ -9,8 +9,8 @@ from typing import Final
 from kg.history.timestamps import iso, span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
+from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
-from planner.freespace.planning_map import NUMBERED, plain_place
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,

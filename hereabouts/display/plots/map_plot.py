@@ -53,9 +53,9 @@ from hereabouts.display.plots.place_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.point_labels import PointLabel, write_labels
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
+from kg.model.place_names import plain_place
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
-from planner.freespace.planning_map import plain_place
 
 Legend = Literal["class", "place"]
 

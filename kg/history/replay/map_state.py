@@ -16,6 +16,7 @@ from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QuerySolutions, S
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
+from kg.model.place_names import place_titles
 from kg.rdf.literals import text_of, tsv_text
 from kg.rdf.quad_store import QuadStore
 
@@ -163,16 +164,26 @@ def _state(
         if kind == "objects":
             row["class"] = min((name for name in kinds if name in categories.objects), default=None)
         if kind == "places":
-            nodes = (rows.get(f"<{node}>", {}) for node in beliefs.get(subject, ()))
-            held = (one for one in nodes if "category" in one and "belief" in one)
-            pairs = ([one["category"], one["belief"]] for one in held)
-            row["beliefs"] = sorted(pairs, key=lambda pair: (-pair[1], pair[0]))
+            row.setdefault("label", subject[1:-1].rpartition("/")[2])
+            row["beliefs"] = _beliefs(rows, beliefs.get(subject, ()))
         if "place" in row:
             row["place"] = row["place"].removeprefix(base)
         if all(row.get(name) is not None for name in _NEEDED[kind]):
             state[kind].append({"iri": subject[1:-1].removeprefix(base), **row})
     state["robot"] = next(iter(state["robot"]), None)
+    named = [(place["label"], dict(place["beliefs"])) for place in state["places"]]
+    for place, title in zip(state["places"], place_titles(named, categories.label), strict=True):
+        place["title"] = title
     return state
+
+
+def _beliefs(rows: Mapping[str, Row], nodes: Iterable[str]) -> list[list[Any]]:
+    """Categories with their beliefs, the strongest first."""
+    those = (rows.get(f"<{node}>", {}) for node in nodes)
+    pairs = (
+        [one["category"], one["belief"]] for one in those if one.keys() >= {"category", "belief"}
+    )
+    return sorted(pairs, key=lambda pair: (-pair[1], pair[0]))
 
 
 def _read_texts(rows: dict[str, Row], name: str, facts: Iterable[_Fact]) -> None:

@@ -8,16 +8,11 @@ from dataclasses import dataclass
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
+from kg.model import place_names
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.records import PlaceRecord, likeliest
+from kg.model.place_names import NUMBERED, distinct_kinds, sure_kind
+from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
-from planner.freespace.planning_map import (
-    NUMBERED,
-    SURE,
-    distinct_kinds,
-    plain_place,
-    sure_kind,
-)
 
 _LISTED = 8  # places in a message
 _DETERMINERS = frozenset(
@@ -31,13 +26,7 @@ _UNNAMED = (
 
 def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
     """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the label of the place has it already."""
-    top = likeliest(place.beliefs)
-    if top is None:
-        return ""
-    kind = plain_place(catalogue.label(top))
-    if not kind or kind.casefold() in place.label.casefold():
-        return ""
-    return f" ({kind})" if place.beliefs[top] >= SURE else f" (perhaps {kind})"
+    return place_names.in_brackets(place.label, place.beliefs, catalogue.label)
 
 
 def titled(catalogue: Catalogue, place: PlaceRecord) -> str:

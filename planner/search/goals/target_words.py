@@ -9,8 +9,8 @@ from kg.knowledge.words.meaning import Meaning, listed, shown_name, understand
 from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_places
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
+from kg.model.place_names import plain_place
 from mapping.looks.word_looks import things_that_look_like
-from planner.freespace.planning_map import plain_place
 from planner.search.goals.place_names import in_words, place_category
 
 _ALIKE = 3  # things that are said to look like a word

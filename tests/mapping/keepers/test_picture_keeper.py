@@ -102,6 +102,41 @@ def test_people_in_a_picture_are_made_unrecognisable():
     assert coarse.std() < sharp.std() / 3
 
 
+def test_what_may_be_a_person_leaves_a_thing_as_it_is(tmp_path, step_back, make_detections):
+    def checkered(number: int) -> Frame:
+        frame = step_back(number)
+        frame.rgb[14:34, 20:44] = CHECKERED[14:34, 20:44, None]
+        return frame
+
+    sharp = {}
+    for score in (0.3, 0.9):
+        seen = make_detections(("cup", 0.9, BOX), ("person", score, (0.0, 0.0, 60.0, 48.0)))
+        _, paths = mapped(tmp_path / f"{score}.map", checkered, seen)
+        (path,) = [path for path in paths if path is not None]
+        sharp[score] = decoded(path.read_bytes()).std()
+    assert sharp[0.3] > 2 * sharp[0.9]
+
+
+def test_a_view_in_which_a_person_covers_the_thing_does_not_replace_another(
+    tmp_path, coloured, make_detections
+):
+    free = make_detections(("cup", 0.9, BOX))
+    covered = make_detections(("cup", 0.97, BOX), ("person", 0.6, BOX))
+    with (
+        create_map(tmp_path / "a.map", base="https://example.org/map/") as semantic_map,
+        Mapper(semantic_map, MappingOptions(), recording="room") as mapper,
+    ):
+        for number in range(3):
+            mapper.add(coloured(number), free)
+        mapper.add(coloured(3), covered)
+        (cup,) = (one for one in semantic_map.objects() if one.category.endswith("#Cup"))
+        assert cup.evidence is not None and cup.evidence.score == pytest.approx(0.97, abs=0.01)
+        picture = decoded(ObjectPictures(tmp_path / "a.map").read(cup))
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
+    assert np.abs(middle - RED).max() < 30
+    assert len(files_of(tmp_path / "a.map", 1)) == 1
+
+
 @pytest.mark.parametrize("box", [(70, 60, 90, 80), (10, 10, 10, 10), (-50, -50, -40, -40)])
 def test_a_box_that_shows_nothing_has_no_picture(box):
     nobody = np.zeros((0, 4), np.float32)

@@ -300,6 +300,27 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
         assert then.lines[0].startswith("Probably in the kitchen: cup 2 was seen there 4")
 
 
+@pytest.mark.parametrize(
+    ("question", "names"),
+    [
+        ("where is the cup?", ["cup 2", "kitchen"]),
+        ("how many cups are there?", ["object/2"]),
+        ("what is in the kitchen?", ["kitchen", "object/2"]),
+        ("which rooms are there?", ["kitchen", "bedroom"]),
+        ("when was the cup last seen?", ["cup 2", "kitchen"]),
+    ],
+)
+def test_an_answer_says_which_things_it_is_about(
+    flat: Path, question: str, names: list[str]
+) -> None:
+    with open_map(flat, read_only=True) as semantic_map:
+        about = answer_box(semantic_map, [question])["about"]
+        assert isinstance(about, list)
+        told = [one["name"] or one["iri"].removeprefix(semantic_map.base) for one in about]
+        assert [name for name in names if name not in told] == []
+        assert len({one["iri"] for one in about}) == len(about)
+
+
 def test_questions_and_commands_take_the_same_moments(says: Says) -> None:
     for words in ("yesterday", "2h", "an hour ago", "the last 3 days", "Monday", "2020-01-01"):
         told = says("diff", words, "now")

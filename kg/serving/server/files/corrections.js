@@ -5,27 +5,49 @@ import { hasToken, request, useToken } from "/files/server.js";
 
 export class Corrections {
   /** `done()` is called when the token or the map has changed. */
-  constructor(data, done) {
+  constructor(data, view, done) {
     this._data = data;
+    this._view = view;
     this._done = done;
-    this._rooms = new RoomEdits(data, (edit) =>
-      this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`));
+    this._rooms = new RoomEdits(data, view, (edit) => this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`));
     this._author = ""; // holder of the token
     this._moving = null; // IRI of the object that the next click on the map positions
+    this._thing = null; // that is selected
     byId("corrector")?.addEventListener("submit", (event) => this._take(event));
+    byId("edit").classList.toggle("hidden", !byId("corrector"));
+    byId("edit").addEventListener("click", () => this._turn(byId("edit").ariaPressed !== "true"));
+  }
+
+  /** Begin to edit, or end that. */
+  _turn(isOn) {
+    byId("edit").ariaPressed = String(isOn);
+    byId("editing").classList.toggle("hidden", !isOn);
+    this._rooms.stop();
+    this._moving = null;
+    this.offer();
+    if (isOn && !hasToken()) byId("token").focus();
   }
 
   /** Suggest the names of the categories in the field for a category. */
   offerCategories() {
     for (const kind of ["object", "place"]) {
       const known = [...this._data.labels].filter(([iri]) => this._data.kinds.get(iri) === kind);
-      byId(`${kind}-categories`).replaceChildren(...known.map(([, label]) => option(label, "")));
+      byId(`${kind}-categories`)?.replaceChildren(...known.map(([, label]) => option(label, "")));
     }
   }
 
-  /** The form for a thing; null without a token. */
-  form(thing) {
-    if (!hasToken() || !byId("corrector") || this._data.past !== null) return null; // the past cannot be written
+  /** Offer the tools for the selected thing, where one may edit. */
+  offer(thing = this._thing) {
+    this._thing = thing;
+    const tools = byId("tools");
+    if (!tools || tools.contains(document.activeElement) && document.activeElement.matches("input")) return;
+    byId("corrector").classList.toggle("hidden", hasToken());
+    if (!hasToken()) tools.replaceChildren();
+    else if (this._data.past !== null) tools.replaceChildren(element("p", "The past cannot be edited: choose now."));
+    else tools.replaceChildren(...(thing ? [this._form(thing)] : [element("p", "Select what to edit: click on the map or in the list.")]), this._rooms.form(this._data.places.has(thing?.iri) ? thing : null));
+  }
+
+  _form(thing) {
     const isPlace = this._data.places.has(thing.iri);
     const name = element("input"), category = element("input");
     name.value = thing.label || "";
@@ -33,16 +55,15 @@ export class Corrections {
     category.setAttribute("list", isPlace ? "place-categories" : "object-categories");
     category.setAttribute("aria-label", "category");
     category.placeholder = isPlace ? "e.g. kitchen" : "e.g. coffee machine";
-    const made = element("fieldset", "", element("legend", "Correct it"),
+    const made = element("fieldset", "", element("legend", this._data.nameOf(thing)),
       element("p", "", name, button("rename", () => this._assert(thing.iri, "label", name.value))),
       element("p", "", category, button("is a", () => this._assert(thing.iri, isPlace ? "category" : "name", category.value))));
     if (!isPlace) {
       made.append(element("p", "",
-        button("move", () => { this._moving = thing.iri; status("click where it is"); }),
+        button("move", () => { this._moving = thing.iri; this._view.sketch = { points: [[thing.x, thing.y]], cursor: null }; status("click where it is"); }),
         button("it is not there", () => this._assert(thing.iri, "existence", "absent"))));
     }
     made.append(element("p", "", button("undo", () => this._retract(thing.iri))));
-    if (isPlace) made.append(this._rooms.form(thing));
     return made;
   }
 
@@ -50,7 +71,7 @@ export class Corrections {
   place([x, y]) {
     if (this._rooms.take([x, y])) return true;
     const iri = this._moving;
-    this._moving = null;
+    if (iri) this._moving = this._view.sketch = null;
     if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.thingAt(iri)?.z ?? 0).toFixed(2)}`);
     return iri !== null;
   }
@@ -63,6 +84,7 @@ export class Corrections {
       useToken("");
       status("this token may not write to this map");
     } else status(hasToken() ? "corrections are open until the page is left" : "");
+    this.offer();
     this._done();
   }
 

@@ -15,7 +15,7 @@ export function enter(place) {
       byId("title").textContent = map;
       document.title = `${map} · hereabouts`;
       form.remove();
-      document.querySelector("footer")?.remove(); // its links would send no token
+      document.querySelector("#links, footer")?.remove(); // its links would send no token
       open(base);
     } catch (error) {
       byId("entry-outcome").textContent = error.message;

@@ -17,6 +17,7 @@ export class MapCamera {
   constructor(canvas, { moved, clicked, fit }) {
     this.isFlat = true;
     this.width = this.height = 1; // [px]
+    this.isHeld = false; // whether somebody drags it
     this.origin = [0, 0]; // [m] of the scene, since graphics hardware has 24 bits for a number
     this._moved = moved;
     const flat = new THREE.OrthographicCamera(), solid = new THREE.PerspectiveCamera(45, 1, 0.05, 2 * MAX_DISTANCE);
@@ -34,6 +35,8 @@ export class MapCamera {
     for (const controls of [this._flat, this._solid]) {
       controls.listenToKeyEvents(canvas);
       controls.addEventListener("change", () => this._change());
+      controls.addEventListener("start", () => { this.isHeld = true; });
+      controls.addEventListener("end", () => { this.isHeld = false; });
     }
     this._listen(canvas, clicked, fit);
   }

@@ -60,6 +60,7 @@ export class MapData extends EventTarget {
     this.robot = null;
     this.trail = [];
     this.sequence = 0; // of the shown state
+    this.version = 0; // of the objects and things
     this.surface = 0; // version of its surface
     this.poses = []; // a line for each recording with estimated poses
     this.last = 0; // of the map's last transaction
@@ -68,6 +69,7 @@ export class MapData extends EventTarget {
     this._tiles = new Map(); // by the text of their cells
     this.kinds = new Map();
     this.time = null; // ISO 8601, of the shown past state
+    this._others = new Set(); // classes in the feed that are no categories
     this._loading = new AbortController(); // of the last request
     this._missed = null;
   }
@@ -82,6 +84,7 @@ export class MapData extends EventTarget {
     try {
       if (!this.labels.size) await this._readCategories();
       const state = await stateAt(at, { signal });
+      if ((state.objects ?? []).some((one) => !this.kinds.has(one.class))) await this._readCategories();
       const tiles = await this._tilesOf(state);
       if (signal.aborted) return false;
       this._show(state, tiles, at !== null);
@@ -103,6 +106,7 @@ export class MapData extends EventTarget {
       [this.base + one.iri, { ...one, ...more, iri: this.base + one.iri, place: one.place && this.base + one.place }]));
     this.objects = byIri(state.objects, {});
     this.things = byIri(state.things, { class: UNNAMED });
+    this.version++;
     this.trail = [];
     this._takeSurroundings(state, tiles);
     const missed = this._missed || [];
@@ -157,12 +161,34 @@ export class MapData extends EventTarget {
     return this.objects.get(iri) || this.things.get(iri);
   }
 
+  has(iri) {
+    return Boolean(this.thingAt(iri)) || this.places.has(iri);
+  }
+
   labelOf(iri) {
     return this.labels.get(iri) || iri.replace(/^.*[/#]/, "");
   }
 
   nameOf(one) {
-    return one.label || this.labelOf(one.class || one.iri);
+    return one.title || one.label || this.labelOf(one.class || one.iri);
+  }
+
+  /** The name of what has an IRI. */
+  nameAt(iri) {
+    const one = this.thingAt(iri) || this.places.get(iri);
+    return one ? this.nameOf(one) : this.pathOf(iri);
+  }
+
+  /** A place in a sentence: "in the kitchen", "in place 3 (bedroom)". */
+  inPlace(place) {
+    const isKind = place.title && place.title !== place.label && !place.title.startsWith(place.label);
+    return `in ${isKind ? "the " : ""}${this.nameOf(place)}`;
+  }
+
+  /** The name of a thing in two parts: without the number that the map gave it, and the number, perhaps "". */
+  partsOf(one) {
+    const name = this.nameOf(one), [, word, number] = /^(.*) (\d+)$/.exec(name) ?? [null, name, ""];
+    return number && word === this.labelOf(one.class) ? [word, number] : [name, ""];
   }
 
   /** An IRI as this map's pages write it: without the base for things of the map. */
@@ -170,10 +196,9 @@ export class MapData extends EventTarget {
     return iri.startsWith(this.base) ? iri.slice(this.base.length) : iri;
   }
 
-  /** The name of a place with its most probable category. */
-  placeName(place) {
-    const best = place.beliefs[0];
-    return best ? `${this.nameOf(place)} (${this.labelOf(best[0])})` : this.nameOf(place);
+  /** The IRI of a path, as `pathOf` writes it. */
+  fullOf(path) {
+    return path.includes(":") ? path : this.base + path;
   }
 
   /** The time of the map: its latest view, in seconds since 1970. */
@@ -211,20 +236,36 @@ export class MapData extends EventTarget {
         if (!one) continue;
         touched.add(one);
         if (added) {
-          if (field === "class" && one.class && !this.kinds.has(value)) continue;
+          if (field === "class" && !this.kinds.has(value)) { this._learn(value); continue; }
           one[field] = isNumber(field) ? Number(value) : value;
         } else if (String(one[field]) === value || isNumber(field)) delete one[field];
       }
     }
     for (const one of touched) {
       if (one === this.robot) this.trail.push([one.x, one.y]);
-      else this._sort(one);
+      else { this._sort(one); this.version++; }
     }
     if (this.trail.length > 2000) this.trail.splice(0, 500);
     if (around) this._readSurroundings();
     // if an object left and was found again, the feed has only the differences
     if (back) this.load(null).catch(() => {});
     this._tell("changed");
+  }
+
+  /** A class that the page does not know: a new category, with which the state is read again, or none. */
+  _learn(iri) {
+    if (this._others.has(iri)) return;
+    this._others.add(iri);
+    this._learning ??= setTimeout(async () => {
+      this._learning = undefined;
+      try {
+        await this._readCategories();
+        const found = [...this._others].filter((one) => this.kinds.has(one));
+        found.forEach((one) => this._others.delete(one));
+        if (found.length && this.past === null) await this.load(null);
+        if (found.length) this._tell("categories");
+      } catch { this._others.clear(); /* the next change asks again */ }
+    }, 100);
   }
 
   _at(iri, make) {

@@ -1,11 +1,19 @@
 // Functions of drawing: colours, text, free space for text, points in polygons.
 
+const LINES = 12; // of a place in which space for its name is searched
+const WIDER = 1.5; // times its place a name may be, where nothing else is in the way
+
+/** The colours of `hereabouts plot`, which stay apart for the colour-blind; lighter ones for a dark page. */
+const PALETTE = {
+  light: ["#0072b2", "#d55e00", "#007d5c", "#cc79a7", "#e69f00", "#6f2d91", "#56b4e9", "#7f3b08"],
+  dark: ["#4fa8dc", "#f0894a", "#3db892", "#e0a3c4", "#f0b94a", "#b383d0", "#8accf2", "#c98a58"],
+};
+
 /** The colour of a category, always the same. */
 export function colourOf(label, dark) {
   let hash = 7;
   for (const c of label) hash = (hash * 31 + c.codePointAt(0)) >>> 0;
-  const hue = (hash * 137.508) % 360;
-  return `hsl(${hue.toFixed(0)} ${dark ? "65% 66%" : "62% 38%"})`;
+  return PALETTE[dark ? "dark" : "light"][((hash >>> 7) + hash) % 8];
 }
 
 /** Text with an outline in the colour of the background. */
@@ -39,6 +47,19 @@ export class Taken {
     keys.forEach((key) => { if (!this._cells.has(key)) this._cells.set(key, []); this._cells.get(key).push(box); });
     return true;
   }
+}
+
+/** Possible middles [u, v] of a name of this width [px] in a place of a flat map, line by line from the top. */
+export function* spotsIn(view, place, width) {
+  const [left, top, scale] = view.toScreen(place.xmin, place.ymax), [right, bottom] = view.toScreen(place.xmax, place.ymin);
+  const aside = (right - left - width) / 2 - 6, middle = (left + right) / 2;
+  for (let line = 0; aside > -3 && line < LINES && top + 16 * line + 16 < bottom; line++) {
+    for (const shift of [0, -aside, aside]) {
+      const [u, v] = [middle + shift, top + 16 * line + 16];
+      if (inside(place.xmin + (u - left) / scale, place.ymax - (v - 5 - top) / scale, place.rings)) yield [u, v];
+    }
+  }
+  if (width < WIDER * (right - left)) yield [middle, (top + bottom) / 2 + 5];
 }
 
 /** The corners [x, y] of an object's box, seen from above. */

@@ -1,4 +1,5 @@
 // The page of the live map: its parts, the selected thing, and the address of that thing.
+import { AnswerPanel } from "/files/answer-panel.js";
 import { offerExports } from "/files/exports.js";
 import { ChangePanel } from "/files/change-panel.js";
 import { Corrections } from "/files/corrections.js";
@@ -9,7 +10,6 @@ import { MeasuringTape } from "/files/measuring-tape.js";
 import { ObjectList } from "/files/object-list.js";
 import { all, byId, status } from "/files/page-elements.js";
 import { PageAddress, readAddress } from "/files/page-address.js";
-import { PlanPanel } from "/files/plan-panel.js";
 import { ThingPanel } from "/files/thing-panel.js";
 import { TimeAxis } from "/files/time-axis.js";
 
@@ -17,13 +17,13 @@ const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
 const view = new MapView(byId("canvas"), data, shown);
 const tape = new MeasuringTape(view);
-const corrections = new Corrections(data, () => { if (view.selected) choose(view.selected); });
-const panel = new ThingPanel(data, goTo, (thing) => corrections.form(thing));
+const corrections = new Corrections(data, view, () => { if (view.selected) panel.show(view.selected, list.least); });
+const panel = new ThingPanel(data, goTo, (thing) => corrections.offer(thing));
 const axis = new TimeAxis(data, () => changes.compare(changes.from));
 const changes = new ChangePanel(data, view, goToChange);
-const search = new PlanPanel(data, view, goTo);
+const search = new AnswerPanel(data, view, { found, choose: goTo, asked: () => bringToFront("plan") });
 const address = new PageAddress({ data, view, changes, search });
-let listing = 0;
+let listing = 0, hasState = false; // whether the map was read
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -40,29 +40,43 @@ function showLists() {
   list.show(shown, view.selected, view.dark);
   byId("cut-shown").textContent = view.cut.toFixed(1);
   byId("cut").value = view.cut;
-  const isEmpty = !data.objects.size && !data.places.size && !data.floor.length;
+  const isEmpty = hasState && !data.objects.size && !data.places.size && !data.floor.length;
   byId("empty").classList.toggle("hidden", !isEmpty);
   byId("empty-now").classList.toggle("hidden", data.past !== null);
   if (!panel.isBehind) return;
-  if (panel.mayChange) choose(view.selected);
+  if (panel.mayChange) panel.show(view.selected, list.least);
   else setTimeout(refresh, 500);
 }
 
-/** Select a thing, or nothing. */
-function choose(iri) {
+/** Select a thing, or nothing; it comes to the front of the panel unless it was `found`. */
+function choose(iri, { isFound = false } = {}) {
   view.selected = iri;
   if (view.isFocused) focus(data.objects.has(iri));
   address.writeNow();
   panel.show(iri, list.least);
+  if (!isFound) bringToFront(iri || !search.wanted ? "about" : "plan");
   refresh();
 }
 
+/** Show the answer ("plan") or the selected thing ("about"), from its top. */
+function bringToFront(id) {
+  byId("side").dataset.front = id;
+  byId("side").scrollTop = 0;
+  byId("back").classList.toggle("hidden", id === "plan" || !search.wanted);
+}
+
+/** Go to what an answer found; without one, show all that it is about. */
+function found(iri) {
+  if (iri) goTo(iri, { isFound: true });
+  else if (view.highlights.iris.size) view.fit();
+}
+
 /** Select a thing and centre it. */
-function goTo(iri) {
+function goTo(iri, options = {}) {
   const one = data.thingAt(iri), place = data.places.get(iri);
   if (one) view.goTo(one.x, one.y, undefined, one.z);
   if (place) view.goTo((place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2, view.scale);
-  choose(iri);
+  choose(iri, options);
 }
 
 /** Select a changed thing; one that is gone has only its former position. */
@@ -76,8 +90,8 @@ async function goToAddress() {
   const { thing, given } = readAddress(location.hash);
   const hasView = await address.follow(given, { show: (at) => axis.show(at), turn, cut, filter: (...values) => list.filter(...values) });
   const iri = [thing, data.base + thing].find((one) => data.thingAt(one) || data.places.has(one)) || null;
-  if (hasView) choose(iri);
-  else goTo(iri);
+  if (hasView) choose(iri, { isFound: given.has("find") });
+  else goTo(iri, { isFound: given.has("find") });
   if (given.has("focus") !== view.isFocused) focus(given.has("focus"), { stays: hasView });
 }
 
@@ -124,12 +138,41 @@ view.onSurface = refresh;
 offerExports(data, view, shown);
 view.onPick = (iri, point) => { if (!tape.take(point) && !corrections.place(point)) choose(iri); };
 data.addEventListener("changed", refresh);
-data.addEventListener("on", () => { byId("live").className = "live on"; });
-data.addEventListener("off", () => { byId("live").className = "live off"; });
+byId("back").addEventListener("click", () => bringToFront("plan"));
+document.addEventListener("click", ({ target }) => closeMenus(target));
+document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closeMenus(null); });
+data.addEventListener("on", () => say("on", "live"));
+data.addEventListener("off", () => say("off", "not connected, so this may be old; trying again …"));
+window.addEventListener("busy", () => say("off", "the server is busy; asking it again …"));
+data.addEventListener("categories", () => { corrections.offerCategories(); refresh(); });
 data.addEventListener("transaction", (event) => showTransaction(/** @type {CustomEvent} */ (event).detail));
 window.addEventListener("hashchange", goToAddress);
 
-data.load().then(async () => {
+/** Whether the page is connected, in words. */
+function say(state, words) {
+  byId("live").className = `live dim ${state}`;
+  byId("state").textContent = words;
+}
+
+/** Close the menus that a click was not in. */
+function closeMenus(target) {
+  all(".tools details[open]").forEach((menu) => { if (!menu.contains(target)) menu.open = false; });
+}
+
+/** Read the map, again and again until it comes. */
+async function read(pause = 1) {
+  try {
+    await data.load();
+  } catch (error) {
+    say("off", `${error.message || "the server does not answer"}; trying again in ${pause} s`);
+    await new Promise((done) => setTimeout(done, 1000 * pause));
+    await read(Math.min(2 * pause, 30));
+  }
+}
+
+read().then(async () => {
+  hasState = true;
+  say("", "connecting …");
   byId("sequence").textContent = data.sequence;
   view.fit();
   showLists();
@@ -138,4 +181,4 @@ data.load().then(async () => {
   axis.follow();
   await goToAddress();
   document.documentElement.dataset.ready = "true";
-}).catch((error) => status(`the map cannot be read: ${error.message}`));
+}).catch((error) => status(`the map cannot be shown: ${error.message}`));

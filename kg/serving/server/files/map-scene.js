@@ -44,7 +44,7 @@ export class MapScene {
     this._part("surface", [surface, origin, focus, dark, isFlat, isFlat && cut], (group) => this._addSurface(group, surface));
     this._part("floor", [floor, layers.floor, layers.viewed, dark, surface, origin, isFlat, !surface && cut], (group) => this._addFloor(group, surface));
     this._part("places", [places, floor, dark, selected, origin, isFlat], (group) => this._addPlaces(group));
-    this._part("objects", [{}], (group) => this._addObjects(group));
+    this._part("objects", [view.drawn, origin, focus, selected, layers.boxes, dark, isFlat, !this._points], (group) => this._addObjects(group));
     this.scene.background = new THREE.Color(view.panel);
   }
 
@@ -57,8 +57,9 @@ export class MapScene {
       this._points.geometry.setDrawRange(0, Math.ceil(part * this._points.count));
       this._points.material.size = WIDER * this._points.step / Math.sqrt(part);
     }
-    this._sized.visible = !camera.isFlat || scale >= BOXES;
-    this._dots.visible = camera.isFlat && !clusters;
+    const isQuick = this._view.isMoving && drawn.length > MANY; // dots stand for many boxes until the map rests
+    this._sized.visible = !isQuick && (!camera.isFlat || scale >= BOXES);
+    this._dots.visible = isQuick || camera.isFlat ? !clusters : false;
     this._dots.material.size = drawn.length > MANY ? 5 : 2 * radiusAt(scale);
   }
 
@@ -249,7 +250,7 @@ export class MapScene {
   }
 }
 
-/** [px] of a dot in the flat map. */
+/** [px] of a dot. */
 export function radiusAt(scale) {
   return Math.min(Math.max(scale / 14, 3.5), 7);
 }

@@ -5,10 +5,10 @@ import { colourOf, footprintOf, inside } from "/files/map-drawing.js";
 import { MarkLayer } from "/files/mark-layer.js";
 import { hexOf, MANY, MapScene } from "/files/map-scene.js";
 import { element } from "/files/page-elements.js";
-import { namesOf } from "/files/place-names.js";
 import * as THREE from "/files/vendor/three.min.js";
 
 const NEAR = 16; // [px] from a click to the thing that it selects
+const HOVER = 50; // [ms] from one look under the pointer to the next
 const REST = 150; // [ms] after the last movement until all names are drawn, and after the last change until edges are smooth
 const SMOOTH = 2; // pixels along the side of one of the screen, at rest: many machines draw in software
 const [QUICK, SLOW, PAUSE] = [25, 45, 1000]; // [ms] from one drawing to the next; after a pause nothing is measured
@@ -34,6 +34,7 @@ export class MapView {
     this.changes = []; // of `/diff`, drawn as signs
     this.plan = null; // the answer of `/find`
     this.measured = []; // points [m] of a measurement, at most two
+    this.sketch = null; // preview of an edit: {points [m], cursor, isArea}
     this.height = null; // [m] above the floor at which walls are cut; null: by what there is
     this.drawn = []; // the shown objects, the surest first
     this.clusters = null; // objects drawn together, at low zoom
@@ -57,6 +58,7 @@ export class MapView {
     canvas.after(this._marks.canvas, this._note);
     this._begin();
     new ResizeObserver(() => this._resize()).observe(canvas);
+    canvas.addEventListener("pointermove", ({ offsetX, offsetY }) => { this._hovering ??= setTimeout(() => { this._hovering = undefined; this._hover(offsetX, offsetY); }, HOVER); });
     DARK.addEventListener("change", () => { this._colours.clear(); this.draw(); });
     this._resize();
   }
@@ -199,8 +201,14 @@ export class MapView {
     return best ? this.hexOfClass(best[0]) : this.faint;
   }
 
-  nameOfPlace(place) {
-    return namesOf(this.data, place)[0];
+  /** Name what is under the pointer, with its number, and move the end of a sketched line there. */
+  _hover(u, v) {
+    if (this.isMoving) return;
+    const one = this._nearest(u, v);
+    this.canvas.title = one ? this.data.nameOf(one) : "";
+    if (!this.sketch) return;
+    this.sketch.cursor = this.scene.meet(this.camera.rayAt(u, v))?.point.slice(0, 2) ?? null;
+    this._render();
   }
 
   /** How strongly an object is drawn, by its existence; faint beside an object in focus. */
@@ -264,9 +272,16 @@ export class MapView {
   /** Draw with the next frame of the screen, and smoothly when nothing changes any more. */
   _render() {
     clearTimeout(this._rest);
-    this._rest = setTimeout(() => { this.isMoving = false; this._renderNow({ smooth: true }); }, REST);
+    this._rest = setTimeout(() => this._calm(), REST);
     this.canvas.dataset.drawn = "soon";
     this._waiting ||= requestAnimationFrame(() => { this._waiting = 0; this._renderNow(); });
+  }
+
+  /** Draw all names, and smoothly, once nothing moves and nobody drags. */
+  _calm() {
+    if (this.camera.isHeld) { this._rest = setTimeout(() => this._calm(), REST); return; }
+    this.isMoving = false;
+    this._renderNow({ smooth: true });
   }
 
   _renderNow({ smooth = false } = {}) {
@@ -297,8 +312,11 @@ export class MapView {
     const style = getComputedStyle(document.documentElement);
     for (const name of ["ink", "faint", "panel", "accent"]) this[name] = style.getPropertyValue(`--${name}`).trim();
     const { selected } = this, order = (one) => (one.iri === selected ? 2 : one.existence);
-    this.drawn = [...this.data.objects.values()].filter((one) => this.shown(one));
-    if (this.drawn.length <= MANY) this.drawn.sort((a, b) => order(b) - order(a) || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1));
+    const drawn = [...this.data.objects.values()].filter((one) => this.shown(one));
+    if (drawn.length <= MANY) drawn.sort((a, b) => order(b) - order(a) || a.iri.length - b.iri.length || (a.iri < b.iri ? -1 : 1));
+    const isSame = this.data.version === this._version && drawn.length === this.drawn.length && drawn.every((one, n) => one === this.drawn[n]);
+    if (!isSame) this.drawn = drawn; // the same list is not drawn anew
+    this._version = this.data.version;
     this.scene.update();
   }
 }

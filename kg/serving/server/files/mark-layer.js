@@ -1,8 +1,7 @@
 // Marks above the scene, of a constant width in pixels: robot, plan, highlights, changes, clusters, pictures, names.
-import { drawText, footprintOf, Taken } from "/files/map-drawing.js";
+import { drawText, footprintOf, spotsIn, Taken } from "/files/map-drawing.js";
 import { radiusAt } from "/files/map-scene.js";
 import { ObjectPictures } from "/files/object-pictures.js";
-import { namesOf, spotsIn } from "/files/place-names.js";
 
 const FAINT = 0.55; // opacity of the outlines of things without a name
 const RADIUS = 11; // [px] around a thing or point
@@ -13,6 +12,8 @@ const MAX_NAMES = { flat: 400, solid: 60 }; // drawn at once
 const TRIED = 1500; // objects for which space for a name is searched; fewer while the map moves
 const CONFIDENT = { flat: 2.45, solid: 2.8 }; // deviations within which a position lies with 95 %, in two and three dimensions
 const TEXT = "system-ui, sans-serif";
+const MANY = 300; // things without a name that are not drawn while the map moves
+const BUTTONS = [[270, 0, 50], [52, -225, 225]]; // [px] above and below at the right: wide, from, high
 
 export class MarkLayer {
   /** Marks of `view` (a MapView), on a canvas above its own that passes pointer events through. */
@@ -26,6 +27,8 @@ export class MarkLayer {
     this._ratio = 1; // pixels of the canvas in one of the page
     this._widths = new Map(); // of names [px]
     this._pictures = new ObjectPictures(view);
+    this._names = []; // of objects that were drawn at rest: [object, u and v from its spot, font]
+    this._failed = new Set(); // errors that were reported
   }
 
   resize(width, height, ratio) {
@@ -39,20 +42,33 @@ export class MarkLayer {
     c.setTransform(this._ratio, 0, 0, this._ratio, 0, 0);
     c.clearRect(0, 0, this._width, this._height);
     this._taken = new Taken(this._width, this._height);
-    this._taken.take(this._width - 50, 0, 50, 270, true); // the buttons
-    this._drawOutlines();
-    if (view.layers.things && !view.inFocus && !view.clusters) for (const one of view.data.things.values()) this._drawBox(one);
-    if (!view.hasGraphics && !view.clusters) for (const one of view.drawn) this._dot(one.x, one.y, one.z, view.hexOfClass(one.class));
-    this._drawPlan();
-    this._drawHighlights();
-    this._drawChanges();
-    this._drawRobot();
-    this._drawSelection();
-    this._drawClusters();
-    this._drawMeasure();
-    if (!view.inFocus) this._namePlaces();
-    if (!view.clusters) this._nameObjects();
+    for (const [wide, from, to] of BUTTONS) this._taken.take(this._width - wide, from < 0 ? this._height + from : from, wide, to, true);
+    const { data, layers, inFocus, clusters, plan, isMoving } = view;
+    this._each(data.places.values(), (place) => this._drawOutline(place));
+    this._each(data.doors, (door) => this._ring(this._at([door.x, door.y]), 3));
+    if (layers.things && !inFocus && !clusters && !(isMoving && data.things.size > MANY)) this._each(data.things.values(), (one) => this._drawBox(one));
+    if (!view.hasGraphics && !clusters) this._each(view.drawn, (one) => this._dot(one.x, one.y, one.z, view.hexOfClass(one.class)));
+    if (plan?.steps.length) this._each([plan], () => this._drawPlan(plan));
+    this._each(view.highlights.iris, (iri) => this._drawHighlight(iri));
+    this._each(view.highlights.points, (point) => this._ring(this._at(point), RADIUS));
+    this._each(view.highlights.rings, (ring) => this._line(ring, { width: 3, isClosed: true }));
+    this._each(view.changes, (change) => this._drawChange(change));
+    for (const mark of [this._drawRobot, this._drawSelection, this._drawMeasure, this._drawSketch]) this._each([mark], () => mark.call(this));
+    this._each(clusters || [], (cluster) => this._drawCluster(cluster));
+    const area = (one) => (one.xmax - one.xmin) * (one.ymax - one.ymin);
+    if (!inFocus) this._each([...data.places.values()].sort((a, b) => area(b) - area(a)), (place) => this._namePlace(place));
+    if (!clusters) this._each([view], () => this._nameObjects());
     this._drawScale();
+  }
+
+  /** Draw each mark alone: one that fails is reported once, and the others are drawn. */
+  _each(marks, draw) {
+    for (const mark of marks) {
+      try { draw(mark); } catch (error) {
+        if (!this._failed.has(error.message)) reportError(error);
+        this._failed.add(error.message);
+      }
+    }
   }
 
   /** The pixel of a point [m]: [u, v, scale], or null; without a height, on the floor. */
@@ -105,15 +121,11 @@ export class MarkLayer {
     c.fill();
   }
 
-  /** The selected place; all places where nothing else draws them; doors. */
-  _drawOutlines() {
-    const view = this._view;
-    for (const place of view.data.places.values()) {
-      const isChosen = place.iri === view.selected;
-      if (!isChosen && view.hasGraphics) continue;
-      for (const ring of place.rings) this._line(ring, { colour: view.colourOfPlace(place), width: isChosen ? 3 : 1.2, isClosed: true });
-    }
-    for (const door of view.data.doors) this._ring(this._at([door.x, door.y]), 3);
+  /** The outline of a place: of the selected one, and of all where nothing else draws them. */
+  _drawOutline(place) {
+    const view = this._view, isChosen = place.iri === view.selected;
+    if (!isChosen && view.hasGraphics) return;
+    for (const ring of place.rings) this._line(ring, { colour: isChosen ? view.accent : view.faint, width: isChosen ? 3 : 1.2, isClosed: true });
   }
 
   /** The faint outline of a thing without a name: its box, and from above its footprint. */
@@ -127,9 +139,8 @@ export class MarkLayer {
   }
 
   /** The steps of a plan: the way, directions of view, order. */
-  _drawPlan() {
-    const { plan, accent, panel } = this._view, c = this._c;
-    if (!plan) return;
+  _drawPlan(plan) {
+    const { accent, panel } = this._view, c = this._c;
     this._line([plan.start, ...plan.steps.flatMap((step) => [...(step.way || []), [step.x, step.y]])], { dash: [7, 5] });
     for (const step of plan.steps) {
       const half = Math.min(step.extent, 6.28) / 2, turns = Array.from({ length: 13 }, (_, n) => step.heading + half * (n - 6) / 6);
@@ -163,30 +174,32 @@ export class MarkLayer {
     c.textAlign = "left";
   }
 
-  /** Rings around the things, points and geometries of an answer. */
-  _drawHighlights() {
-    const { highlights: { iris, points, rings }, data } = this._view;
-    for (const iri of iris) {
-      const one = data.thingAt(iri);
-      if (one) this._ring(this._at([one.x, one.y, one.z]), RADIUS);
-      data.places.get(iri)?.rings.forEach((ring) => this._line(ring, { width: 3, isClosed: true }));
-    }
-    points.forEach((point) => this._ring(this._at(point), RADIUS));
-    rings.forEach((ring) => this._line(ring, { width: 3, isClosed: true }));
+  /** A ring around a thing or place of an answer. */
+  _drawHighlight(iri) {
+    const { data } = this._view, one = data.thingAt(iri);
+    if (one) this._ring(this._at([one.x, one.y, one.z]), RADIUS);
+    data.places.get(iri)?.rings.forEach((ring) => this._line(ring, { width: 3, isClosed: true }));
   }
 
-  /** Signs of changes: a plus, a cross, or a line from the former to the present position. */
-  _drawChanges() {
-    const { changes, ink: colour } = this._view;
-    for (const { kind, was, now } of changes) {
-      if (kind === "appeared") this._cross(this._at(now), 0, RADIUS);
-      if (kind === "gone") this._cross(this._at(was), RADIUS * 0.6, RADIUS * 0.6);
-      if (kind === "moved") {
-        this._line([was, now], { colour });
-        this._ring(this._at(was), 3, { colour, width: 2 });
-      }
-      if (kind === "moved" || kind === "relabelled") this._ring(this._at(now), RADIUS, { colour, width: 2 });
+  /** The sign of a change: a plus, a cross, or a line from the former to the present position. */
+  _drawChange({ kind, was, now }) {
+    const colour = this._view.ink;
+    if (kind === "appeared") this._cross(this._at(now), 0, RADIUS);
+    if (kind === "gone") this._cross(this._at(was), RADIUS * 0.6, RADIUS * 0.6);
+    if (kind === "moved") {
+      this._line([was, now], { colour });
+      this._ring(this._at(was), 3, { colour, width: 2 });
     }
+    if (kind === "moved" || kind === "relabelled") this._ring(this._at(now), RADIUS, { colour, width: 2 });
+  }
+
+  /** The preview of an edit: its points so far, and a line to the pointer. */
+  _drawSketch() {
+    const { sketch, accent } = this._view;
+    if (!sketch) return;
+    const points = [...sketch.points, ...(sketch.cursor ? [sketch.cursor] : [])];
+    if (points.length > 1) this._line(points, { width: 3, dash: [8, 5], isClosed: sketch.isArea && points.length > 2 });
+    points.forEach(([x, y]) => this._dot(x, y, undefined, accent, 5));
   }
 
   /** Two lines through a pixel, turned by 45 degrees if `across` is not 0. */
@@ -231,13 +244,11 @@ export class MarkLayer {
   }
 
   /** A circle with its number for many objects, a dot for one. */
-  _drawClusters() {
-    const { clusters, ink, panel } = this._view;
-    for (const { x, y, count, one, spot } of clusters || []) {
-      if (spot[0] < -20 || spot[1] < -20 || spot[0] > this._width + 20 || spot[1] > this._height + 20) continue;
-      if (count === 1) this._dot(x, y, undefined, this._view.hexOfClass(one.class));
-      else this._pill(String(count), spot, ink, panel);
-    }
+  _drawCluster({ x, y, count, one, spot }) {
+    const { ink, panel } = this._view;
+    if (spot[0] < -20 || spot[1] < -20 || spot[0] > this._width + 20 || spot[1] > this._height + 20) return;
+    if (count === 1) this._dot(x, y, undefined, this._view.hexOfClass(one.class));
+    else this._pill(String(count), spot, ink, panel);
   }
 
   /** The ends of a measurement, and the distance between them. */
@@ -252,49 +263,60 @@ export class MarkLayer {
     if (a && b) this._pill(`${this._view.distance().toFixed(2)} m`, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2 - 16], ink, panel);
   }
 
-  /** Names of places, the largest first, where there is room. */
-  _namePlaces() {
-    const view = this._view, c = this._c, area = (one) => (one.xmax - one.xmin) * (one.ymax - one.ymin);
-    c.font = `600 13px ${TEXT}`;
-    for (const place of [...view.data.places.values()].sort((a, b) => area(b) - area(a))) {
-      for (const name of namesOf(view.data, place)) {
-        const width = this._widthOf(name, "600 13px"), middle = [(place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2];
-        const spots = view.isFlat ? [...spotsIn(view, place, width)] : [this._at(middle)].filter(Boolean);
-        const spot = spots.find(([u, v]) => this._taken.take(u - width / 2 - 2, v - 12, width + 4, 16));
-        if (!spot) continue;
-        drawText(c, view, name, spot[0] - width / 2, spot[1], view.colourOfPlace(place));
-        break;
-      }
+  /** The name of a place, as sentences have it or short, where there is room. */
+  _namePlace(place) {
+    const view = this._view, title = view.data.nameOf(place);
+    for (const name of new Set([title, title.replace(/ \(.*\)$/, "")])) {
+      const width = this._widthOf(name, "600 13px"), middle = [(place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2];
+      const spots = view.isFlat ? [...spotsIn(view, place, width)] : [this._at(middle)].filter(Boolean);
+      const spot = spots.find(([u, v]) => this._taken.take(u - width / 2 - 2, v - 12, width + 4, 16));
+      if (!spot) continue;
+      this._c.font = `600 13px ${TEXT}`;
+      drawText(this._c, view, name, spot[0] - width / 2, spot[1], view.faint);
+      return;
     }
   }
 
-  /** Names and pictures of objects where there is room: the selected one first, then the surest or the nearest. */
+  /** Names and pictures of objects where there is room: the selected one first, then the surest or the nearest.
+   *
+   * While the map moves, the names that were drawn at rest move with their objects. */
   _nameObjects() {
-    const view = this._view, c = this._c, { isFlat, isMoving, layers, inFocus } = view;
-    const most = MAX_NAMES[isFlat ? "flat" : "solid"], tried = isMoving ? TRIED / 8 : TRIED;
-    const found = this._onScreen(isMoving && view.drawn.length > TRIED ? tried : Infinity);
+    const view = this._view, { isFlat, isMoving, layers, inFocus, selected } = view, most = MAX_NAMES[isFlat ? "flat" : "solid"];
+    if (isMoving && this._names.length) return this._each(this._names, (name) => this._drawName(name));
+    const found = this._onScreen(isMoving ? TRIED / 8 : Infinity);
     for (const { spot } of found.slice(0, isFlat ? TRIED : 0)) this._taken.take(spot[0] - 5, spot[1] - 5, 10, 10, true);
-    this._pictures.draw(c, this._taken, found);
-    let drawn = 0;
-    for (const { one, spot: [u, v, scale] } of found.slice(0, tried)) {
-      if (drawn >= (isMoving ? most / 2 : most)) break;
-      const isChosen = one.iri === view.selected;
-      if (!isChosen && (!layers.labels || inFocus)) continue;
-      const font = isChosen ? "700 13px" : "12px", name = view.data.nameOf(one).slice(0, 40), width = this._widthOf(name, font), far = 2 + radiusAt(scale);
-      const spots = isFlat ? [[u + far, v + 4], [u - far - width, v + 4], [u - width / 2, v - 10], [u - width / 2, v + 20]] : [[u - width / 2, v - 7]];
-      const place = spots.find(([x, y]) => this._taken.take(x - 1, y - 11, width + 2, 14));
-      if (!place) continue;
-      c.font = `${font} ${TEXT}`;
-      drawText(c, view, name, ...place, view.ink, isFlat ? Math.max(one.existence, 0.75) : 1);
-      drawn++;
-    }
+    this._pictures.draw(this._c, this._taken, found);
+    this._names = [];
+    return this._each(found.slice(0, TRIED), ({ one, spot: [u, v, scale] }) => {
+      const isChosen = one.iri === selected;
+      if (this._names.length >= most || (!isChosen && (!layers.labels || inFocus))) return;
+      const font = isChosen ? "700 13px" : "12px", text = view.data.partsOf(one)[0].slice(0, 40), width = this._widthOf(text, font), far = 2 + radiusAt(scale);
+      const spots = isFlat ? [[far, 4], [-far - width, 4], [-width / 2, -10], [-width / 2, 20]] : [[-width / 2, -7]];
+      const place = spots.find(([x, y]) => this._taken.take(u + x - 1, v + y - 11, width + 2, 14));
+      if (!place) return;
+      this._names.push({ one, text, font, place });
+      this._drawName(this._names.at(-1));
+    });
+  }
+
+  _drawName({ one, text, font, place: [x, y] }) {
+    const view = this._view, spot = this._topOf(one);
+    if (!spot) return;
+    this._c.font = `${font} ${TEXT}`;
+    drawText(this._c, view, text, spot[0] + x, spot[1] + y, view.ink, view.isFlat ? Math.max(one.existence, 0.75) : 1);
+  }
+
+  /** The pixel at which an object is named: its middle, in three dimensions the top of its box. */
+  _topOf(one) {
+    const { isFlat, layers } = this._view;
+    return this._at([one.x, one.y, (one.z ?? 0) + (isFlat || !layers.boxes ? 0 : (one.dz || 0) / 2)]);
   }
 
   /** The shown objects on the canvas, in the order in which they are named: {one, spot}, with the top of their boxes. */
   _onScreen(most) {
-    const { drawn, isFlat, layers, selected } = this._view, found = [];
+    const { drawn, isFlat, selected } = this._view, found = [];
     for (const one of drawn) {
-      const high = isFlat || !layers.boxes ? 0 : (one.dz || 0) / 2, spot = this._at([one.x, one.y, (one.z ?? 0) + high]);
+      const spot = this._topOf(one);
       if (spot && spot[0] > -5 && spot[1] > -5 && spot[0] < this._width + 5 && spot[1] < this._height + 5) found.push({ one, spot });
       if (found.length >= most) break;
     }

@@ -1,7 +1,7 @@
 // Filters, and the objects that pass them: number, legend and list.
 import { colourOf } from "/files/map-drawing.js";
 import { seconds } from "/files/map-data.js";
-import { button, byId, element, option } from "/files/page-elements.js";
+import { button, byId, element, named, option } from "/files/page-elements.js";
 
 const MAX_ENTRIES = 200; // of the list
 const MAX_CATEGORIES = 40; // of the legend
@@ -42,7 +42,8 @@ export class ObjectList {
     this._now = this._data.lastView();
     const objects = [...this._data.objects.values()].filter(shown);
     const places = this._data.places.size;
-    byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${places} ${places === 1 ? "place" : "places"}`;
+    const none = this._data.objects.size && !objects.length ? ": none passes the filters" : "";
+    byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${places} ${places === 1 ? "place" : "places"}${none}`;
     byId("poses").textContent = this._data.poses.map((line) => `Estimated from the images: ${line}.`).join(" ");
     byId("legend").replaceChildren(...this._legend(objects, dark));
     const surest = objects.sort((a, b) => b.existence - a.existence || (a.iri < b.iri ? -1 : 1)).slice(0, MAX_ENTRIES);
@@ -64,15 +65,17 @@ export class ObjectList {
 
   _entry(one, selected) {
     const place = this._data.places.get(one.place);
-    const made = button(this._data.nameOf(one), () => this._choose(one.iri));
+    const made = button("", () => this._choose(one.iri));
+    made.className = "link";
+    made.append(...named(this._data, one));
     made.setAttribute("aria-current", String(one.iri === selected));
-    const where = place ? `in ${this._data.placeName(place)}` : "";
-    return element("li", "", made, element("span", ` ${where}, existence ${one.existence.toFixed(2)}`));
+    const where = place ? `${this._data.inPlace(place)}, ` : "";
+    return element("li", "", made, element("span", ` ${where}${Math.round(100 * one.existence)} % sure`));
   }
 
   _offerPlaces(chosen = byId("in-place").value) {
     const places = byId("in-place");
-    const options = [...this._data.places.values()].map((place) => option(place.iri, this._data.placeName(place)));
+    const options = [...this._data.places.values()].map((place) => option(place.iri, this._data.nameOf(place)));
     places.replaceChildren(option("", "anywhere"), ...options);
     places.value = this._data.places.has(chosen) ? chosen : "";
   }
@@ -83,7 +86,7 @@ export class ObjectList {
     this.least = Number(byId("least").value);
     this._age = Number(byId("age").value) || Infinity;
     this._now = this._data.lastView();
-    byId("least-shown").textContent = this.least.toFixed(2);
+    byId("least-shown").textContent = `${Math.round(100 * this.least)} %`;
     this._changed();
   }
 }

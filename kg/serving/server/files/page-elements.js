@@ -29,6 +29,14 @@ export function option(value, text) {
   return made;
 }
 
+/** The name of a thing; a number that the map gave it appears under the pointer. */
+export function named(data, one) {
+  const [name, number] = data.partsOf(one), made = element("span", name), hidden = element("span", ` ${number}`);
+  hidden.className = "nr";
+  if (number) made.append(hidden);
+  return [made];
+}
+
 /** A link to the page of an IRI on this server; IRIs of the map begin with `base`. A path with `//` would be another host. */
 export function linkTo(iri, base, text) {
   const link = element("a", text), path = iri.startsWith(base) ? iri.slice(base.length) : null;

@@ -2,7 +2,8 @@
 import { inside } from "/files/map-drawing.js";
 import { button, byId, element, status } from "/files/page-elements.js";
 
-/** Edits by their buttons: the words asked for another place, and for points. */
+/** Edits by their buttons: the words asked for another place, and for points.
+ * @type {{kind: string, text: string, points?: string, other?: string}[]} */
 const EDITS = [
   { kind: "split", text: "split", points: "click two points of the line that divides it" },
   { kind: "merge", text: "merge with", other: "click the place that becomes part of it" },
@@ -14,26 +15,26 @@ const EDITS = [
 const COUNTS = { split: 2, wall: 2, door: 1, draw: Infinity };
 
 export class RoomEdits {
-  /** `send(edit)` writes an edit to the map. */
-  constructor(data, send) {
+  /** `send(edit)` writes an edit to the map; `view` shows what it will do. */
+  constructor(data, view, send) {
     this._data = data;
+    this._view = view;
     this._send = send;
     this._edit = null; // the edit that waits for clicks
     document.addEventListener("keydown", (event) => {
       if (!this._edit) return;
-      if (event.key === "Escape") this._stop("nothing was changed");
+      if (event.key === "Escape") this.stop("nothing was changed");
       if (event.key === "Enter" && this._edit.kind === "draw") { event.preventDefault(); this._finish(); }
     });
   }
 
-  /** The buttons for a place. */
+  /** The buttons for a place, or without one. */
   form(place) {
-    const name = element("input");
+    const name = element("input"), kinds = EDITS.filter(({ kind }) => place || kind === "draw");
     name.setAttribute("aria-label", "name of a new place");
     name.placeholder = "name of a new place";
-    const begin = (edit) => button(edit.text, () => this._begin(edit, place.iri, name.value));
-    return element("fieldset", "", element("legend", "Edit rooms"), element("p", "", name),
-      element("p", "", ...EDITS.map(begin)),
+    return element("fieldset", "", element("legend", "Rooms"), element("p", "", name),
+      element("p", "", ...kinds.map((edit) => button(edit.text, () => this._begin(edit, place?.iri, name.value)))),
       element("p", "", button("the robot is in this room", () => this._sendNow("here", name.value)),
         button("undo the last edit of rooms", () => this._sendNow("undo"))));
   }
@@ -52,6 +53,7 @@ export class RoomEdits {
     return true;
   }
 
+  /** @param {{kind: string, points?: string, other?: string}} edit */
   _begin({ kind, other, points: words }, iri, name) {
     this._edit = { kind, other, words, places: kind === "draw" ? [] : [iri], points: [], name };
     this._ask();
@@ -59,23 +61,27 @@ export class RoomEdits {
   }
 
   _ask() {
-    const { other, places, points, words } = this._edit;
+    const { kind, other, places, points, words } = this._edit;
+    this._view.sketch = { points, cursor: null, isArea: kind === "draw" };
+    this._view.draw();
     status(`${other && places.length < 2 ? other : words} (${points.length} points so far; Escape stops)`);
   }
 
   _finish() {
     const { kind, places, points, name } = this._edit;
-    this._edit = null;
+    this.stop();
     this._send({ kind, places: places.map((iri) => this._data.pathOf(iri)), points, name });
   }
 
   _sendNow(kind, name = "") {
-    this._edit = null;
+    this.stop();
     this._send({ kind, places: [], points: [], name });
   }
 
-  _stop(text) {
-    this._edit = null;
-    status(text);
+  /** End the edit without a change. */
+  stop(text = "") {
+    if (text) status(text);
+    this._edit = this._view.sketch = null;
+    this._view.draw();
   }
 }

@@ -2,6 +2,7 @@
 
 const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "yaw", "count", "heading", "xmin", "xmax",
   "ymin", "ymax", "share", "belief", "size", "storey"]);
+const BUSY = [429, 503], RETRIES = 3; // statuses of a server that has no time, and how often it is asked again
 let token = "";
 
 export function useToken(given) {
@@ -23,9 +24,13 @@ export async function request(address, { accept = "*/*", method = "GET", type, b
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
   if (token) headers.Authorization = `Bearer ${token}`;
-  const answer = await fetch(address, { method, headers, body, signal });
-  if (!answer.ok) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
-  return answer;
+  for (let left = method === "GET" ? RETRIES : 0; ; left--) {
+    const answer = await fetch(address, { method, headers, body, signal });
+    if (answer.ok) return answer;
+    if (!left || !BUSY.includes(answer.status)) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
+    window.dispatchEvent(new Event("busy"));
+    await new Promise((done) => setTimeout(done, 1000 * Math.min(Number(answer.headers.get("Retry-After")) || 1, 5)));
+  }
 }
 
 async function reasonOf(answer) {
@@ -49,31 +54,9 @@ export async function stateAt(at, { signal, objects = true } = {}) {
 /** The answer to a query: {rows, sequence}; `at` is a transaction number, or null for the present. */
 export async function select(query, at = null) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
-    method: "POST", type: "application/sparql-query", accept: "text/csv", body: query,
+    method: "POST", type: "application/sparql-query", accept: "application/sparql-results+json", body: query,
   });
-  return { rows: rowsOf(await answer.text()), sequence: Number(answer.headers.get("Here-Sequence") || 0) };
-}
-
-/** Rows of CSV text (RFC 4180) as objects by column. */
-function rowsOf(text) {
-  const rows = [];
-  let row = [], cell = "", quoted = false;
-  for (let i = 0; i < text.length; i++) {
-    const c = text[i];
-    if (quoted) {
-      if (c === '"' && text[i + 1] === '"') { cell += '"'; i++; } else if (c === '"') quoted = false;
-      else cell += c;
-    } else if (c === '"') quoted = true;
-    else if (c === ",") { row.push(cell); cell = ""; }
-    else if (c === "\n") { row.push(cell); rows.push(row); row = []; cell = ""; }
-    else if (c !== "\r") cell += c;
-  }
-  const columns = rows.shift() || [];
-  return rows.map((cells) => {
-    const made = {};
-    columns.forEach((name, n) => {
-      if (cells[n] !== "") made[name] = isNumber(name) ? Number(cells[n]) : cells[n];
-    });
-    return made;
-  });
+  const { results } = await answer.json(), plain = ([name, { value }]) => [name, isNumber(name) ? Number(value) : value];
+  const rows = results.bindings.map((row) => Object.fromEntries(Object.entries(row).map(plain)));
+  return { rows, sequence: Number(answer.headers.get("Here-Sequence") || 0) };
 }

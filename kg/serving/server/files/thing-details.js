@@ -1,65 +1,91 @@
 // Details of a thing that the page requests from the server: relations, explanation, history, picture.
-import { button, element } from "/files/page-elements.js";
+import { button, element, named } from "/files/page-elements.js";
 import { request, select } from "/files/server.js";
+import { clock } from "/files/time-axis.js";
 
-const SVG = "http://www.w3.org/2000/svg";
+const HERE = "https://w3id.org/hereabouts#";
+const TURNED = { on: "under", inside: "around" };
+const MOVED = 0.2; // [m] of a movement that is told
+const LEVELS = [[0.95, "certain"], [0.5, "believed to be there"]]; // of existence that are told when they are passed
+const DOUBT = 0.3; // existence below which it is told that a thing is in doubt
+const MAX_EVENTS = 12;
 
-/** The things that it is on, in or beside, and those that are on, in or beside it. */
+export const percent = (share) => `${Math.round(100 * share)} %`;
+
+/** The things that it is on, in or beside, and those that are on, in or beside it: a list of sentences, the surest first. */
 export async function relationsOf(data, iri, choose) {
   const { rows } = await select(`SELECT ?kind ?other ?chance ?turned WHERE { GRAPH graph:map {
       { <${iri}> here:hasRelation ?r . ?r here:relatedTo ?other . BIND(false AS ?turned) }
       UNION { ?other here:hasRelation ?r . ?r here:relatedTo <${iri}> . BIND(true AS ?turned) }
       ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) LIMIT 12`, data.past);
-  const items = unique(rows).map((row) => {
-    const kind = row.kind.replace(/.*#/, ""), other = data.objects.get(row.other);
-    const name = other ? data.nameOf(other) : data.pathOf(row.other);
-    const words = row.turned === "true" ? { on: "under", inside: "around" }[kind] || kind : kind;
-    return element("li", `${words} `, button(name, () => choose(row.other)), ` ${Number(row.chance).toFixed(2)}`);
-  });
-  return [element("ul", "", ...items)];
-}
-
-/** Relations without the second direction of symmetric ones. */
-function unique(rows) {
-  const known = new Set();
-  return rows.filter((row) => {
-    const key = `${row.kind} ${row.other} ${row.kind.endsWith("#beside") || row.turned}`;
-    return !known.has(key) && known.add(key);
+  const told = new Set();
+  return rows.flatMap(({ kind: relation, other, chance, turned }) => {
+    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || kind, one = data.objects.get(other);
+    if (told.has(`${words} ${other}`) || !told.add(`${words} ${other}`)) return [];
+    const link = button("", () => choose(other));
+    link.className = "link";
+    link.title = `${percent(Number(chance))} sure`;
+    link.append(...(one ? named(data, one) : [data.pathOf(other)]));
+    return [element("span", `${words} the `, link)];
   });
 }
 
-/** The explanation, as of `hereabouts why`; only of the present. */
-export async function whyOf(data, iri) {
+/** The explanation as steps, of a thing or of one of its facts; only of the present. */
+export async function whyOf(data, what) {
   if (data.past !== null) return [element("p", "Reasons are told for the present: choose now.")];
-  const answer = await request(`/why?iri=${encodeURIComponent(data.pathOf(iri))}`, { accept: "text/plain" });
-  return [element("pre", await answer.text())];
+  const answer = await request(`/why?what=${encodeURIComponent(what)}`, { accept: "application/json" });
+  return [stepsOf(data, await answer.json())];
 }
 
-/** Its existence over time, and its last changes. */
+function stepsOf(data, reasons) {
+  return element("ol", "", ...reasons.map(({ text, because }) =>
+    element("li", plain(data, text), ...(because.length ? [stepsOf(data, because)] : []))));
+}
+
+/** A line of an explanation in the words of the page: names, clock times, percentages. */
+function plain(data, text) {
+  return text.replace(/^transaction #\d+ at/, "written at").replace("rdf:type here:", "is a here:")
+    .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
+    .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time))
+    .replace(/\b(?:object|place)\/\d+(?: \([^)]*\))?/g, (path) => data.nameAt(data.fullOf(path.split(" ")[0])))
+    .replace(/\bhere:(\w+)/g, (_, name) => data.labels.get(HERE + name) ?? name.replace(/([A-Z])/g, (capital) => ` ${capital.toLowerCase()}`));
+}
+
+/** What happened to it, in sentences, the last first; changes of counters and small movements are left out. */
 export async function historyOf(data, iri) {
   const answer = await request(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`, { accept: "application/json" });
   const events = (await answer.json()).filter((event) => data.past === null || event.sequence <= data.past);
-  const items = events.slice(-8).reverse().map((event) =>
-    element("li", `${event.time.slice(0, 19).replace("T", " ")} #${event.sequence} ${event.by || event.kind}: ${event.changes.slice(0, 4).join("; ")}`));
-  return [sparkline(events), element("ul", "", ...items)];
+  const levels = new Set(), told = events.map((event) => [event, sentenceOf(data, event, levels)]).filter(([, text]) => text).slice(-MAX_EVENTS).reverse();
+  return [element("ul", "", ...told.map(([{ time, by, note }, text]) => {
+    const item = element("li", "", element("small", clock(time)), text + (by ? ` (${by})` : ""));
+    item.title = note ?? "";
+    return item;
+  }))];
 }
 
-/** Existence over time as a small chart. */
-function sparkline(events) {
-  const values = [];
-  for (const event of events) for (const change of event.changes) {
-    const found = /^existence (?:\S+ -> )?([0-9.]+)$/.exec(change);
-    if (found) values.push(Number(found[1]));
+/** What an event changed, in words; `levels` of existence that were told before are not told again. */
+function sentenceOf(data, { changes }, levels) {
+  const by = {}, found = [], name = (path) => data.nameAt(data.fullOf(path));
+  for (const change of changes) {
+    const [, axis, before, after] = /^([xyz]|existence) ([\d.-]+) -> ([\d.-]+)$/.exec(change) ?? [];
+    if (axis) by[axis] = [Number(before), Number(after)];
+    const [, words, thing, ended] = /^(on|inside|beside) (\S+\/\d+)( no more)?$/.exec(change) ?? [];
+    if (words) found.push(`${ended ? "no longer " : ""}${words} ${name(thing)}`);
+    const [, , place] = /^in place (?:(\S+) -> )?(\S+)$/.exec(change) ?? [];
+    if (place && !changes.some((one) => one.startsWith("new here:"))) found.push(`now in ${name(place)}`);
+    const [, old, called] = /^label (.+) -> (.+)$/.exec(change) ?? [];
+    if (old) found.push(`called ${called}, before ${old}`);
+    const [, kind] = /^(?:new |type )?here:(\w+)$/.exec(change) ?? [];
+    if (kind) found.unshift(changes.includes(`new here:${kind}`) ? "appeared" : `is a ${data.labelOf(HERE + kind)}`);
+    if (/^(left|came back|removed)\b/.test(change)) found.push(change);
   }
-  if (values.length < 2) return element("p", values.length ? `existence ${values[0]}` : "no change of existence is kept");
-  const svg = document.createElementNS(SVG, "svg"), line = document.createElementNS(SVG, "polyline");
-  svg.setAttribute("viewBox", "-2 -2 204 44");
-  svg.setAttribute("class", "sparkline");
-  svg.setAttribute("role", "img");
-  svg.setAttribute("aria-label", `existence over time: ${values.join(", ")}`);
-  line.setAttribute("points", values.map((value, n) => `${(200 * n) / (values.length - 1)},${40 - 40 * value}`).join(" "));
-  svg.append(line);
-  return svg;
+  const far = Math.hypot(...["x", "y", "z"].map((axis) => (by[axis] ? by[axis][1] - by[axis][0] : 0)));
+  if (far >= MOVED) found.push(`moved by ${far.toFixed(1)} m`);
+  const [was, is] = by.existence ?? [0, 0], passed = LEVELS.find(([level]) => was < level && is >= level && !levels.has(level));
+  if (passed) found.push(`${passed[1]}: ${percent(is)}`);
+  if (passed) levels.add(passed[0]);
+  if (was >= DOUBT && is < DOUBT) { found.push(`in doubt: ${percent(is)}`); levels.clear(); }
+  return found.join("; ");
 }
 
 /** The picture of an object's best observation, drawn; null where none is kept. */
@@ -73,6 +99,6 @@ export async function pictureOf(data, iri) {
   [picture.width, picture.height] = [image.width, image.height];
   picture.getContext("2d").drawImage(image, 0, 0);
   picture.setAttribute("role", "img");
-  picture.setAttribute("aria-label", `${data.nameOf(data.thingAt(iri))} as it was seen best`);
+  picture.setAttribute("aria-label", `${data.nameAt(iri)} as it was seen best`);
   return picture;
 }

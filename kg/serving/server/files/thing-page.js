@@ -1,33 +1,25 @@
-// The page of an object or place: where it stands, its picture, the reasons for it, and its history.
+// The page of an object or place: what there is to say of it, and where it stands.
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
-import { byId, element } from "/files/page-elements.js";
-import { historyOf, pictureOf, whyOf } from "/files/thing-details.js";
+import { byId } from "/files/page-elements.js";
+import { ThingPanel } from "/files/thing-panel.js";
 
 const SCALE = 70; // [px/m] of the small map around an object
 const { base, iri } = byId("thing").dataset;
 const data = new MapData(base);
 const view = new MapView(byId("canvas"), data, (one) => one.existence >= 0.5 || one.iri === iri);
-view.onPick = (picked) => { if (picked && picked !== iri) location.href = `/${data.pathOf(picked)}`; };
-
-async function fill(id, answer) {
-  const content = await answer.catch((error) => [element("p", error.message)]);
-  byId(id).replaceChildren(...content);
-}
-
-async function showPicture() {
-  const picture = await pictureOf(data, iri);
-  if (picture) byId("picture").replaceChildren(picture);
-}
+const go = (other) => { if (other && other !== iri) location.href = `/${data.pathOf(other)}`; };
+view.onPick = go;
 
 try {
   await data.load();
   view.selected = iri;
+  view.layers.pictures = false;
   view.highlights.iris.add(iri);
   view.fit();
   const one = data.thingAt(iri);
   if (one) view.goTo(one.x, one.y, Math.max(view.scale, SCALE));
-  await Promise.all([showPicture(), fill("why", whyOf(data, iri)), fill("history", historyOf(data, iri))]);
+  new ThingPanel(data, go).show(iri, 0.5);
 } catch (error) {
   byId("status").textContent = error.message;
 }

@@ -1,15 +1,17 @@
-// Facts of the selected thing: those of the map at once, then details from the server.
-import { button, byId, element, linkTo } from "/files/page-elements.js";
-import { historyOf, pictureOf, relationsOf, whyOf } from "/files/thing-details.js";
+// What there is to say of one thing: beside the map, and on its own page.
+import { button, byId, element, linkTo, named } from "/files/page-elements.js";
+import { historyOf, percent, pictureOf, relationsOf, whyOf } from "/files/thing-details.js";
+import { clock } from "/files/time-axis.js";
 
 const NEAREST = 5;
 
 export class ThingPanel {
-  /** `choose(iri)` selects another thing; `corrections(thing)` returns a form or null. */
-  constructor(data, choose, corrections) {
+  /** `choose(iri)` selects another thing; `shown(thing)` is called when one is described.
+   * @param {(thing: any) => void} shown */
+  constructor(data, choose, shown = () => {}) {
     this._data = data;
     this._choose = choose;
-    this._corrections = corrections;
+    this._shown = shown;
     this._iri = null;
     this._described = ""; // the shown description, and its time [ms]
     this._since = 0;
@@ -22,18 +24,19 @@ export class ThingPanel {
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
     const parts = one ? this._object(one) : place ? this._place(place, least)
-      : [element("p", "Nothing is selected: click on the map or in the list.")];
+      : [element("p", "Nothing is selected: ask above, or click on the map or in the list.")];
     byId("about").replaceChildren(...parts);
+    this._shown(one ?? place ?? null);
     if (one || place) this._ask(iri);
   }
 
-  /** Whether the thing has changed since its description; false right after one, and while somebody types. */
+  /** Whether the thing has changed since its description; false right after one, and while somebody reads a source. */
   get isBehind() {
     return this._iri !== null && JSON.stringify(this._thing()) !== this._described;
   }
 
   get mayChange() {
-    return !document.activeElement?.matches("#about input") && performance.now() >= this._since + 1000;
+    return !document.querySelector("#about .source[open]") && performance.now() >= this._since + 1000;
   }
 
   _thing() {
@@ -41,21 +44,20 @@ export class ThingPanel {
   }
 
   _object(one) {
-    const place = this._data.places.get(one.place);
+    const place = this._data.places.get(one.place), where = element("span", place ? this._data.inPlace(place) : "");
+    where.id = "about-where";
+    const sides = [one.dx, one.dy, one.dz].map((side) => Math.round(100 * side));
     return [
-      element("h2", this._data.nameOf(one)),
-      element("div"), // for the picture
-      facts([
-        ["category", this._data.labelOf(one.class)],
-        ["where", place ? `in ${this._data.placeName(place)}` : ""],
-        ["existence", one.existence.toFixed(2)],
-        ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`],
-        ["size", one.dx ? `${one.dx.toFixed(2)} x ${one.dy.toFixed(2)} x ${one.dz.toFixed(2)} m${one.yaw ? `, turned by ${Math.round(one.yaw * 180 / Math.PI)}°` : ""}` : ""],
-        ["last seen", one.seen ? `${moment(one.seen)}, ${this._data.ago(one.seen)} before the last view of the map` : ""],
-        ["seen", one.count ? `${one.count} times` : ""],
+      element("h2", "", ...named(this._data, one)), element("div"), // for the picture
+      this._facts(one, [
+        ["what", this._data.labelOf(one.class), "a"],
+        ["where", where, "here:inPlace"],
+        ["is it there?", sure(one.existence), "here:existence"],
+        ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high${one.yaw ? `, turned by ${Math.round(one.yaw * 180 / Math.PI)}°` : ""}` : "", "here:extentX"],
+        ["last seen", one.seen ? `${clock(one.seen)}, ${this._data.ago(one.seen)} before the map's last view${one.count ? `; ${one.count} times in all` : ""}` : "", "here:lastSeen"],
+        ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`, "here:x"],
       ]),
-      element("h3", "Near it"), element("ul", "", ...this._near(one)), slot("relations", "On, in and beside"),
-      ...this._end(one),
+      ...this._end(one), slot("near", "Near it", element("ul", "", ...this._near(one))),
     ];
   }
 
@@ -63,71 +65,72 @@ export class ThingPanel {
     return [...this._data.objects.values()].filter((other) => other !== one && other.existence >= 0.5)
       .map((other) => [Math.hypot(other.x - one.x, other.y - one.y), other])
       .sort((a, b) => a[0] - b[0]).slice(0, NEAREST)
-      .map(([distance, other]) => element("li", "", this._link(other), ` ${distance.toFixed(2)} m`));
+      .map(([distance, other]) => element("li", "", this._link(other), ` ${distance.toFixed(1)} m`));
   }
 
   _place(place, least) {
-    const beliefs = place.beliefs.slice(0, 6).map(([category, belief]) => {
-      const bar = element("meter");
-      bar.value = belief;
-      return element("li", `${this._data.labelOf(category)} ${belief.toFixed(2)} `, bar);
-    });
+    const beliefs = place.beliefs.slice(0, 6).map(([category, belief]) => element("li", `${this._data.labelOf(category)} `, sure(belief)));
     const here = [...this._data.objects.values()].filter((one) => one.place === place.iri && one.existence >= least);
     return [
-      element("h2", this._data.placeName(place)),
-      facts([
-        ["viewed", place.share !== undefined ? `${Math.round(place.share * 100)} % of its floor` : ""],
-        ["last viewed", place.viewed ? moment(place.viewed) : ""],
+      element("h2", this._data.nameOf(place)), element("div"),
+      this._facts(place, [
+        ["name", place.label !== place.title ? place.label : "", "rdfs:label"],
+        ["viewed", place.share !== undefined ? `${percent(place.share)} of its floor` : "", "here:viewedShare"],
+        ["last viewed", place.viewed ? clock(place.viewed) : "", "here:lastViewed"],
       ]),
-      element("h3", "Probable categories"), element("ul", "", ...beliefs),
-      element("h3", "Objects in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
-      ...this._end(place),
+      element("h3", here.length ? "In it" : "Nothing is known to be in it"), element("ul", "", ...here.map((one) => element("li", "", this._link(one)))),
+      ...this._end(place), slot("kinds", "What kind of place", element("ul", "", ...beliefs)),
     ];
   }
 
   _end(thing) {
-    const form = this._corrections(thing), link = linkTo(thing.iri, this._data.base, "all its facts, as a page and as data");
-    return [slot("why", "Why"), slot("history", "History"), ...(form ? [form] : []), element("p", "", link)];
+    const link = linkTo(thing.iri, this._data.base, "Open its page");
+    link.className = "primary";
+    return [element("p", "", link), slot("why", "Why the map believes it"), slot("history", "History")];
+  }
+
+  /** A list of statements [name, content, predicate], each with its source behind a line. */
+  _facts(thing, rows) {
+    return element("dl", "", ...rows.filter(([, content]) => content).flatMap(([name, content, predicate]) => {
+      const source = element("details", "", element("summary", "why?"), element("div", "…"));
+      source.className = "source";
+      source.addEventListener("toggle", () => fill(source.lastElementChild, whyOf(this._data, `${this._data.pathOf(thing.iri)} ${predicate}`)), { once: true });
+      return [element("dt", name), element("dd", "", content, source)];
+    }));
   }
 
   _link(one) {
-    return button(this._data.nameOf(one), () => this._choose(one.iri));
+    const made = button("", () => this._choose(one.iri));
+    made.className = "link";
+    made.append(...named(this._data, one));
+    return made;
   }
 
   /** Fill in the details from the server. */
   _ask(iri) {
-    const fill = (id, answer) => {
-      const put = (...content) => {
-        const place = byId(`about-${id}`)?.lastElementChild;
-        if (place && this._iri === iri) place.replaceChildren(...content);
-      };
-      answer.then((content) => put(...content), (error) => put(element("p", error.message)));
-    };
-    if (this._data.thingAt(iri)) {
-      fill("relations", relationsOf(this._data, iri, this._choose));
-      this._showPicture(iri);
-    }
-    fill("why", whyOf(this._data, iri));
-    fill("history", historyOf(this._data, iri));
-  }
-
-  async _showPicture(iri) {
-    const picture = await pictureOf(this._data, iri);
-    if (picture && this._iri === iri) byId("about").querySelector("h2 + div")?.replaceChildren(picture);
+    const data = this._data, at = (id) => byId(`about-${id}`)?.lastElementChild;
+    fill(at("why"), whyOf(data, data.pathOf(iri)));
+    fill(at("history"), historyOf(data, iri));
+    if (!data.thingAt(iri)) return;
+    const where = byId("about-where"), picture = byId("about").querySelector("h2 + div");
+    relationsOf(data, iri, this._choose).then((found) => where.append(...found.flatMap((one, n) => [n || where.textContent ? ", " : "", one])), () => {});
+    pictureOf(data, iri).then((found) => found && picture.replaceChildren(found), () => {});
   }
 }
 
-function moment(time) {
-  return time.replace("T", " ").replace("Z", " UTC");
+/** How sure something is, as a bar with words. */
+function sure(share) {
+  return element("span", `${percent(share)} sure `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
 }
 
-function facts(pairs) {
-  return element("dl", "", ...pairs.filter(([, value]) => value).flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
+/** Fill an element with what comes, or with why it does not. */
+function fill(place, answer) {
+  answer.then((content) => place.replaceChildren(...content), (error) => place.replaceChildren(element("p", error.message)));
 }
 
-function slot(id, title) {
-  const made = element("details", "", element("summary", title), element("div", "…"));
+function slot(id, title, content = element("div", "…")) {
+  const made = element("details", "", element("summary", title), content);
   made.id = `about-${id}`;
-  made.open = id !== "why";
+  made.open = id === "history" || document.body.className !== "wide";
   return made;
 }

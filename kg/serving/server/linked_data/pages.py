@@ -28,9 +28,12 @@ from kg.serving.server.linked_data.resource_description import ResourceDescripti
 Link = Callable[[str], tuple[str, str]]
 _FIRST: Final = {v.RDFS_LABEL: 0, v.RDF_TYPE.value: 1}
 _TOKEN_FORM: Final = (
-    '<form id="corrector"><label>token for corrections '
+    '<section id="editing" class="hidden" aria-label="edit"><form id="corrector">'
+    "<label>token for corrections "
     '<input id="token" type="password" autocomplete="off"></label> '
-    '<button type="submit">use</button></form>'
+    '<button type="submit">use</button></form><div id="tools"></div>'
+    '<datalist id="object-categories"></datalist><datalist id="place-categories"></datalist>'
+    "</section>"
 )
 _ENTRY_FORM: Final = (
     '<form id="entry" class="panel"><label>This map is private. Token: '

@@ -32,6 +32,11 @@ def says(page: Any, selector: str, text: str) -> None:
     expect(page.locator(selector)).to_contain_text(text, timeout=PATIENCE)
 
 
+def open_menu(page: Any, name: str) -> None:
+    """Open a menu of the map: layers or more."""
+    page.click(f"#{name} > summary")
+
+
 def is_fault(message: Any) -> bool:
     """Whether a line of the browser's console is an error; a refusal (4xx) is the server's word."""
     return message.type == "error" and "responded with a status of 4" not in message.text

@@ -16,7 +16,7 @@ from kg.maps.surface.voxels import FrameVoxels, keys_of
 from kg.model.records import FREE, TALL, Evidence, FloorTile, MapUpdate, PlaceRecord, RobotRecord
 from kg.serving.opening import create_map
 from planner.search.plans.report import find_answer
-from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, says
+from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, open_menu, says
 from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ def test_it_is_turned_by_mouse_and_keys_and_shows_all_again(solid: Any) -> None:
 
 
 def test_changes_filters_plans_and_the_past_are_drawn(served: Served, solid: Any) -> None:
+    open_menu(solid, "layers")
     first = drawn_otherwise(solid, None)
     served.put(3, "bowl", 2.0, 2.0)
     more = drawn_otherwise(solid, first)
@@ -105,7 +106,7 @@ def test_changes_filters_plans_and_the_past_are_drawn(served: Served, solid: Any
     drawn_otherwise(solid, fewer)
     solid.fill("#wanted", "cup")
     solid.press("#wanted", "Enter")
-    solid.wait_for_selector("#plan ol li")
+    solid.wait_for_selector("#plan ol li", state="attached")
     planned = drawn_otherwise(solid, fewer)
     solid.locator("#time").fill("1")
     drawn_otherwise(solid, planned)
@@ -184,6 +185,7 @@ def test_what_is_higher_than_the_cut_is_not_drawn(served: Served, open_page: Ope
     add_plate(served, -0.3)  # a metre above the floor
     page = open_page()
     assert wait_for_violet(page, CANVAS)
+    open_menu(page, "layers")
     page.locator("#cut").fill("0.5")
     drawn_otherwise(page, None)
     assert not has_violet(page, CANVAS)
@@ -233,6 +235,7 @@ def test_the_surface_is_drawn_from_above_and_in_three_dimensions(
     assert wait_for_violet(page, "#canvas")
     page.click("#solid")
     assert wait_for_violet(page, CANVAS)
+    open_menu(page, "layers")
     page.uncheck("[data-layer=surface]")
     drawn_otherwise(page, None)
     assert not has_violet(page, CANVAS)
@@ -252,6 +255,7 @@ def test_the_selected_object_and_near_ones_have_their_picture(
     with on_disk(folder) as other:
         page = open_page(address, of=other)
         assert wait_for_violet(page, CANVAS)
+        open_menu(page, "layers")
         page.uncheck("[data-layer=pictures]")
         drawn_otherwise(page, None)
         assert has_violet(page, CANVAS) == (address == "#object/1")

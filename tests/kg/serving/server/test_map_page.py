@@ -20,7 +20,7 @@ from kg.model.records import MapUpdate, RobotRecord
 from kg.serving.opening import in_memory_map
 from kg.serving.server import MapServer, Settings
 from planner.search.plans.report import find_answer
-from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, says
+from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, open_menu, says
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -44,7 +44,7 @@ def test_objects_and_places_are_drawn_and_listed(open_page: OpenPage) -> None:
     page = open_page()
     says(page, "#count", "2 of 2 objects, 1 place")
     page.click("text=All objects")
-    says(page, "#objects", "cup 1 in the kitchen (kitchen), existence 0.80")
+    says(page, "#objects", "cup 1 in the kitchen, 80 % sure")
     picture = cv2.imdecode(np.frombuffer(page.locator("#canvas").screenshot(), np.uint8), 1)
     colours = len(np.unique(picture.reshape(-1, 3), axis=0))
     assert colours > 20
@@ -54,7 +54,7 @@ def test_address_of_an_object_selects_it(open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     says(page, "#about h2", "cup 1")
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
-    says(page, "#about-history", "new here:Cup")
+    says(page, "#about-history", "appeared")
 
 
 @pytest.mark.parametrize("fragment", ["#%E0%A4%A", "#javascript:alert(1)", "#%22%3E<img src=x>"])
@@ -185,6 +185,7 @@ def test_a_correction_lands_in_the_graph_and_on_other_pages(
 ) -> None:
     page, other = open_page(f"#{CUP}"), open_page()
     other.click("text=All objects")
+    page.click("#edit")
     page.fill("#token", token)
     page.click("#corrector button")
     page.fill("[aria-label=name]", "the blue mug")
@@ -201,6 +202,7 @@ def test_a_correction_lands_in_the_graph_and_on_other_pages(
 
 def test_a_wrong_token_is_refused_in_words(served: Served, open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
+    page.click("#edit")
     page.fill("#token", "not-the-token-at-all")
     page.click("#corrector button")
     says(page, "#status", "this token may not write")
@@ -251,7 +253,7 @@ def test_of_two_searches_in_a_row_the_last_one_is_answered(
 
 def test_the_page_of_a_thing_leads_to_where_it_stands(open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
-    page.click("text=all its facts")
+    page.click("text=Open its page")
     page.click("text=show it on the map")
     says(page, "#about h2", "cup 1")
 
@@ -272,7 +274,7 @@ def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage)
 def test_the_page_has_no_fault_of_accessibility(scheme: str, open_page: OpenPage) -> None:
     pytest.importorskip("axe_playwright_python")
     page = open_page(f"#{CUP}", color_scheme=scheme, bypass_csp=True)
-    says(page, "#about-history", "new here:Cup")
+    says(page, "#about-history", "appeared")
     for step in ("#earlier", "#compare"):
         page.wait_for_selector(f"{step}:enabled")
         page.click(step)
@@ -293,6 +295,7 @@ def test_rooms_are_edited_by_mouse_and_keyboard(
     open_page: OpenPage, flat: SemanticMap, token: str
 ) -> None:
     page = open_page("#place/1")
+    page.click("#edit")
     page.fill("#token", token)
     page.click("#corrector button")
     (place,) = flat.places()
@@ -347,6 +350,7 @@ def test_a_shared_address_brings_everything_back(served: Served, open_page: Open
     page.click("#compare")
     page.click("#earlier")
     says(page, "#count", "2 of 2 objects")
+    open_menu(page, "layers")
     page.uncheck("[data-layer=labels]")
     page.check("[data-layer=viewed]")
     page.focus("#canvas")
@@ -400,7 +404,7 @@ def test_an_empty_map_says_what_to_do(open_page: OpenPage) -> None:
 def test_what_is_shown_is_saved(kind: str, open_page: OpenPage) -> None:
     page = open_page("#?filter=cup")
     says(page, "#count", "1 of 2 objects")
-    page.click("text=Save what is shown")
+    open_menu(page, "more")
     with page.expect_download() as saved:
         page.click(f"#exports >> text={kind}")
     data = saved.value.path().read_bytes()
@@ -418,11 +422,14 @@ def test_what_is_shown_is_saved(kind: str, open_page: OpenPage) -> None:
 def test_the_page_of_an_object_has_its_place_reasons_and_history(open_page: OpenPage) -> None:
     page = open_page("object/1")
     says(page, "h1", "cup 1")
-    says(page, "#why", "transaction #1")
-    says(page, "#history", "new here:Cup")
+    says(page, "#about-why", "cup 1 is a cup")
+    says(page, "#about-history", "appeared")
+    says(page, "#about dl", "in the kitchen")
+    page.click(".source summary >> nth=0")
+    says(page, ".source[open]", "is a cup")
     assert page.locator("#canvas").bounding_box()["height"] > 200
     assert not page.is_visible("table.facts >> nth=0")
-    page.click("summary >> nth=0")
+    page.click("summary:has-text('Facts') >> nth=0")
     assert page.is_visible("table.facts >> nth=0")
 
 

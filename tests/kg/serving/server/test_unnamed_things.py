@@ -15,7 +15,7 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.model import vocabulary as v
 from kg.model.records import SURFACE, Evidence, MapUpdate
 from kg.serving.opening import create_map
-from tests.kg.serving.server.browser_pages import OpenPage, says
+from tests.kg.serving.server.browser_pages import OpenPage, open_menu, says
 from tests.kg.serving.server.conftest import BASE, TOKEN, thing
 
 if TYPE_CHECKING:
@@ -76,18 +76,21 @@ def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
         says(page, "#about h2", "unnamed thing")
         page.evaluate("location.hash = ''")
         says(page, "#about", "Nothing is selected")
+    open_menu(page, "layers")
     outlined = drawn(page)
     page.uncheck("[data-layer=things]")
     assert drawn(page) != outlined
     page.check("[data-layer=things]")
     assert drawn(page) == outlined
+    page.keyboard.press("Escape")
     click_the_middle(page)
     says(page, "#about h2", "unnamed thing")
-    says(page, "#about dl", "0.60 x 0.30 x 0.20 m, turned by 23°")
+    says(page, "#about dl", "20 cm high, turned by 23°")
 
 
 def test_a_name_given_on_the_page_makes_it_an_object(served: Served, open_page: OpenPage) -> None:
     page, other = open_page(f"#{THING}"), open_page()
+    page.click("#edit")
     page.fill("#token", TOKEN)
     page.click("#corrector button")
     page.fill("[aria-label=category]", "bottle")

@@ -66,6 +66,7 @@ class Visitor:
 
     def unlock(self) -> None:
         """Give the token for corrections."""
+        self.click("#edit")
         self.write("#token", self.served.bearer()["Authorization"].removeprefix("Bearer "))
         self.press("#token", "Enter")
         self.says("#status", "corrections are open")
@@ -79,7 +80,7 @@ class Visitor:
         return cv2.imdecode(data, cv2.IMREAD_COLOR)
 
     def save(self, kind: str) -> bytes:
-        self.click("text=Save what is shown")
+        self.click("#more > summary")
         with self.page.expect_download() as saved:
             self.click(f"#exports >> text={kind}")
         return bytes(saved.value.path().read_bytes())
@@ -127,7 +128,7 @@ def test_what_is_this_thing(visitor: Visitor) -> None:
 def test_why_does_the_map_have_it(visitor: Visitor) -> None:
     visitor.click_at(*CUP)
     visitor.click("#about-why summary")
-    visitor.says("#about-why", "transaction #1")
+    visitor.says("#about-why", "cup 1 is a cup")
 
 
 def test_what_changed_since_then(visitor: Visitor) -> None:
@@ -191,6 +192,7 @@ def test_measure_a_distance(visitor: Visitor) -> None:
 
 
 def test_show_only_the_cups(visitor: Visitor) -> None:
+    visitor.click("#layers > summary")
     visitor.click("#legend >> text=cup")
     visitor.says("#count", "1 of 3 objects")
 

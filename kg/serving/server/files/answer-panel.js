@@ -1,0 +1,137 @@
+// The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
+import { button, byId, element, named } from "/files/page-elements.js";
+import { request } from "/files/server.js";
+import { pictureOf } from "/files/thing-details.js";
+
+const MAX_STEPS = 12, MAX_THINGS = 30; // that are listed
+const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+\)/g; // told otherwise on the page
+const HEAD = /^(.{3,70}?): (?=\D)(.+)$/s;
+
+export class AnswerPanel {
+  /** `found(iri)` goes to what was found, `choose(iri)` selects a thing, `asked()` brings the panel to the front. */
+  constructor(data, view, { found, choose, asked }) {
+    this._data = data;
+    this._view = view;
+    this._found = found;
+    this._choose = choose;
+    this._toFront = asked;
+    this._asked = new AbortController(); // of the last request
+    this.wanted = ""; // of the shown answer
+    this._answer = null;
+    this._isWay = false; // whether the way of the plan is drawn
+    data.addEventListener("changed", () => this._draw());
+    byId("find").addEventListener("submit", (event) => { event.preventDefault(); this.find(byId("wanted").value.trim()); });
+  }
+
+  /** Ask, or end that (""); `quiet`: without a move to what is found. */
+  async find(wanted, { quiet = false } = {}) {
+    this.wanted = byId("wanted").value = wanted;
+    this._asked.abort(); // a new request cancels the one before
+    const { signal } = this._asked = new AbortController();
+    this._show(null); // an old answer is none to this question
+    if (!wanted) return;
+    this._say("planning …");
+    try {
+      const reply = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json", signal });
+      const { about = [], known = [], steps = [], understood = [], ...rest } = await reply.json();
+      this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });
+      if (!quiet) this._found(this._answer.known[0]?.iri ?? null);
+    } catch (error) {
+      if (!signal.aborted) this._say(error.message);
+    }
+  }
+
+  _say(text) {
+    byId("plan").replaceChildren(element("p", text));
+    this._toFront();
+  }
+
+  _show(answer) {
+    this._answer = answer;
+    this._isWay = Boolean(answer?.steps.length) && !answer.known.some((one) => one.still_there >= 0.5);
+    byId("plan").replaceChildren(...(answer ? this._told(answer) : []));
+    if (answer) this._toFront();
+    this._draw();
+  }
+
+  /** Draw the way, and rings around what the answer is about; not in the past, since it is made for the present. */
+  _draw() {
+    const answer = this._data.past === null ? this._answer : null;
+    this._view.plan = this._isWay ? answer : null;
+    const iris = answer ? [...answer.known, ...answer.about].map((one) => one.iri) : [];
+    this._view.highlights = { iris: new Set(iris), points: [], rings: [] };
+    byId("plan").classList.toggle("hidden", this._data.past !== null);
+    this._view.draw();
+  }
+
+  _told(answer) {
+    const [first = "", ...rest] = answer.answer.map((line) => line.replace(COMMAND, "").replace(CHANCE, ""));
+    const [, head, tail] = HEAD.exec(first) ?? [null, first, ""], best = answer.known[0];
+    return [
+      element("h2", "", ...this._linked(head, answer.about)), element("div"),
+      ...(best ? this._surely(best) : []),
+      ...[tail, ...rest, ...answer.understood].filter(Boolean).map((line) => element("p", "", ...this._linked(line, answer.about))),
+      this._things(answer), ...(answer.steps.length ? this._looks(answer) : []),
+    ];
+  }
+
+  /** How sure it is that the best thing is still there, and its picture. */
+  _surely({ iri, still_there: sure }) {
+    pictureOf(this._data, iri).then((picture) => picture && byId("plan").querySelector("h2 + div")?.replaceChildren(picture), () => {});
+    const bar = Object.assign(element("meter"), { value: sure, ariaLabel: "how sure" });
+    return [element("p", `${Math.round(100 * sure)} % sure that it is still there `, bar)];
+  }
+
+  /** A sentence with links where it names things. */
+  _linked(line, about) {
+    const names = about.filter(({ name }) => name).sort((a, b) => b.name.length - a.name.length);
+    const texts = names.map(({ name }) => name.replace(/[\\^$.*+?()[\]{}|/-]/g, "\\$&")).join("|");
+    const pattern = new RegExp(`(?<![\\p{L}\\p{N}])(${texts})(?![\\p{L}\\p{N}])`, "gu");
+    return names.length ? line.split(pattern).map((part, n) => (n % 2 ? this._link(names.find(({ name }) => name === part).iri, part) : part)) : [line];
+  }
+
+  _link(iri, text) {
+    const one = this._data.thingAt(iri), made = button("", () => this._choose(iri));
+    made.className = "link";
+    made.append(...(one && (!text || text === one.label) ? named(this._data, one) : [text || this._data.nameAt(iri)]));
+    return made;
+  }
+
+  /** What the answer is about and its sentences do not name. */
+  _things({ about, known }) {
+    const told = new Set(about.filter(({ name }) => name).map(({ iri }) => iri));
+    const iris = [...new Set([...known, ...about].map(({ iri }) => iri))].filter((iri) => !told.has(iri) && this._data.has(iri));
+    const more = iris.length > MAX_THINGS ? [element("li", `and ${iris.length - MAX_THINGS} more`)] : [];
+    return element("ul", "", ...iris.slice(0, MAX_THINGS).map((iri) => this._entry(iri)), ...more);
+  }
+
+  _entry(iri) {
+    const one = this._data.thingAt(iri), place = one && this._data.places.get(one.place), told = element("span");
+    if (one) told.textContent = ` ${place ? `${this._data.inPlace(place)}, ` : ""}${Math.round(100 * one.existence)} % sure`;
+    told.className = "dim";
+    return element("li", "", this._link(iri, ""), told);
+  }
+
+  _looks(plan) {
+    const rest = plan.steps.length - plan.worthwhile, looks = element("details", "", element("summary", "Where to look"),
+      element("p", `It is on this floor with ${Math.round(100 * plan.present)} %; these looks find it with ${Math.round(100 * plan.probability)} %.`),
+      element("ol", "", ...this._steps(plan)),
+      ...rest ? [element("p", `${rest} more ${rest === 1 ? "look gains" : "looks gain"} little for ${rest === 1 ? "its" : "their"} time`)] : []);
+    looks.open = this._isWay;
+    looks.addEventListener("toggle", () => { this._isWay = looks.open; this._draw(); });
+    const way = button("Show the way", () => { looks.open = !looks.open; });
+    way.className = "primary";
+    return [element("p", "", way), looks];
+  }
+
+  _steps(plan) {
+    const given = new Set(); // reasons that were listed already
+    return plan.steps.slice(0, Math.min(plan.worthwhile, MAX_STEPS)).map((step, n) => {
+      const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri)), look = button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y));
+      if (reason) given.add(reason.iri);
+      look.className = "link";
+      return element("li", "", look, ` after ${Math.round(step.seconds)} s, finds it with ${(100 * step.probability).toPrecision(2)} %`,
+        element("small", reason ? reason.facts.slice(0, 2).join("; ") : ""));
+    });
+  }
+}
