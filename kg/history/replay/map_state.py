@@ -7,7 +7,7 @@ that is not finite is left out, and so is a thing without a position.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -171,10 +171,15 @@ def _state(
         if all(row.get(name) is not None for name in _NEEDED[kind]):
             state[kind].append({"iri": subject[1:-1].removeprefix(base), **row})
     state["robot"] = next(iter(state["robot"]), None)
-    named = [(place["label"], dict(place["beliefs"])) for place in state["places"]]
-    for place, title in zip(state["places"], place_titles(named, categories.label), strict=True):
-        place["title"] = title
+    _title(state["places"], categories)
     return state
+
+
+def _title(places: Sequence[Row], categories: Categories) -> None:
+    """Give places the names that sentences call them by."""
+    named = [(place["label"], dict(place["beliefs"])) for place in places]
+    for place, title in zip(places, place_titles(named, categories.label), strict=True):
+        place["title"] = title
 
 
 def _beliefs(rows: Mapping[str, Row], nodes: Iterable[str]) -> list[list[Any]]:
