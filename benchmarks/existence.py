@@ -27,12 +27,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from benchmarks.rooms.houses import HOUSES, toured
 from benchmarks.rooms.measuring import each, parts
 from benchmarks.rooms.recordings import detector_of, look, looks, networks, room_folders
 from hereabouts.cli.arguments import count, whole
 from kg.serving.opening import in_memory_map
+from lab.command_line import run
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from lab.networks.calibration import reliability
 from mapping.objects.bayes_mapper import BayesObjectMapper

@@ -19,13 +19,13 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.command_line import run
 from benchmarks.rooms.houses import Tour, toured
 from benchmarks.rooms.measuring import each
 from hereabouts.cli.arguments import count, whole
 from kg.model.oriented_boxes import OrientedBox
 from kg.model.records import ObjectRecord
 from kg.serving.opening import in_memory_map
+from lab.command_line import run
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper

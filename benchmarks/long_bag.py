@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run as run_benchmark
+from lab.command_line import run as run_benchmark
 from perception.sources.bag_writer import write_bag
 from perception.sources.listing import FrameEntry, StoredImage
 from perception.sources.recording import FolderRecording, open_recording

@@ -21,13 +21,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from benchmarks.rooms.recordings import TRUTH, detector_of, look, looks, networks, room_folders
 from benchmarks.rooms.stretches import matcher_of
 from hereabouts.cli.arguments import count
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, open_map
+from lab.command_line import run
 from lab.maps.complete_truth import load_complete_truth
 from lab.maps.map_evaluation import evaluate_map
 from lab.maps.session_identity import Session, SessionIdentity, pooled_identity, session_identity

@@ -25,11 +25,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from benchmarks.search.homes import Home, read_homes
 from kg.knowledge.placement.rooms import room_types
 from kg.knowledge.placement.table import table_of
 from kg.serving.opening import in_memory_map
+from lab.command_line import run
 from mapping.places.place_mapper import ObjectEvidence
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.belief_filters import bayes_update, mean_update

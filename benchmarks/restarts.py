@@ -20,9 +20,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
+from lab.command_line import run
 from lab.maps.complete_truth import load_complete_truth
 from lab.maps.map_evaluation import evaluate_map
 from lab.maps.session_identity import SessionIdentity, pooled_identity, session_identity

@@ -27,10 +27,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from benchmarks.search.homes import read_homes
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from kg.serving.opening import open_map
+from lab.command_line import run
 from lab.houses.random_house import random_house
 from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
 from mapping.occupancy.room_segmentation import segmented

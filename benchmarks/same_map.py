@@ -19,7 +19,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.command_line import run as run_benchmark
+from lab.command_line import run as run_benchmark
 
 HEREABOUTS = (sys.executable, "-m", "hereabouts.cli")
 STARTED = "2026-11-22T10:00:00Z"  # of recordings whose stamps count from zero

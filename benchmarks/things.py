@@ -26,13 +26,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run
 from benchmarks.rooms.recordings import TRUTH, room_folders
 from kg.maps.surface.voxels import Surface
 from kg.model.errors import RecordingError
 from kg.model.oriented_boxes import along
 from kg.model.records import ObjectRecord
 from kg.serving.opening import create_map, open_map
+from lab.command_line import run
 from lab.houses.random_house import random_house
 from lab.maps.complete_truth import load_complete_truth
 from lab.recordings.object_truth import VisibilityRecord, object_truth

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.command_line import run
 from benchmarks.questions import __doc__ as about
 from benchmarks.questions.asking import INTERFACES, Answered, answered_by, ask, differing, table
 from benchmarks.questions.blind import BlindAnswers
@@ -20,6 +19,7 @@ from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
+from lab.command_line import run
 from perception.sources.recording_writer import write_text
 
 

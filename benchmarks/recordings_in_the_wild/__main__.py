@@ -17,11 +17,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.command_line import run as run_benchmark
 from benchmarks.recordings_in_the_wild.kinds import kinds
 from benchmarks.recordings_in_the_wild.live import live_trial
 from benchmarks.recordings_in_the_wild.robot import shots, write_plain
 from benchmarks.recordings_in_the_wild.trial import Outcome, plain, trial
+from lab.command_line import run as run_benchmark
 
 
 def compare(arguments: argparse.Namespace) -> int:

@@ -16,12 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, TypeVar
 
-from benchmarks.command_line import run
 from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.measuring import measured, measured_houses
 from benchmarks.rooms.recordings import networks, room_folders
 from benchmarks.rooms.stretches import STRETCHES
 from hereabouts.cli.arguments import count, whole
+from lab.command_line import run
 
 HOUSES_DRAWN: Final = 4
 

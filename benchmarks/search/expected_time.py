@@ -24,7 +24,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks import command_line
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.homes import Home, read_homes
@@ -33,6 +32,7 @@ from benchmarks.search.trial import hiding_floors, seeded
 from benchmarks.search.view_policy import Ablation, ViewPolicy, initial_state
 from hereabouts.cli.arguments import count
 from hereabouts.cli.console import heading, print_table
+from lab import command_line
 from planner.freespace.grid import visible_cells
 from planner.search.viewpoints.candidate_views import Motion, Sensor, angle_between, square
 

@@ -18,9 +18,9 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.ordering.problem import OrderingProblem
-from benchmarks.ordering.solver import solve
 from kg.model.records import PlaceRecord
+from lab.ordering.problem import OrderingProblem
+from lab.ordering.solver import solve
 from planner.search.goals.search_goals import Goal
 from planner.search.plans.thesis_rules import Travel, distances
 from planner.search.viewpoints.candidate_views import Motion, Sensor, angle_between

@@ -6,7 +6,7 @@ Two worlds. In the thesis' own the robot drives straight lines between the middl
 turn there shows all of the place. With real coverage there are walls, doors in the middle of common
 walls, and a camera that sees 0.8 to 4.6 m; a place is then covered by as many turns as it takes.
 Nothing is missed in either (recall 1). Where the printed pose of an object contradicts its place
-(`benchmarks/thesis/corrections.csv`) it lies in the middle of the place. Ratios are means over the
+(`lab/thesis/corrections.csv`) it lies in the middle of the place. Ratios are means over the
 18 searches of brute force's time, in the same world, over that of the way named.
 """
 
@@ -36,8 +36,8 @@ from benchmarks.search.stopping_on_sight import (
     sighted,
 )
 from benchmarks.search.view_policy import Ablation, ours
-from benchmarks.thesis.table_4_5 import TableRow, reference_world, table_4_5
 from kg.model.records import PlaceRecord
+from lab.thesis.table_4_5 import TableRow, reference_world, table_4_5
 from planner.freespace.grid import Room
 from planner.search.goals.search_goals import Goal, derive_goals
 from planner.search.plans.thesis_rules import Travel, distances, nearest_first

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.search.homes import read_homes
-from benchmarks.thesis.table_4_5 import reference_world
+from lab.thesis.table_4_5 import reference_world
 from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import FreeSpace, Room, visible_cells

@@ -28,7 +28,7 @@ def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_every_store_and_question_is_measured(prints: Callable[..., str]) -> None:
     words = ("--sizes", "40,200", "--seconds", "0.3", "--frames", "40", "--rivals-up-to", "40")
-    result = json.loads(prints("graph", *words, "--json"))
+    result = json.loads(prints("benchmarks.graph", *words, "--json"))
     measured = {(t["operation"], t["store"], t["objects"]) for t in result["timings"]}
     for size in (40, 200):
         asked = {name for name, store, n in measured if (store, n) == ("hereabouts on disk", size)}
