@@ -1,4 +1,4 @@
-"""Command line of the benchmarks: exit codes and one-line errors as of `hereabouts`."""
+"""Command lines of benchmarks and trials: help, exit codes and errors as of `hereabouts`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,15 @@ import sys
 from collections.abc import Callable, Sequence
 
 from kg.model.errors import HereaboutsError
+
+
+def parser_of(program: str, text: str | None) -> argparse.ArgumentParser:
+    """Parser of ``python -m PROGRAM``; `text`, the module's docstring, is its help as it stands."""
+    return argparse.ArgumentParser(
+        prog=f"python -m {program}",
+        description=text,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
 
 
 def run(

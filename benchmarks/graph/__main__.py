@@ -1,4 +1,4 @@
-"""`python -m benchmarks.graph`: the graph at several sizes, beside rdflib and owlready2."""
+"""`python -m benchmarks.graph`: the graph at several sizes."""
 
 from __future__ import annotations
 
@@ -35,13 +35,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="N",
         help="of the long run (default: 3000; 0: none)",
     )
-    graph.add_argument(
-        "--rivals-up-to",
-        type=int,
-        default=10_000,
-        metavar="N",
-        help="objects up to which rdflib and owlready2 are measured (default: 10000)",
-    )
     add_json(graph)
     return command_line.run(graph, run, argv)
 
@@ -52,7 +45,6 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.sizes,
         seconds=arguments.seconds,
         frames=arguments.frames,
-        rivals_most=arguments.rivals_up_to,
         say=note,
     )
     if arguments.json:
@@ -61,15 +53,10 @@ def run(arguments: argparse.Namespace) -> int:
     live = [run for run in (result.driving, result.leaping) if run is not None]
     timings = [*result.timings, *(t for run in live for t in (run.update, run.read))]
     print_table(
-        ("operation", "store", "objects", "median [ms]", "p95 [ms]", "p99 [ms]", "runs", "rows"),
-        [
-            (t.operation, t.store, t.objects, t.median, t.p95, t.p99, t.runs, t.rows)
-            for t in timings
-        ],
+        ("operation", "objects", "median [ms]", "p95 [ms]", "p99 [ms]", "runs", "rows"),
+        [(t.operation, t.objects, t.median, t.p95, t.p99, t.runs, t.rows) for t in timings],
     )
     _note_graph(result)
-    if max(arguments.sizes) > arguments.rivals_up_to:
-        note(f"rdflib and owlready2 were measured up to {arguments.rivals_up_to:,} objects only")
     return 0
 
 

@@ -19,7 +19,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate
 from kg.store.process_memory import gc_frozen
 
-STORE = "hereabouts on disk"
 LOOKUPS = tuple(q.name for q in shipped_queries() if q.answer == "lookup")
 FLAT = "objects-within-radius"  # asked now and then in a long run
 WARM = 1.0  # [s] of live writing that does not count
@@ -32,13 +31,11 @@ def measure(semantic_map: SemanticMap, building: Building, folder: Path) -> Iter
     for question in shipped_queries():
         values = parameters_for(question, building)
         if values is not None:
-            yield measured(
-                question.name, STORE, building.size, asking(semantic_map, question, values)
-            )
+            yield measured(question.name, building.size, asking(semantic_map, question, values))
     if building.size <= MAX_EXPORT:
         out = folder / "export.nt"
         export = _silent(lambda: export_map(semantic_map, out, ontology=False))
-        yield measured("export as N-Triples", STORE, building.size, export)
+        yield measured("export as N-Triples", building.size, export)
 
 
 def update_timing(semantic_map: SemanticMap, building: Building) -> Timing:
@@ -50,7 +47,7 @@ def update_timing(semantic_map: SemanticMap, building: Building) -> Timing:
         start = time.perf_counter()
         semantic_map.apply(update)
         durations.append(1000 * (time.perf_counter() - start))
-    return timing("update by a frame", STORE, building.size, durations)
+    return timing("update by a frame", building.size, durations)
 
 
 def parameters_for(question: ParameterizedQuery, building: Building) -> dict[str, object] | None:
@@ -137,8 +134,8 @@ def live(
     stop.set()
     for reader in readers:
         reader.join()
-    written = timing(f"update, 30 a second, 2 readers, {how}", STORE, building.size, durations)
-    read = timing(f"lookup beside that writer, {how}", STORE, building.size, reads)
+    written = timing(f"update, 30 a second, 2 readers, {how}", building.size, durations)
+    read = timing(f"lookup beside that writer, {how}", building.size, reads)
     return LiveRun(len(durations), late, written, len(reads), read)
 
 

@@ -1,18 +1,16 @@
-"""`python -m benchmarks.graph`: one size after the other, rivals up to a size that is bearable."""
+"""`python -m benchmarks.graph`: one size after the other."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.graph import ours, rivals
+from benchmarks.graph import ours
 from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import Flatness, LiveRun
 from benchmarks.graph.timing import Timing
-
-MAX_RIVAL_SIZE = 10_000  # objects; beyond it a rival's load alone takes minutes
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,9 +24,7 @@ class GraphBench:
 
     def update_ratio(self) -> float | None:
         """Median cost of an update at the largest size over that at the smallest."""
-        updates = [
-            t for t in self.timings if (t.operation, t.store) == ("update by a frame", ours.STORE)
-        ]
+        updates = [t for t in self.timings if t.operation == "update by a frame"]
         low, high = min(updates, key=_size), max(updates, key=_size)
         return None if low is high else high.median / low.median
 
@@ -47,14 +43,7 @@ class GraphBench:
             "slowestLookup": self.slowest_lookup().to_json(),
             "live": self.driving and self.driving.to_json(),
             "leaping": self.leaping and self.leaping.to_json(),
-            "lastTenthOverFirst": flat
-            and {
-                "frames": flat.frames,
-                "update": flat.update,
-                "lookup": flat.lookup,
-                "memory": flat.memory,
-                "disk": flat.disk,
-            },
+            "lastTenthOverFirst": flat and asdict(flat),
         }
 
 
@@ -63,7 +52,6 @@ def bench_graph(
     *,
     seconds: float,
     frames: int,
-    rivals_most: int = MAX_RIVAL_SIZE,
     say: Callable[[str], None] = lambda _: None,
 ) -> GraphBench:
     """Measure maps of each size; the largest is then written live for `seconds`, 0 for not at all.
@@ -83,11 +71,6 @@ def bench_graph(
                 if size > ours.MAX_EXPORT:
                     say(f"leaving out the export: measured up to {ours.MAX_EXPORT:,} objects")
                 timings += ours.measure(semantic_map, building, folder)
-                timings += rivals.ours(semantic_map, building)
-                if size <= rivals_most:
-                    say(f"the same in rdflib and owlready2, {size:,} objects")
-                    timings += rivals.rdflib_memory(semantic_map, building, folder)
-                    timings += rivals.owlready_sqlite(semantic_map, building, folder)
                 if size == max(sizes) and seconds:
                     say(f"writing 30 frames a second for {seconds:g} s beside two readers")
                     asked = semantic_map, building

@@ -17,7 +17,6 @@ class Timing:
     """Durations of one operation, in milliseconds."""
 
     operation: str
-    store: str
     objects: int
     median: float
     p95: float
@@ -30,7 +29,6 @@ class Timing:
         times = {name: round(getattr(self, name), 3) for name in ("median", "p95", "p99")}
         return {
             "operation": self.operation,
-            "store": self.store,
             "objects": self.objects,
             "milliseconds": times,
             "runs": self.runs,
@@ -38,7 +36,7 @@ class Timing:
         }
 
 
-def measured(operation: str, store: str, objects: int, run: Callable[[], int | None]) -> Timing:
+def measured(operation: str, objects: int, run: Callable[[], int | None]) -> Timing:
     """Timing of `run`, which may return how many rows it got; the first run warms up."""
     rows = run()
     durations: list[float] = []
@@ -46,7 +44,7 @@ def measured(operation: str, store: str, objects: int, run: Callable[[], int | N
         start = time.perf_counter()
         run()
         durations.append(1000 * (time.perf_counter() - start))
-    return timing(operation, store, objects, durations, rows)
+    return timing(operation, objects, durations, rows)
 
 
 def goes_on(milliseconds: list[float]) -> bool:
@@ -61,8 +59,8 @@ def goes_on(milliseconds: list[float]) -> bool:
 
 
 def timing(
-    operation: str, store: str, objects: int, milliseconds: list[float], rows: int | None = None
+    operation: str, objects: int, milliseconds: list[float], rows: int | None = None
 ) -> Timing:
     """Median and tails of durations that were measured elsewhere."""
     median, p95, p99 = (float(p) for p in np.percentile(milliseconds, (50, 95, 99)))
-    return Timing(operation, store, objects, median, p95, p99, len(milliseconds), rows)
+    return Timing(operation, objects, median, p95, p99, len(milliseconds), rows)

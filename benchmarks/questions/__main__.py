@@ -19,17 +19,13 @@ from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
-from lab.command_line import run
+from lab.command_line import parser_of, run
 from perception.sources.recording_writer import write_text
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.questions",
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.questions", about)
     commands = parser.add_subparsers(required=True)
     make = commands.add_parser("make", help="write questions, recordings and truth")
     make.add_argument("--houses", type=_seeds, default="601-606", metavar="N-M", help="seeds")

@@ -142,17 +142,8 @@ def _print_calibration(searched: Sequence[Searched], *, as_json: bool) -> None:
 def _print(scores: Mapping[str, Score]) -> None:
     print_table(
         (
-            "",
-            "success",
-            "mean s",
-            "found s",
-            "median s",
-            "worst tenth",
-            "metres",
-            "SPL",
-            "AUC",
-            "looks",
-            "queries",
+            *("", "success", "mean s", "found s", "median s", "worst tenth"),
+            *("metres", "SPL", "AUC", "looks", "queries"),
         ),
         [
             (
