@@ -1,20 +1,17 @@
-"""ConceptNet import: Table 6.1 of the thesis, the fit of the probability, and the cost.
+"""ConceptNet import: Table 6.1 of the thesis, the weights that ship, and the cost.
 
 python -m benchmarks.conceptnet table GRAPH        lab/research/table_6_1.md, on stdout
-python -m benchmarks.conceptnet ship GRAPH         kg/knowledge/placement/tables/conceptnet.csv, on
-stdout python -m benchmarks.conceptnet fit GRAPH HOMES    probability over weight, in real homes
+python -m benchmarks.conceptnet ship GRAPH         the table conceptnet.csv that ships, on stdout
 python -m benchmarks.conceptnet judge GRAPH        share of sensible relations, by verdicts of hand
 python -m benchmarks.conceptnet cost FILE [LINES]  time and memory; with LINES, of a file that long
 
-GRAPH is ConceptNet 4's graph (or any file the import reads), HOMES a folder of homes as JSON.
+GRAPH is ConceptNet 4's graph (or any file the import reads).
 """
 
 from __future__ import annotations
 
 import csv
 import gzip
-import json
-import math
 import multiprocessing
 import os
 import resource
@@ -24,35 +21,16 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
-from kg.knowledge.conceptnet.edges import LOCATED, NEAR, probability_of
+import lab.thesis
 from kg.knowledge.conceptnet.importing import import_conceptnet
 from kg.knowledge.conceptnet.relate import ImportedRelation
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.model import vocabulary as v
+from lab.command_line import parser_of
 
-TABLE = Path(__file__).parent / "thesis" / "table_6_1.csv"
+TABLE = Path(lab.thesis.__file__).with_name("table_6_1.csv")
 JUDGED = Path(__file__).with_name("conceptnet_judged.csv")
-#: Room labels of the homes that are another name than ours, as in docs/explanation/ontology.md.
-ROOMS = {"office": "home office"}
-PARAMETERS = {
-    v.LOCATED_AT: LOCATED,
-    v.NEAR_BY: NEAR,
-}
-_BINS = (
-    (0, 0.01),
-    (0.01, 1),
-    (1, 1.01),
-    (1.01, 2),
-    (2, 2.01),
-    (2.01, 3),
-    (3, 4),
-    (4, 6),
-    (6, 9),
-    (9, math.inf),
-)
 
 
 def table_6_1(graph: Path) -> str:
@@ -128,61 +106,6 @@ def _weight(found: ImportedRelation | None) -> str:
     return "-" if found is None else f"{found.weight:.2f}"
 
 
-def fit(graph: Path, homes: Path) -> Iterator[str]:
-    """The logistic regression of presence on ln(1 + weight), over rooms of homes.
-
-    Over all pairs of a room and an object that the homes' annotators named anywhere: an object
-    they never named was not looked for.
-    """
-    found = import_conceptnet(graph).found
-    for kind in (v.LOCATED_AT, v.NEAR_BY):
-        weight, present = _pairs(found, kind, homes)
-        X = np.column_stack([np.ones(len(weight)), np.log1p(weight)])
-        beta = np.zeros(2)
-        for _ in range(50):
-            p = 1 / (1 + np.exp(-X @ beta))
-            beta += np.linalg.solve(X.T @ (X * (p * (1 - p))[:, None]), X.T @ (present - p))
-        name = kind.removeprefix(v.HERE)
-        yield f"{name}: {len(weight)} pairs, {present.mean():.3f} present; "
-        yield f"base {beta[0]:.2f}, slope {beta[1]:.2f}\n"
-        for low, high in _BINS:
-            within = (weight >= low - 1e-9) & (weight < high - 1e-9)
-            if within.any():
-                given = np.mean([probability_of(w, PARAMETERS[kind]) for w in weight[within]])
-                yield f"  weight {low:g} to {high:g}: {within.sum()} pairs, "
-                yield f"{present[within].mean():.3f} present, {given:.3f} given\n"
-
-
-def _pairs(
-    found: tuple[ImportedRelation, ...], kind: str, homes: Path
-) -> tuple[np.ndarray, np.ndarray]:
-    """Net weight, 0 of unrelated pairs, and 1 where the object is in the room, for each pair."""
-    catalogue = Catalogue.from_quads(load_ontologies().quads)
-    net = {
-        (catalogue.label(f.subject), catalogue.label(f.target)): f.weight - f.weight_against
-        for f in found
-        if f.kind == kind
-    }
-    rooms = [
-        (catalogue.get(ROOMS.get(room["label"], room["label"]), "place"), room["coco"])
-        for home in sorted(homes.glob("*.json"))
-        for room in json.loads(home.read_text())["rooms"]
-    ]
-    named = sorted({thing for _, coco in rooms for thing in coco if coco[thing] > 0})
-    pairs = []
-    for place, coco in rooms:
-        present = [thing for thing in named if coco.get(thing, 0) > 0]
-        targets = present if kind == v.NEAR_BY else [place.label] if place else []
-        pairs += [
-            (net.get((thing, target), 0.0), thing in present)
-            for target in targets
-            for thing in named
-            if thing != target
-        ]
-    weight, held = zip(*pairs, strict=True)
-    return np.array(weight), np.array(held, dtype=float)
-
-
 def cost(path: Path, lines: int | None) -> str:
     """Processor time and peak memory of one import; of a file of so many lines where that is given.
 
@@ -247,22 +170,25 @@ each): too few to pass on the places of cupboards or dishes. This page includes 
 """
 
 
-def main(words: list[str]) -> None:
+def main() -> None:
     """Run one of them."""
-    match words:
+    parser = parser_of("benchmarks.conceptnet", __doc__)
+    parser.add_argument("what", choices=("table", "ship", "judge", "cost"))
+    parser.add_argument("file", help="GRAPH or FILE")
+    parser.add_argument("lines", nargs="?", metavar="LINES", help="of `cost`")
+    given = parser.parse_args()
+    match [given.what, given.file, *filter(None, [given.lines])]:
         case ["table", graph]:
             sys.stdout.write(table_6_1(Path(graph)))
         case ["ship", graph]:
             sys.stdout.write(ship(Path(graph)))
-        case ["fit", graph, homes]:
-            sys.stdout.writelines(fit(Path(graph), Path(homes)))
         case ["judge", graph]:
             sys.stdout.writelines(judge(Path(graph)))
         case ["cost", path, *more]:
             sys.stdout.write(cost(Path(path), int(more[0]) if more else None))
         case _:
-            sys.exit(__doc__)
+            parser.error("LINES are for cost")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

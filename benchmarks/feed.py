@@ -1,4 +1,4 @@
-"""Whether followers of the feed slow the mapper: `python benchmarks/feed.py [--followers N]`.
+"""Whether followers of the feed slow the mapper: `python -m benchmarks.feed [--followers N]`.
 
 Serves a map of 1,000 objects in this process, as `hereabouts serve --recording` does, and writes 30
 changes a second into it, each of 5 objects (`--changed`), then as many as it can: alone, and with N
@@ -10,24 +10,21 @@ followers have it, followers dropped.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import multiprocessing
 import sys
 import time
 from multiprocessing.connection import Connection
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from benchmarks.map_page import filled
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from kg.serving.server import MapServer, Settings
+from lab.command_line import parser_of
 
 SECONDS = 10.0  # of each row
 
@@ -124,7 +121,7 @@ def row(
 
 def main() -> None:
     """Serve, write, follow."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("benchmarks.feed", __doc__)
     parser.add_argument("--followers", type=int, default=100)
     parser.add_argument("--changed", type=int, default=5, help="objects of one change")
     given = parser.parse_args()

@@ -1,4 +1,4 @@
-"""Cost of the history, and time of queries of past states: `python benchmarks/history.py`.
+"""Cost of the history, and time of queries of past states: `python -m benchmarks.history`.
 
 Writes frames of 20 objects of 1,000 directly into the log, so that a million observations take
 minutes, and then queries past states. Prints Markdown rows.
@@ -6,11 +6,9 @@ minutes, and then queries past states. Prints Markdown rows.
 
 from __future__ import annotations
 
-import argparse
 import random
 import sqlite3
 import statistics
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -19,9 +17,7 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode, Quad, Store
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from kg.history.replay.point_in_time import PastStates, replay, state_of
+from kg.history.replay.point_in_time import replay, state_of
 from kg.history.storage.compaction import compact
 from kg.history.storage.log import HistoryLog
 from kg.knowledge.ontology.catalogue import Catalogue
@@ -33,6 +29,7 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import cell_of
 from kg.rdf.quad_store import QuadStore
 from kg.store.transaction_quads import sequence_quad
+from lab.command_line import parser_of
 
 BASE = "https://w3id.org/hereabouts/maps/bench/"
 _TIME = NamedNode(v.XSD + "dateTime")
@@ -140,7 +137,7 @@ def lookups(objects: int, rng: random.Random) -> dict[str, Callable[[], str]]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("benchmarks.history", __doc__)
     parser.add_argument("--observations", type=int, default=1_000_000)
     parser.add_argument("--objects", type=int, default=1000)
     arguments = parser.parse_args()
@@ -160,7 +157,6 @@ def main() -> None:
         engine = Store()
         engine.bulk_extend(FIRST)
         engine.add(sequence_quad(log.last))
-        states, last = PastStates(), log.last
 
         def any_time() -> int:
             return rng.randrange(1, log.last)
@@ -176,10 +172,6 @@ def main() -> None:
             questions[f"query: {name}"] = ask, 40
         questions |= {
             "a state replayed": (lambda: replay(log, engine, any_time()), 40),
-            "a state asked before, three predicates": (
-                lambda: evaluate(states.at(log, engine, last), THREE, base=BASE),
-                40,
-            ),
         }
         for name, (ask, rounds) in questions.items():
             print(f"| {name} | {timed(ask, rounds)} |")  # noqa: T201

@@ -8,7 +8,6 @@ at a rate, without poses. `hereabouts live` tracks the camera and maps by the bu
 
 from __future__ import annotations
 
-import argparse
 import json
 import multiprocessing
 import os
@@ -21,6 +20,7 @@ from typing import Any, Final
 from benchmarks.recordings_in_the_wild.live import Sender
 from benchmarks.recordings_in_the_wild.robot import BEGIN, Shot, record
 from benchmarks.recordings_in_the_wild.trial import HEREABOUTS
+from lab.command_line import parser_of
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 
@@ -31,7 +31,7 @@ READ_AHEAD: Final = 250  # images that are sent again and again
 
 def main() -> None:
     """Print a row for each rate."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = parser_of("benchmarks.live_rate", __doc__)
     parser.add_argument("recording", type=Path)
     parser.add_argument("--rates", type=float, nargs="+", default=[10.0], help="images a second")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each rate")

@@ -22,7 +22,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.command_line import run as run_benchmark
+from lab.command_line import parser_of
+from lab.command_line import run as run_benchmark
 from perception.sources.bag_writer import write_bag
 from perception.sources.listing import FrameEntry, StoredImage
 from perception.sources.recording import FolderRecording, open_recording
@@ -112,7 +113,7 @@ def measure(arguments: argparse.Namespace) -> int:
 
 def main() -> int:
     """Parse the command line."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.long_bag", description=__doc__)
+    parser = parser_of("benchmarks.long_bag", __doc__)
     parser.add_argument("recording", type=Path)
     parser.add_argument("--frames", type=int, default=1125)
     parser.add_argument("--times", type=int, nargs="+", default=(1, 4, 16))

@@ -1,4 +1,4 @@
-"""How the live map's page copes: `python benchmarks/map_page.py [--objects N]`.
+"""How the live map's page copes: `python -m benchmarks.map_page [--objects N]`.
 
 Serves a map of N objects, opens it in headless Chromium (software rendering) and prints: seconds to
 the first picture, frames a second while dragging for five seconds (all of the map, near, where
@@ -8,7 +8,6 @@ a second for ten seconds.
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import sys
@@ -19,12 +18,11 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import JSHandle, Page, sync_playwright
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
 from kg.serving.server import MapServer, Settings
+from lab.command_line import parser_of
 
 TICKS = os.sysconf("SC_CLK_TCK")
 QUIET = ("background-networking", "component-update", "sync", "quic", "gpu")
@@ -131,7 +129,7 @@ def behind(
 
 def main() -> None:
     """Serve, open, measure."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("benchmarks.map_page", __doc__)
     parser.add_argument("--objects", type=int, default=10_000)
     count = parser.parse_args().objects
     with in_memory_map(title="hall", base="https://example.org/hall/") as semantic_map:

@@ -3,28 +3,23 @@
 Times each stage alone (reading; the detector, opened and run on frames in memory; the rest on
 frames and detections in memory) and the whole run, in turns, so that all meet the same machine.
 Prints Markdown rows of medians: a pipeline is at best as fast as its slowest stage.
-
-With `--threads 1 2` instead the detector alone and the whole run, for each number of threads that a
-network computes with, their threads waiting and spinning, and whether the detections are the same.
 """
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
-from itertools import islice, product
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from kg.serving.opening import in_memory_map
+from lab.command_line import parser_of
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Detector, Frame, Recording, SceneClassifier
-from perception.inference import session
 from perception.inference.detector_pair import RememberingDetector
 from perception.inference.recorded_detections import open_detector
 from perception.inference.scene_classifier import load_scene_classifier
@@ -33,10 +28,6 @@ from perception.sources.recording import open_recording
 HEADER = (
     "| recording | frames | read | detect | rest: map | one after the other "
     "| whole run | slowest / run |\n|---|---|---|---|---|---|---|---|"
-)
-THREADS_HEADER = (
-    "| recording | threads | spinning | detect | whole run | CPU of the run | other detections |\n"
-    "|---|---|---|---|---|---|---|"
 )
 
 
@@ -88,38 +79,6 @@ def measured(path: Path, detector_name: str, count: int, rounds: int) -> str:
     return f"| {' | '.join(columns)} |"
 
 
-def by_threads(
-    path: Path, detector_name: str, count: int, rounds: int, threads: list[int]
-) -> Iterator[str]:
-    """The rows of one recording for each number of threads, waiting and spinning."""
-    scene, recording = load_scene_classifier(), open_recording(path)
-    on_disk, in_memory = FirstFrames(recording, count), FirstFrames(recording, count)
-    in_memory.kept = list(on_disk.frames())
-    settings = list(product(threads, ("0", "1")))
-    seconds: dict[tuple[int, str], list[tuple[float, float, float]]] = {s: [] for s in settings}
-    found: dict[tuple[int, str], list[Detections]] = {}
-    for _, setting in product(range(rounds), settings):
-        os.environ[session.THREADS_VARIABLE], vars(session)["SPINNING"] = map(str, setting)
-        before = time.perf_counter()
-        found[setting] = _detected(in_memory, open_detector(detector_name))
-        alone, used = time.perf_counter(), time.process_time()
-        _mapped(on_disk, open_detector(detector_name), scene)
-        times = (alone - before, time.perf_counter() - alone, time.process_time() - used)
-        seconds[setting].append(times)
-    for setting, times_of in seconds.items():
-        ms = [1000 * statistics.median(part) / len(on_disk) for part in zip(*times_of, strict=True)]
-        pairs = zip(found[settings[0]], found[setting], strict=True)
-        other = sum(not _same(one, another) for one, another in pairs)
-        columns = [path.name, str(setting[0]), "yes" if setting[1] == "1" else "no"]
-        yield f"| {' | '.join([*columns, *(f'{x:.1f}' for x in ms), str(other)])} |"
-
-
-def _same(one: Detections, other: Detections) -> bool:
-    """Whether two frames' detections are the same to the last bit."""
-    arrays = ((one.xyxy, other.xyxy), (one.score, other.score))
-    return one.label == other.label and all(np.array_equal(a, b) for a, b in arrays)
-
-
 def _detected(recording: FirstFrames, detector: Detector) -> list[Detections]:
     return [detector.detect(frame) for frame in recording.frames()]
 
@@ -131,19 +90,16 @@ def _mapped(recording: Recording, detector: Detector, scene: SceneClassifier) ->
 
 def main() -> None:
     """Print a row for each recording."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("benchmarks.pipeline", __doc__)
     parser.add_argument("recording", nargs="+", type=Path)
     parser.add_argument("--detector", default="default")
     parser.add_argument("--frames", type=int, default=250, help="of each recording")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--threads", nargs="+", type=int, help="of a network")
     given = parser.parse_args()
-    sys.stdout.write((THREADS_HEADER if given.threads else HEADER) + "\n")
+    sys.stdout.write(HEADER + "\n")
     for path in given.recording:
-        words = (path, given.detector, given.frames, given.rounds)
-        for row in by_threads(*words, given.threads) if given.threads else [measured(*words)]:
-            sys.stdout.write(row + "\n")
-            sys.stdout.flush()
+        sys.stdout.write(measured(path, given.detector, given.frames, given.rounds) + "\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ to the acknowledgement of the target.
 from __future__ import annotations
 
 import statistics
-import sys
 import tempfile
 import threading
 import time
@@ -26,6 +25,7 @@ from kg.serving.opening import create_map
 from kg.serving.publishing.publisher import Publisher
 from kg.serving.publishing.target import PublishTarget
 from kg.serving.server import MapServer, Settings
+from lab.command_line import parser_of
 from tests.conftest import running_server
 
 OBJECTS = 20
@@ -62,7 +62,9 @@ def _drive(robot: SemanticMap, frames: int, written: dict[tuple[str, int], float
 
 def main() -> None:
     """Print the latencies."""
-    frames = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    parser = parser_of("benchmarks.publishing", __doc__)
+    parser.add_argument("frames", nargs="?", type=int, default=200, help="of each robot")
+    frames = parser.parse_args().frames
     written: dict[tuple[str, int], float] = {}
     with ExitStack() as opened:
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory()))
@@ -75,6 +77,8 @@ def main() -> None:
         publishers = [Publisher(server.url, target) for server in servers]
         following = [threading.Thread(target=publisher.follow) for publisher in publishers]
         driving = [threading.Thread(target=_drive, args=(r, frames, written)) for r in robots]
+        for robot in robots:
+            _drive(robot, 1, {})  # the copy of a map without things is never marked as complete
         for thread in following:
             thread.start()
         while any(target.acknowledged(robot.base) is None for robot in robots):

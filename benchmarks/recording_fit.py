@@ -2,18 +2,15 @@
 
     python -m benchmarks.recording_fit check RECORDING ...
     python -m benchmarks.recording_fit align RECORDING [RECORDING] [--detections FILE] [--trials N]
-    python -m benchmarks.recording_fit chance RECORDING RECORDING ... [--trials N]
 
 `check` damages each recording in turn (depth scale, poses, registration, a jump, slow drift) and
 prints what is said of it. `align` maps the first half of a recording, or the first of two
 recordings of one world, gives the other a world of its own, turned and moved at random (any
-rotation, up to 5 m), and prints the errors of the transform found. `chance` prints how often the
-floor of one recording, placed at random about another's, passes for the same. Rows are Markdown.
+rotation, up to 5 m), and prints the errors of the transform found. Rows are Markdown.
 """
 
 from __future__ import annotations
 
-import argparse
 import logging
 import sys
 import time
@@ -27,11 +24,11 @@ from numpy.typing import NDArray
 
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import in_memory_map
-from mapping.alignment.recording_fit import CHECKED, FITS, aligned, spread
-from mapping.alignment.search import about_z, floor_field, floor_of_frames
+from lab.command_line import parser_of
+from mapping.alignment.recording_fit import aligned
+from mapping.alignment.search import about_z
 from mapping.frames.pose_monitor import PoseMonitor
 from mapping.mapping_options import MappingOptions
-from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.recording_mapper import map_recording
 from perception.camera.gravity_alignment import gravity_aligned_transform
 from perception.camera.poses import CONVENTIONS, Pose
@@ -181,31 +178,6 @@ def align(folders: list[Path], detections: str, trials: int) -> Iterator[str]:
             )
 
 
-def chance(folders: list[Path], trials: int) -> Iterator[str]:
-    """Rows of how often random placements pass for a fit, by pair of recordings."""
-    recordings = [open_recording(folder, RecordingOptions(check=False)) for folder in folders]
-    cell, rng = OccupancySettings().cell, np.random.default_rng(0)
-    floors = [floor_of_frames(recording.frames()) for recording in recordings]
-    samples = [floor_of_frames(spread(recording, CHECKED)) for recording in recordings]
-    yield "| map | recording | quality as it is | judged | random placements that pass |"
-    yield "|---|---|---|---|---|"
-    for a, floor in zip(folders, floors, strict=True):
-        field = floor_field(floor, cell)
-        for b, sample in zip(folders, samples, strict=True):
-            if field is None:
-                continue
-            given, passed = field.match(sample), 0
-            for _ in range(trials):
-                T = about_z(rng.uniform(-np.pi, np.pi), *rng.normal(0, 1.0, 2))
-                match = field.match(sample.moved(T))
-                passed += match.enough() and match.quality >= FITS
-            judged = given.judged / max(given.cells, 1)
-            yield (
-                f"| {_name(a)} | {_name(b)} | {given.quality:.2f} | {judged:.2f} | "
-                f"{passed / trials:.3f} |"
-            )
-
-
 def _inside(folder: Path, name: str) -> Path:
     return folder / name if (folder / name).is_file() else Path(name)
 
@@ -244,18 +216,17 @@ def _random_motion(rng: np.random.Generator) -> Floats:
 
 def main() -> None:
     """Run one of the two."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("check", "align", "chance"))
+    parser = parser_of("benchmarks.recording_fit", __doc__)
+    parser.add_argument("what", choices=("check", "align"))
     parser.add_argument("recordings", nargs="+", type=Path)
     parser.add_argument("--detections", default="detections.json")
     parser.add_argument("--trials", type=int, default=10)
     given = parser.parse_args()
-    if given.what == "check":
-        rows = check(given.recordings)
-    elif given.what == "align":
-        rows = align(given.recordings, given.detections, given.trials)
-    else:
-        rows = chance(given.recordings, given.trials)
+    rows = (
+        check(given.recordings)
+        if given.what == "check"
+        else align(given.recordings, given.detections, given.trials)
+    )
     for row in rows:
         sys.stdout.write(row + "\n")
         sys.stdout.flush()

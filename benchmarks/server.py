@@ -15,18 +15,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import requests
-from pyoxigraph import Literal, NamedNode, Quad
 
-from benchmarks.workers import RUNAWAY, _objects
+from benchmarks.made_maps import ASK, RUNAWAY, fill, milliseconds, writer
 from kg.maps.semantic_map import SemanticMap
-from kg.model import vocabulary as v
-from kg.model.transactions import Cause
 from kg.serving.opening import create_map, open_map
 from kg.serving.server import Limits, MapServer, Settings
+from lab.command_line import parser_of
 
-ASK = "ASK {here:Kitchen here:isA here:Place}"
 LOOKUP = "SELECT ?p ?o {<urn:object:7> ?p ?o}"
 CUPS = "SELECT ?o ?x {?o a here:Cup ; here:x ?x} ORDER BY ?x LIMIT 20"
 LIMITS = Limits(query_seconds=8.0)
@@ -36,20 +32,22 @@ SECONDS = 10.0  # or so long
 
 def main() -> None:
     """Measure each size given, or a thousand and a hundred thousand objects."""
+    parser = parser_of("benchmarks.server", __doc__)
+    parser.add_argument("objects", nargs="*", type=int, default=[1_000, 100_000])
+    sizes = parser.parse_args().objects
     sys.stdout.write("| objects | what | n | median | p95 | p99 | times /health |\n")
     sys.stdout.write("|---|---|---|---|---|---|---|\n")
-    for objects in [int(size) for size in sys.argv[1:]] or [1_000, 100_000]:
+    for objects in sizes:
         with tempfile.TemporaryDirectory() as folder:
-            for name in ("one", "two"):
-                with create_map(Path(folder) / name, base=f"urn:{name}/") as made:
-                    made.engine.bulk_extend(_objects(objects))  # type: ignore[attr-defined]
-                    made.store.flush()
-            _measure(Path(folder), objects)
+            path = Path(folder) / "one"
+            with create_map(path, base="urn:one/") as made:
+                fill(made, objects)
+            _measure(path, objects)
 
 
-def _measure(folder: Path, objects: int) -> None:
+def _measure(path: Path, objects: int) -> None:
     with (
-        open_map(folder / "one") as semantic_map,
+        open_map(path) as semantic_map,
         MapServer(semantic_map, Settings(port=0, limits=LIMITS)) as server,
     ):
         client = _Client(server.url, objects)
@@ -90,8 +88,8 @@ class _Client:
 
     def row(self, what: str, seconds: list[float]) -> None:
         """A row of the table, of given times."""
-        p50, p95, p99 = np.percentile(seconds, [50, 95, 99]) * 1000
-        self.least = self.least or float(p50)
+        p50, p95, p99 = milliseconds(seconds, 50, 95, 99)
+        self.least = self.least or p50
         sys.stdout.write(
             f"| {self._objects:,} | {what} | {len(seconds)} | {p50:.2f} | {p95:.2f} | {p99:.2f} | "
             f"{p50 / self.least:.1f} |\n"
@@ -120,24 +118,11 @@ def _beside(client: _Client, url: str, act: Callable[[], float]) -> None:
 
 def _beside_writer(client: _Client, semantic_map: SemanticMap) -> None:
     """ASK while 30 commits a second are made in the server's process."""
-    stop = threading.Event()
-
-    def write() -> None:
-        number = 0
-        while not stop.wait(1 / 30):
-            number += 1
-            thing, at = NamedNode(f"urn:object:{number % 20}"), NamedNode(v.X)
-            quad = Quad(thing, at, Literal(number / 7), v.MAP_GRAPH)
-            semantic_map.store.commit([], [quad], Cause("update"))
-
-    writer = threading.Thread(target=write)
-    writer.start()
     until = time.monotonic() + 5
     times = []
-    while time.monotonic() < until:
-        times.append(client.once("sparql", query=ASK))
-    stop.set()
-    writer.join()
+    with writer(semantic_map):
+        while time.monotonic() < until:
+            times.append(client.once("sparql", query=ASK))
     client.row("ASK beside a writer at 30 Hz", times)
 
 

@@ -18,17 +18,23 @@ from pathlib import Path
 import numpy as np
 
 from kg.serving.opening import open_map
+from lab.command_line import parser_of
 
 _QUESTIONS = ("objects", "places", "objects-by-category")
 
 
 def main() -> None:
     """Measure, or ask as one of the two processes."""
-    if sys.argv[1] == "--ask":
-        ask(Path(sys.argv[2]), int(sys.argv[3]), float(sys.argv[4]))
+    parser = parser_of("benchmarks.shared_folder", __doc__)
+    parser.add_argument("recording")
+    parser.add_argument("questions", nargs="?", type=int, default=200)
+    parser.add_argument("rate", nargs="?", type=float, default=2.0, help="questions a second")
+    parser.add_argument("--ask", action="store_true", help="ask the map RECORDING (for itself)")
+    given = parser.parse_args()
+    recording, questions, pause = given.recording, given.questions, 2 / given.rate
+    if given.ask:
+        ask(Path(recording), questions, pause)
         return
-    recording, questions = sys.argv[1], int((sys.argv[2:] or ["200"])[0])
-    pause = 2 / float((sys.argv[3:] or ["2"])[0])
     with tempfile.TemporaryDirectory() as folder:
         alone = _mapped(recording, Path(folder) / "alone.map")
         rest = _asking(Path(folder) / "alone.map", questions // 4, 0.1)
@@ -54,7 +60,7 @@ def ask(path: Path, count: int, pause: float) -> None:
 
 def _asking(path: Path, count: int, pause: float) -> list[subprocess.Popen[str]]:
     command = [sys.executable, "-m", "benchmarks.shared_folder", "--ask", str(path)]
-    command += [str(count), str(pause)]
+    command += [str(count), str(2 / pause)]
     return [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
 
 

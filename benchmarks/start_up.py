@@ -8,13 +8,14 @@ Prints the median of user and system time [s]; the first run of each is not coun
 
 from __future__ import annotations
 
-import argparse
 import os
 import resource
 import statistics
 import subprocess
 import sys
 from pathlib import Path
+
+from lab.command_line import parser_of
 
 COMMANDS = (
     ("--version",),
@@ -36,7 +37,7 @@ def seconds(environment: Path, folder: Path, words: tuple[str, ...]) -> float:
 
 def main() -> int:
     """Run the commands by turns and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.start_up", description=__doc__)
+    parser = parser_of("benchmarks.start_up", __doc__)
     parser.add_argument("sides", nargs="+", metavar="NAME=ENVIRONMENT=FOLDER")
     parser.add_argument("--runs", type=int, default=9)
     arguments = parser.parse_args()

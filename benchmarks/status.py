@@ -21,7 +21,6 @@ The truth of a (category, place) pair:
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -35,6 +34,7 @@ from hereabouts.cli.console import print_table
 from hereabouts.demo.house_demo import layout_of
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
+from lab.command_line import parser_of
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
 from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
@@ -272,7 +272,7 @@ def report(found: Sequence[Answer], doubtful: int) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Map, ask, print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.status", description=__doc__)
+    parser = parser_of("benchmarks.status", __doc__)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(300, 310)))
     parser.add_argument("--sessions", type=int, default=1, choices=(1, 2))
     parser.add_argument("--part", type=float, default=0.5, help="share of each tour that is mapped")

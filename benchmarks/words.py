@@ -17,7 +17,6 @@ its first suggestion of a similar spelling as its answer.
 
 from __future__ import annotations
 
-import argparse
 import csv
 import difflib
 from collections import Counter
@@ -32,6 +31,7 @@ from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.knowledge.words.meaning import understand
 from kg.knowledge.words.usual_places import usual_places
 from kg.model.errors import UnknownCategoryError
+from lab.command_line import parser_of
 
 _TYPED = 5  # letters of a name that typing errors are tried on
 
@@ -124,7 +124,7 @@ def typing_errors(catalogue: Catalogue, seed: int = 1) -> dict[str, Counter[Verd
 
 def main() -> None:
     """Print the counts, and with --all every word that is not right."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of("benchmarks.words", __doc__)
     parser.add_argument("--all", action="store_true", help="list the words that are not right")
     every = parser.parse_args().all
     catalogue = shipped_ontology().catalogue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import shutil
 import socket
@@ -202,3 +203,37 @@ def running_virtuoso(work: Path) -> Iterator[str]:
             yield f"http://127.0.0.1:{http}"
         finally:
             server.kill()
+
+
+def _main(program: str) -> Callable[[list[str]], int]:
+    """The `main` of `python -m PROGRAM`."""
+    main: Callable[[list[str]], int] = importlib.import_module(f"{program}.__main__").main
+    return main
+
+
+@pytest.fixture
+def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a program that must fail with exit code 1 and one line; returns the line."""
+
+    def run(program: str, *words: object) -> str:
+        capsys.readouterr()
+        assert _main(program)([str(word) for word in words]) == 1
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        return err
+
+    return run
+
+
+@pytest.fixture
+def prints(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Callable: run a program that must succeed; returns its standard output."""
+
+    def run(program: str, *words: object) -> str:
+        capsys.readouterr()
+        assert _main(program)([str(word) for word in words]) == 0
+        return capsys.readouterr().out
+
+    return run

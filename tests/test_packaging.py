@@ -97,7 +97,8 @@ def test_wheel_declares_the_command(wheel_names: set[str]) -> None:
 def test_the_lab_is_a_wheel_of_its_own_for_the_same_version(wheel: Path, tmp_path: Path) -> None:
     lab = build(ROOT / "lab", tmp_path)
     names = set(zipfile.ZipFile(lab).namelist())
-    tracked = {str(path.relative_to(ROOT)) for path in (ROOT / "lab").rglob("*.py")}
+    files = (path for kind in ("*.py", "*.csv") for path in (ROOT / "lab").rglob(kind))
+    tracked = {str(path.relative_to(ROOT)) for path in files}
     assert {name for name in names if ".dist-info" not in name} == tracked
     version = wheel.name.split("-")[1]
     assert lab.name.split("-")[1] == version

@@ -8,7 +8,6 @@ is a module with a function `attack(target) -> Outcome`. It exits 1 where a coun
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -20,7 +19,6 @@ from benchmarks.attack import (
     connections,
     exhaustion,
     files,
-    frames,
     iris,
     network,
     ontologies,
@@ -30,6 +28,7 @@ from benchmarks.attack import (
 )
 from benchmarks.attack.outcome import HEAD, Outcome
 from benchmarks.attack.target import Target
+from lab.command_line import parser_of
 
 FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "network": network.attack,
@@ -40,14 +39,13 @@ FAMILIES: Final[dict[str, Callable[[Target], Outcome]]] = {
     "files": files.attack,
     "connections": connections.attack,
     "sandbox": sandbox.attack,
-    "frames": frames.attack,
     "writers": writers.attack,
 }
 
 
 def main() -> int:
     """Run the families; 1 where one of them got anywhere."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.attack", description=__doc__)
+    parser = parser_of("benchmarks.attack", __doc__)
     parser.add_argument("--family", action="append", choices=FAMILIES, help="only this (again)")
     parser.add_argument("--seed", default="1", help="of the spellings: another makes others (1)")
     arguments = parser.parse_args()

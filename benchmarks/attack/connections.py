@@ -27,6 +27,7 @@ from requests.adapters import HTTPAdapter
 from benchmarks.attack.crowding import ADDRESS, KINDS
 from benchmarks.attack.outcome import Outcome
 from benchmarks.attack.target import PATIENCE, ROBOT, Target
+from lab.command_line import parser_of
 
 SECONDS: Final = 4.0  # of each kind
 WARM_UP: Final = 2.0  # [s] in which the crowd arrives
@@ -75,7 +76,7 @@ def attack(target: Target) -> Outcome:
     """
     total = Outcome()
     for kind in KINDS:
-        latencies = measure(target, kind.__name__)
+        latencies = measure(target, kind)
         hangs = sum(not latencies[name].held for name in ("kept", "new"))
         total += Outcome(1, 0, target.crashed(), hangs + target.hangs(), target.lost())
     return total
@@ -131,9 +132,12 @@ def _ask(url: str, address: str, token: str, anew: bool) -> Latency:
 
 def main() -> None:
     """Print a row for each kind in Markdown: answers, refusals, p50, p99 of each bystander."""
+    parser = parser_of("benchmarks.attack.connections", __doc__)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of: {', '.join(KINDS)}")
+    kinds = parser.parse_args().kinds
     sys.stdout.write("| kind | bystander | answers | refused | p50 ms | p99 ms | memory MB |\n")
     sys.stdout.write("|---|---|---|---|---|---|---|\n")
-    for kind in sys.argv[1:] or [kind.__name__ for kind in KINDS]:
+    for kind in kinds or KINDS:
         with tempfile.TemporaryDirectory() as folder, Target(Path(folder)) as target:
             before = target.memory()
             for name, latency in measure(target, kind).items():

@@ -1,7 +1,6 @@
 """Crowding: ways in which one address takes connections, memory and time of an HTTP server.
 
-A kind of crowding is an asynchronous function that keeps one connection busy in its way for as long
-as it runs. `crowd` runs hundreds of them from one address.
+`crowd` keeps hundreds of connections busy from one address, each in one of the `KINDS`.
 """
 
 from __future__ import annotations
@@ -14,45 +13,31 @@ import resource
 import struct
 import sys
 from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
 from typing import Final
 
 from benchmarks.attack.target import TOKEN
 
 Reader, Writer = asyncio.StreamReader, asyncio.StreamWriter
-Kind = Callable[[Reader, Writer], Awaitable[None]]
 
 ADDRESS: Final = "127.0.0.66"  # of the crowd; Linux has all of 127.0.0.0/8
-CONNECTIONS: Final = 700
+MANY: Final = 700  # connections
 FEWER: Final = 210
 LINGER: Final = 30.0  # [s]
 _PAUSE: Final = 0.05  # [s] before a closed connection is opened again
 _HOST: Final = b"Host: localhost\r\n"
 _BODY: Final = b"Content-Type: application/sparql-query\r\n"
 _POST: Final = b"POST /sparql HTTP/1.1\r\n" + _HOST + _BODY
-_ASK: Final = b"GET /sparql?query=ASK%20%7B%7D HTTP/1.1\r\n" + _HOST + b"\r\n"
 _LARGE: Final = 7_900_000  # bytes of a body
 _BOMB: Final = gzip.compress(bytes(32 << 20))
 
 
-async def nothing(reader: Reader, writer: Writer) -> None:
-    """No crowd, for comparison."""
+async def _wait(reader: Reader, writer: Writer) -> None:
     await asyncio.sleep(LINGER)
 
 
-async def half_heads(reader: Reader, writer: Writer) -> None:
-    """Half of a head."""
-    writer.write(b"GET /hea")
-    await reader.read()
-
-
-async def silence(reader: Reader, writer: Writer) -> None:
-    """Not a byte."""
-    await reader.read()
-
-
-async def slow_bodies(reader: Reader, writer: Writer) -> None:
-    """A body at a byte a second."""
-    writer.write(_POST + b"Content-Length: 8000000\r\n\r\n")
+async def _trickle(reader: Reader, writer: Writer) -> None:
+    """A byte a second."""
     while not reader.at_eof():
         writer.write(b" ")
         await writer.drain()
@@ -60,195 +45,115 @@ async def slow_bodies(reader: Reader, writer: Writer) -> None:
             await asyncio.wait_for(reader.read(1 << 16), 1.0)
 
 
-async def unasked_bodies(reader: Reader, writer: Writer) -> None:
-    """A body at a byte a second, which no endpoint reads."""
-    writer.write(b"GET /health HTTP/1.1\r\n" + _HOST + b"Content-Length: 8000000\r\n\r\n")
-    while not reader.at_eof():
-        writer.write(b" ")
-        await writer.drain()
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(reader.read(1 << 16), 1.0)
-
-
-async def large_bodies(reader: Reader, writer: Writer) -> None:
+async def _large(reader: Reader, writer: Writer) -> None:
     """A large body without its last byte."""
-    writer.write(_POST + b"Content-Length: %d\r\n\r\n" % (_LARGE + 1))
     for _ in range(100):
         writer.write(bytes(_LARGE // 100))
         await writer.drain()
     await reader.read()
 
 
-async def unread_answers(reader: Reader, writer: Writer) -> None:
+async def _unread(reader: Reader, writer: Writer) -> None:
     """Many requests for the largest document, no answer read."""
     writer.transport.pause_reading()  # type: ignore[attr-defined]
     for _ in range(200):
         if writer.is_closing():
             return
-        writer.write(b"GET /graphs/ontology HTTP/1.1\r\n" + _HOST + b"\r\n")
+        writer.write(_get(b"/graphs/ontology"))
     await asyncio.sleep(LINGER)
 
 
-async def compressed_answers(reader: Reader, writer: Writer) -> None:
-    """Requests for the largest document, compressed."""
-    zipped = b"Accept-Encoding: gzip\r\n\r\n"
-    writer.write((b"GET /graphs/ontology HTTP/1.1\r\n" + _HOST + zipped) * 20)
-    await reader.read()
-
-
-async def pipelines(reader: Reader, writer: Writer) -> None:
-    """Thousands of requests at once on a connection."""
-    writer.write(_ASK * 4000)
-    await reader.read()
-
-
-async def idle(reader: Reader, writer: Writer) -> None:
-    """One request, then nothing; the connection is kept."""
-    writer.write(b"GET /health HTTP/1.1\r\n" + _HOST + b"\r\n")
-    await reader.read()
-
-
-async def feeds(reader: Reader, writer: Writer) -> None:
-    """A feed of changes."""
-    writer.write(b"GET /changes HTTP/1.1\r\nAccept: text/event-stream\r\n" + _HOST + b"\r\n")
-    await reader.read()
-
-
-async def subscriptions(reader: Reader, writer: Writer) -> None:
-    """A followed query."""
-    query = b"/subscribe?query=SELECT%20*%20%7B%20%3Fs%20%3Fp%20%3Fo%20%7D"
-    writer.write(b"GET " + query + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
-    await reader.read()
-
-
-async def upgrades(reader: Reader, writer: Writer) -> None:
-    """An upgrade to WebSocket, then frames."""
-    head = b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
-    key = b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
-    writer.write(b"GET /changes HTTP/1.1\r\n" + _HOST + head + key + b"\x81\x85aaaaabcde" * 100)
-    await reader.read()
-
-
-async def not_http(reader: Reader, writer: Writer) -> None:
-    """The begin of a TLS handshake, and noise."""
-    writer.write(b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + os.urandom(2000))
-    await reader.read()
-
-
-async def huge_heads(reader: Reader, writer: Writer) -> None:
-    """A head of thousands of lines."""
-    writer.write(b"GET /health HTTP/1.1\r\n" + _HOST + b"a:\r\n" * 60_000 + b"\r\n")
-    await reader.read()
-
-
-async def long_heads(reader: Reader, writer: Writer) -> None:
-    """Heads of the permitted length and number of lines."""
-    line = b"a: " + b"b" * 150 + b"\r\n"
-    writer.write((b"GET /health HTTP/1.1\r\n" + _HOST + line * 98 + b"\r\n") * 4)
-    await reader.read()
-
-
-async def many_types(reader: Reader, writer: Writer) -> None:
-    """Heads with as many media types and tags as fit, for a document."""
-    types = b",".join(b"a/b%d;q=0.%d" % (n, n % 9) for n in range(290))
-    tags = b",".join(b'"%d"' % n for n in range(600))
-    head = b"Accept: " + types + b"\r\nIf-None-Match: " + tags + b"\r\n\r\n"
-    writer.write((b"GET /object/1 HTTP/1.1\r\n" + _HOST + head) * 20)
-    await reader.read()
-
-
-async def endless_heads(reader: Reader, writer: Writer) -> None:
-    """Heads of 62 kB."""
-    types = b",".join(b"a/b%d;q=0.%d" % (n, n % 9) for n in range(4500))
-    writer.write(b"GET /object/1 HTTP/1.1\r\n" + _HOST + b"Accept: " + types + b"\r\n\r\n")
-    await reader.read()
-
-
-async def plans(reader: Reader, writer: Writer) -> None:
-    """Requests for search plans, each of another one."""
-    words = b"&".join(b"object=cup%d" % (ord(os.urandom(1)) % 200) for _ in range(5))
-    writer.write(b"GET /find?" + words + b" HTTP/1.1\r\n" + _HOST + b"\r\n")
-    await reader.read()
-
-
-async def tiny_chunks(reader: Reader, writer: Writer) -> None:
+async def _chunks(reader: Reader, writer: Writer) -> None:
     """A body in chunks of one byte."""
-    writer.write(_POST + b"Transfer-Encoding: chunked\r\n\r\n")
     for _ in range(100):
         writer.write(b"1\r\n \r\n" * 10_000)
         await writer.drain()
     await reader.read()
 
 
-async def bombs(reader: Reader, writer: Writer) -> None:
-    """A body of 32 kB that decompresses to 32 MB."""
-    head = b"Content-Encoding: gzip\r\nContent-Length: %d\r\n\r\n" % len(_BOMB)
-    writer.write(_POST + head + _BOMB)
-    await reader.read()
-
-
-async def both_lengths(reader: Reader, writer: Writer) -> None:
-    """A request with two lengths, and another one hidden in its body."""
-    lengths = b"Content-Length: 6\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"
-    writer.write(_POST + lengths + _ASK)
-    await reader.read()
-
-
-async def reconnections(reader: Reader, writer: Writer) -> None:
+async def _again_at_once(reader: Reader, writer: Writer) -> None:
     """One request for each connection, as fast as possible."""
-    writer.write(_ASK)
     await reader.read(100)
 
 
-async def resets(reader: Reader, writer: Writer) -> None:
-    """Requests whose client resets the connection at once."""
+async def _reset(reader: Reader, writer: Writer) -> None:
+    """The client resets the connection at once."""
     writer.get_extra_info("socket").setsockopt(1, 13, struct.pack("ii", 1, 0))  # SO_LINGER
-    writer.write(_ASK)
     await writer.drain()
 
 
-async def heavy_queries(reader: Reader, writer: Writer) -> None:
-    """A query that takes all the time it is given."""
-    query = b"SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"
-    token = f"Authorization: Bearer {TOKEN}\r\n".encode()
-    writer.write(_POST + token + b"Content-Length: %d\r\n\r\n" % len(query) + query)
-    await reader.read()
+def _get(path: bytes, head: bytes = b"") -> bytes:
+    return b"GET " + path + b" HTTP/1.1\r\n" + _HOST + head + b"\r\n"
 
 
-#: how many connections each kind keeps busy
-KINDS: Final[dict[Kind, int]] = {
-    nothing: 0,
-    half_heads: CONNECTIONS,
-    silence: 2 * CONNECTIONS,
-    slow_bodies: CONNECTIONS,
-    unasked_bodies: CONNECTIONS,
-    large_bodies: FEWER,
-    unread_answers: FEWER,
-    compressed_answers: FEWER,
-    pipelines: FEWER,
-    idle: 2 * CONNECTIONS,
-    feeds: CONNECTIONS,
-    subscriptions: CONNECTIONS,
-    upgrades: CONNECTIONS,
-    not_http: CONNECTIONS,
-    huge_heads: FEWER,
-    long_heads: FEWER,
-    many_types: FEWER,
-    endless_heads: CONNECTIONS,
-    plans: FEWER,
-    tiny_chunks: FEWER,
-    bombs: FEWER,
-    both_lengths: CONNECTIONS,
-    reconnections: CONNECTIONS,
-    resets: CONNECTIONS,
-    heavy_queries: CONNECTIONS,
+def _post(body: bytes, head: bytes = b"") -> bytes:
+    return _POST + head + b"Content-Length: %d\r\n\r\n" % len(body) + body
+
+
+def _plan() -> bytes:
+    """A request for a search plan, each of another one."""
+    words = b"&".join(b"object=cup%d" % (ord(os.urandom(1)) % 200) for _ in range(5))
+    return _get(b"/find?" + words)
+
+
+def _types(count: int) -> bytes:
+    return b"Accept: " + b",".join(b"a/b%d;q=0.%d" % (n, n % 9) for n in range(count)) + b"\r\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A kind of crowding: how many connections, what each sends first, and does then."""
+
+    count: int
+    sends: bytes | Callable[[], bytes] = b""
+    then: Callable[[Reader, Writer], Awaitable[object]] = lambda reader, writer: reader.read()
+
+
+_ASK: Final = _get(b"/sparql?query=ASK%20%7B%7D")
+_ALL: Final = b"/subscribe?query=SELECT%20*%20%7B%20%3Fs%20%3Fp%20%3Fo%20%7D"
+_UPGRADE: Final = (
+    b"Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+)
+_TAGS: Final = b"If-None-Match: " + b",".join(b'"%d"' % n for n in range(600)) + b"\r\n"
+_BOTH: Final = b"Content-Length: 6\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"
+_HEAVY: Final = b"SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i . ?j ?k ?l }"
+_ANN: Final = f"Authorization: Bearer {TOKEN}\r\n".encode()
+_ENDLESS: Final = b"Content-Length: 8000000\r\n"
+
+KINDS: Final[dict[str, Kind]] = {
+    "nothing": Kind(0, then=_wait),  # for comparison
+    "half_heads": Kind(MANY, b"GET /hea"),
+    "silence": Kind(2 * MANY),
+    "slow_bodies": Kind(MANY, _POST + _ENDLESS + b"\r\n", _trickle),
+    "unasked_bodies": Kind(MANY, _get(b"/health", _ENDLESS), _trickle),  # which no endpoint reads
+    "large_bodies": Kind(FEWER, _POST + b"Content-Length: %d\r\n\r\n" % (_LARGE + 1), _large),
+    "unread_answers": Kind(FEWER, then=_unread),
+    "compressed_answers": Kind(FEWER, _get(b"/graphs/ontology", b"Accept-Encoding: gzip\r\n") * 20),
+    "pipelines": Kind(FEWER, _ASK * 4000),  # thousands of requests at once
+    "idle": Kind(2 * MANY, _get(b"/health")),
+    "feeds": Kind(MANY, _get(b"/changes", b"Accept: text/event-stream\r\n")),
+    "subscriptions": Kind(MANY, _get(_ALL)),
+    "upgrades": Kind(MANY, _get(b"/changes", _UPGRADE) + b"\x81\x85aaaaabcde" * 100),
+    "not_http": Kind(MANY, b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03" + os.urandom(2000)),
+    "huge_heads": Kind(FEWER, _get(b"/health", b"a:\r\n" * 60_000)),
+    "long_heads": Kind(FEWER, _get(b"/health", (b"a: " + b"b" * 150 + b"\r\n") * 98) * 4),
+    "many_types": Kind(FEWER, _get(b"/object/1", _types(290) + _TAGS) * 20),
+    "endless_heads": Kind(MANY, _get(b"/object/1", _types(4500))),
+    "plans": Kind(FEWER, _plan),
+    "tiny_chunks": Kind(FEWER, _POST + b"Transfer-Encoding: chunked\r\n\r\n", _chunks),
+    "bombs": Kind(FEWER, _post(_BOMB, b"Content-Encoding: gzip\r\n")),
+    "both_lengths": Kind(MANY, _POST + _BOTH + _ASK),  # another request hidden in the body
+    "reconnections": Kind(MANY, _ASK, _again_at_once),
+    "resets": Kind(MANY, _ASK, _reset),
+    "heavy_queries": Kind(MANY, _post(_HEAVY, _ANN)),
 }
 
 
 async def crowd(port: int, name: str) -> None:
     """Crowd a server of this machine in one way, until the process is ended."""
-    kind, count = next((k, n) for k, n in KINDS.items() if k.__name__ == name)
-    await asyncio.gather(*(_again(port, kind) for _ in range(count)))
+    kind = KINDS[name]
+    await asyncio.gather(*(_again(port, kind) for _ in range(kind.count)))
 
 
 async def _again(port: int, kind: Kind) -> None:
@@ -258,7 +163,9 @@ async def _again(port: int, kind: Kind) -> None:
                 "127.0.0.1", port, local_addr=(ADDRESS, 0)
             )
             try:
-                await kind(reader, writer)
+                if first := kind.sends() if callable(kind.sends) else kind.sends:
+                    writer.write(first)
+                await kind.then(reader, writer)
             finally:
                 writer.transport.abort()
         await asyncio.sleep(_PAUSE)

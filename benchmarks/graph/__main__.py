@@ -6,10 +6,10 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from benchmarks import command_line
 from benchmarks.graph.suite import GraphBench, bench_graph
 from hereabouts.cli.arguments import add_json
 from hereabouts.cli.console import note, print_table, write_json
+from lab import command_line
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -8,7 +8,6 @@ prints a table, names every violation on stderr, and exits 1 where there is one.
 
 from __future__ import annotations
 
-import argparse
 import random
 import sys
 import tempfile
@@ -24,6 +23,7 @@ from benchmarks.kills.publishing import kill_publishing
 from benchmarks.kills.serving import kill_servers
 from benchmarks.kills.tally import HEAD, Tally
 from benchmarks.kills.writing import kill_writers
+from lab.command_line import parser_of
 
 Round = Callable[[Path, int, random.Random, Callable[[], None]], Tally]
 KINDS: Final[dict[str, Round]] = {
@@ -42,7 +42,7 @@ KINDS: Final[dict[str, Round]] = {
 
 def main() -> int:
     """Run the rounds; 1 where anything was lost."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__)
+    parser = parser_of("benchmarks.kills", __doc__)
     parser.add_argument("--rounds", type=int, default=600, help="of all kinds together (600)")
     parser.add_argument("--seed", type=int, default=1, help="of the moments (1)")
     parser.add_argument("--kind", action="append", choices=KINDS, help="only this (again)")

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.kills.examination import Known, examine, examine_export, examine_mapped
+from benchmarks.kills.examination import Finding, Known, examine, examine_export, examine_mapped
 from benchmarks.kills.frames import frame_update
 from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
@@ -77,9 +77,9 @@ def _kill_after_frames(
         frames = written(path, frames)
         tally.early += not killed(partial(main, words(path)), rng, longest)
         known = Known(frames, 0, frames)
-        _examined(tally, path, partial(examine, path, known, known, read_only=False))
+        examined(tally, path.name, partial(examine, path, known, known, read_only=False))
         if what == "export":
-            _examined(tally, path, partial(examine_export, path.with_suffix(".trig"), frames))
+            examined(tally, path.name, partial(examine_export, path.with_suffix(".trig"), frames))
         tally.kills += 1
         tally.acknowledged += A_STEP
         on_kill()
@@ -106,7 +106,7 @@ def _kill_mappers(
         tally.early += told == before
         tally.acknowledged += told - before
         if path.exists():
-            _examined(tally, path, partial(examine_mapped, path, told))
+            examined(tally, path.name, partial(examine_mapped, path, told))
         on_kill()
         if not killed_in_time:
             finished += 1
@@ -153,11 +153,12 @@ def killed(
     return not done
 
 
-def _examined(tally: Tally, path: Path, look: Callable[[], Any]) -> None:
+def examined(tally: Tally, where: str, look: Callable[[], Finding]) -> None:
+    """Look at the map in a child, and count what was found."""
     finding = finding_of(Child(lambda told: told(asdict(look()))))
     tally.checks += 1
     tally.opened.append(finding.seconds)
-    tally.wrong += [f"{path.name}, kill {tally.kills + 1}: {line}" for line in finding.wrong]
+    tally.wrong += [f"{where}, kill {tally.kills + 1}: {line}" for line in finding.wrong]
 
 
 def run(words: list[str]) -> float:

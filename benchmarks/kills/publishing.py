@@ -3,30 +3,24 @@
 from __future__ import annotations
 
 import random
-import socket
-import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import asdict
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from benchmarks.kills.commands import A_STEP, killed, run, written
+from benchmarks.kills.commands import A_STEP, examined, killed, run, written
 from benchmarks.kills.examination import Finding, Known, differs, own_facts
 from benchmarks.kills.frames import BASE, expected
-from benchmarks.kills.processes import Child
 from benchmarks.kills.tally import Tally
-from benchmarks.kills.writing import create, finding_of
+from benchmarks.kills.writing import create
 from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import open_map
 from kg.serving.publishing.target import PublishTarget
+from tests.conftest import running_server
 
 A_SERVER = 50  # kills
-WITHIN = 60.0  # [s] that the server has to start
 
 
 def kill_publishing(
@@ -40,27 +34,20 @@ def kill_publishing(
     while tally.kills < kills:
         path = folder / f"published-{tally.kills}.map"
         create(path)
-        with _server(folder / f"server-{tally.kills}") as url:
+        with running_server(folder / f"server-{tally.kills}") as url:
             frames, longest = 0, run(["rooms", str(path)])
             for _ in range(min(A_SERVER, kills - tally.kills)):
                 frames = written(path, frames)
                 words = ["publish", str(path), "--to", url, "--once"]
                 tally.early += not killed(partial(main, words), rng, longest)
-                _look(tally, partial(_published, url, frames))
+                examined(tally, path.name, partial(_published, url, frames))
                 tally.kills += 1
                 tally.acknowledged += A_STEP
                 on_kill()
-            _look(tally, partial(_caught_up, url, path, frames))
+            examined(tally, path.name, partial(_caught_up, url, path, frames))
     tally.notes = [f"{tally.early} ended before the kill"]
     tally.early = 0
     return tally
-
-
-def _look(tally: Tally, look: Callable[[], Finding]) -> None:
-    finding = finding_of(Child(lambda told: told(asdict(look()))))
-    tally.checks += 1
-    tally.opened.append(finding.seconds)
-    tally.wrong += [f"kill {tally.kills + 1}: {line}" for line in finding.wrong]
 
 
 def _published(url: str, frames: int) -> Finding:
@@ -87,26 +74,6 @@ def _caught_up(url: str, path: Path, frames: int) -> Finding:
 def _differences(copy: SemanticMap, number: int) -> list[str]:
     name = f"the copy at #{number}"
     return differs(name, own_facts(copy.engine), own_facts(expected(number, 0)))
-
-
-@contextmanager
-def _server(folder: Path) -> Iterator[str]:
-    """A server of another maker; gives its address."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    words = [str(_oxigraph()), "serve", "-l", str(folder), "-b", f"127.0.0.1:{port}"]
-    silent: Any = subprocess.DEVNULL
-    with subprocess.Popen(words, stdout=silent, stderr=silent) as server:
-        try:
-            end = time.monotonic() + WITHIN
-            while time.monotonic() < end:
-                with socket.socket() as attempt:
-                    if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                        break
-                time.sleep(0.02)
-            yield f"http://127.0.0.1:{port}"
-        finally:
-            server.kill()
 
 
 def _oxigraph() -> Path:

@@ -2,8 +2,6 @@
 
 python -m benchmarks.odometry ../shared/data/rgbd/redkitchen ../shared/data/rgbd/icl_livingroom
 python -m benchmarks.odometry RECORDING --faults --limit 100
-python -m benchmarks.odometry RECORDING --intrinsics
-python -m benchmarks.odometry RECORDING --maps default ../shared/models/deimv2_femto_416.onnx
 python -m benchmarks.odometry --houses 1 --alike
 """
 
@@ -17,8 +15,7 @@ import numpy as np
 from benchmarks.odometry.accuracy import accuracy
 from benchmarks.odometry.faults import FAULTS
 from benchmarks.odometry.houses import alike_rooms, house_tour
-from benchmarks.odometry.intrinsics import rows
-from benchmarks.odometry.maps import map_rows
+from lab.command_line import parser_of
 from perception.frames import Frame
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions, Selection
@@ -29,7 +26,7 @@ BACKWARDS = slice(None, None, -1)
 
 def main() -> None:
     """Print a line for each recording and rate, or fault."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser = parser_of("benchmarks.odometry", __doc__)
     parser.add_argument("recordings", nargs="*", metavar="RECORDING", help="with true poses")
     parser.add_argument("--houses", type=int, nargs="+", default=(), help="seeds, instead")
     parser.add_argument("--way", type=float, default=100.0, help="of the drive through a house [m]")
@@ -37,8 +34,6 @@ def main() -> None:
         "--alike", action="store_true", help="a row of rooms that look alike, instead"
     )
     parser.add_argument("--faults", action="store_true", help="faults instead of rates")
-    parser.add_argument("--intrinsics", action="store_true", help="wrong intrinsics instead")
-    parser.add_argument("--maps", nargs="+", metavar="DETECTOR", help="maps with them, instead")
     parser.add_argument("--only", nargs="*", help="names of faults or rates")
     parser.add_argument("--limit", type=int, help="frames of each recording")
     given = parser.parse_args()
@@ -47,18 +42,9 @@ def main() -> None:
     if given.alike:
         print(f"rooms that look alike\n  {accuracy(alike_rooms()).row()}", flush=True)  # noqa: T201
     for path in given.recordings:
-        if given.maps:
-            print(path, *map_rows(path, given.maps), sep="\n  ", flush=True)  # noqa: T201
-            continue
         options = RecordingOptions(check=False, selection=Selection(limit=given.limit))
         recording = open_recording(path, options)
-        frames = list(recording.frames())
-        if given.intrinsics:
-            print(recording.name)  # noqa: T201
-            for row in rows(frames):
-                print(f"  {row}", flush=True)  # noqa: T201
-        else:
-            _print_cases(recording.name, frames, given)
+        _print_cases(recording.name, list(recording.frames()), given)
 
 
 def _print_cases(title: str, frames: list[Frame], given: argparse.Namespace) -> None:
@@ -74,9 +60,9 @@ def _cases(
     for name in rates:
         if only is None or name in only:
             yield name, frames[rates[name]]
-    for fault in FAULTS if faults else ():
-        if only is None or fault.__name__ in only:
-            yield fault.__name__, fault(list(frames), np.random.default_rng(1))
+    for name, fault in FAULTS.items() if faults else ():
+        if only is None or name in only:
+            yield name, fault(list(frames), np.random.default_rng(1))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import cv2
 import numpy as np
@@ -15,64 +15,57 @@ from perception.frames import Frame
 Frames = list[Frame]
 Fault = Callable[[Frames, np.random.Generator], Frames]
 SOME: Final = (0.4, 0.6)  # the part of a recording that most faults change
+Array = NDArray[Any]
 
 
-def _changed(frames: Frames, change: Callable[[Frame, int], Frame]) -> Frames:
-    """Frames with `change(frame, number)` in the middle part."""
-    first, last = (int(share * len(frames)) for share in SOME)
-    return [
-        change(frame, number - first) if first <= number < last else frame
-        for number, frame in enumerate(frames)
-    ]
+def _each(change: Callable[..., Frame], *, random: bool = False) -> Fault:
+    """All frames by `change(frame, number)`, or `change(frame, random)`."""
+    return lambda frames, rng: [change(f, rng if random else n) for n, f in enumerate(frames)]
 
 
-def _colour(frame: Frame, rgb: NDArray[np.generic]) -> Frame:
-    return replace(frame, rgb=np.ascontiguousarray(rgb).astype(np.uint8))
+def _some(change: Callable[[Frame, int], Frame]) -> Fault:
+    """The frames of the middle part by `change(frame, number in the part)`."""
+
+    def changed(frames: Frames, _: np.random.Generator) -> Frames:
+        first, last = _middle(frames)
+        part = [change(frame, number) for number, frame in enumerate(frames[first:last])]
+        return [*frames[:first], *part, *frames[last:]]
+
+    return changed
+
+
+def _held(change: Callable[[Frame, Frame], Frame]) -> Fault:
+    """The frames of the middle part by `change(frame, first of the part)`."""
+    return lambda frames, rng: _some(lambda f, _: change(f, frames[_middle(frames)[0]]))(
+        frames, rng
+    )
+
+
+def _later(change: Callable[[Frame], Frame]) -> Fault:
+    """The second half of the frames by `change`."""
+    return lambda frames, _: [*frames[: _half(frames)], *map(change, frames[_half(frames) :])]
+
+
+def _middle(frames: Frames) -> tuple[int, int]:
+    return int(SOME[0] * len(frames)), int(SOME[1] * len(frames))
+
+
+def _half(frames: Frames) -> int:
+    return len(frames) // 2
+
+
+def _colour(frame: Frame, rgb: Array) -> Frame:
+    return replace(frame, rgb=np.ascontiguousarray(np.clip(rgb, 0, 255)).astype(np.uint8))
+
+
+def _depth(frame: Frame, depth: Array) -> Frame:
+    return replace(frame, depth=np.ascontiguousarray(depth).astype(np.float32))
 
 
 def _texture(shape: tuple[int, int], seed: int) -> NDArray[np.uint8]:
     """A coarse random pattern (H, W, 3)."""
     small = np.random.default_rng(seed).integers(0, 255, (shape[0] // 8, shape[1] // 8, 3))
     return np.asarray(cv2.resize(small.astype(np.uint8), shape[::-1]), np.uint8)
-
-
-def blur(frames: Frames, _: np.random.Generator) -> Frames:
-    """A quick motion smears the images."""
-    return _changed(frames, lambda f, n: _colour(f, cv2.blur(f.rgb, (61, 9))))
-
-
-def dark(frames: Frames, _: np.random.Generator) -> Frames:
-    """The light is nearly off."""
-    return _changed(frames, lambda f, n: _colour(f, f.rgb * 0.02))
-
-
-def black(frames: Frames, _: np.random.Generator) -> Frames:
-    """The lens is covered for colour, not for depth."""
-    return _changed(frames, lambda f, n: _colour(f, f.rgb * 0))
-
-
-def exposure(frames: Frames, _: np.random.Generator) -> Frames:
-    """Automatic exposure goes up and down."""
-    return [
-        _colour(f, np.clip(f.rgb * (1 + 0.7 * np.sin(n / 2)), 0, 255)) for n, f in enumerate(frames)
-    ]
-
-
-def noise(frames: Frames, random: np.random.Generator) -> Frames:
-    """Images of a dark room with high gain."""
-    return [
-        _colour(f, np.clip(f.rgb * 0.3 + random.normal(0, 40, f.rgb.shape), 0, 255)) for f in frames
-    ]
-
-
-def white_wall(frames: Frames, _: np.random.Generator) -> Frames:
-    """The camera sees a white wall one metre ahead and goes along it."""
-    return _changed(
-        frames,
-        lambda f, n: replace(
-            f, rgb=np.full_like(f.rgb, 230), depth=np.full_like(f.depth, np.float32(1.0))
-        ),
-    )
 
 
 def _covered(frame: Frame, share: float, depth: float, left: float, seed: int) -> Frame:
@@ -85,157 +78,30 @@ def _covered(frame: Frame, share: float, depth: float, left: float, seed: int) -
     return replace(frame, rgb=rgb, depth=z)
 
 
-def hand(frames: Frames, _: np.random.Generator) -> Frames:
-    """A hand before most of the lens, too near for depth."""
-    return _changed(frames, lambda f, n: _covered(f, 0.7, np.nan, 0.1, 1))
+def _upside_down(f: Frame, _: int) -> Frame:
+    T = f.T_map_cam @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    return replace(_depth(_colour(f, f.rgb[::-1, ::-1]), f.depth[::-1, ::-1]), T_map_cam=T)
 
 
-def near_hand(frames: Frames, _: np.random.Generator) -> Frames:
-    """A hand or a tray before nearly all of the lens, with depth, that moves with the camera."""
-    return _changed(frames, lambda f, n: _covered(f, 0.95, 0.45, 0.0, 2))
-
-
-def gripper(frames: Frames, _: np.random.Generator) -> Frames:
-    """A part of the robot covers a third of all images."""
-    return [_covered(f, 0.33, 0.5, 0.0, 3) for f in frames]
-
-
-def passer_by(frames: Frames, _: np.random.Generator) -> Frames:
-    """A person crosses the view."""
-    return _changed(frames, lambda f, n: _covered(f, 0.3, 1.2, -0.3 + 0.05 * n, 4))
-
-
-def crowd(frames: Frames, _: np.random.Generator) -> Frames:
-    """People cover most of the view and walk."""
-    return _changed(frames, lambda f, n: _covered(f, 0.75, 1.3, 0.2 * np.sin(n / 4), 5))
-
-
-def no_depth(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth is away for a while."""
-    return _changed(frames, lambda f, n: replace(f, depth=np.full_like(f.depth, np.nan)))
-
-
-def little_depth(frames: Frames, random: np.random.Generator) -> Frames:
-    """Sunlight leaves a tenth of the depth pixels."""
-
-    def thinned(f: Frame) -> Frame:
-        return replace(f, depth=np.where(random.random(f.depth.shape) < 0.1, f.depth, np.nan))
-
-    return [replace(g := thinned(f), depth=g.depth.astype(np.float32)) for f in frames]
-
-
-def noisy_depth(frames: Frames, random: np.random.Generator) -> Frames:
-    """Depth has errors of five per cent."""
-    return [
-        replace(f, depth=(f.depth * random.normal(1, 0.05, f.depth.shape)).astype(np.float32))
-        for f in frames
-    ]
-
-
-def depth_late(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth is two frames behind colour."""
-    return [replace(f, depth=frames[max(n - 2, 0)].depth) for n, f in enumerate(frames)]
-
-
-def depth_very_late(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth is 15 frames behind colour."""
-    return [replace(f, depth=frames[max(n - 15, 0)].depth) for n, f in enumerate(frames)]
-
-
-def out_of_order(frames: Frames, random: np.random.Generator) -> Frames:
-    """Frames come out of order, within some."""
-    order = np.argsort(np.arange(len(frames)) + random.uniform(0, 6, len(frames)), kind="stable")
-    return [frames[n] for n in order]
-
-
-def shuffled(frames: Frames, random: np.random.Generator) -> Frames:
-    """Frames come in no order at all."""
-    return [frames[n] for n in random.permutation(len(frames))]
-
-
-def backwards_half(frames: Frames, _: np.random.Generator) -> Frames:
-    """The second half of the frames comes backwards."""
-    half = len(frames) // 2
-    return frames[:half] + frames[half:][::-1]
-
-
-def gap(frames: Frames, _: np.random.Generator) -> Frames:
-    """A part of the recording is missing."""
-    first, last = (int(share * len(frames)) for share in SOME)
-    return frames[:first] + frames[last:]
-
-
-def frozen(frames: Frames, _: np.random.Generator) -> Frames:
-    """The driver repeats one image for a while, and the camera goes on."""
-    first = frames[int(SOME[0] * len(frames))]
-    return _changed(frames, lambda f, n: replace(first, id=f.id))
-
-
-def frozen_colour(frames: Frames, _: np.random.Generator) -> Frames:
-    """The driver repeats one colour image for a while; depth goes on."""
-    first = frames[int(SOME[0] * len(frames))]
-    return _changed(frames, lambda f, n: replace(f, rgb=first.rgb))
-
-
-def intrinsics(frames: Frames, _: np.random.Generator) -> Frames:
-    """The focal length is a quarter too short."""
-    wrong = frames[0].K * np.array([[0.75, 1, 1], [1, 0.75, 1], [1, 1, 1]])
-    return [replace(f, K=wrong) for f in frames]
-
-
-def other_colour(frames: Frames, _: np.random.Generator) -> Frames:
-    """Colour and depth are of two recordings: the colour runs backwards."""
-    return [replace(f, rgb=g.rgb) for f, g in zip(frames, frames[::-1], strict=True)]
-
-
-def mirrored(frames: Frames, _: np.random.Generator) -> Frames:
-    """Colour is mirrored, depth is not."""
-    return [_colour(f, f.rgb[:, ::-1]) for f in frames]
-
-
-def turned(frames: Frames, _: np.random.Generator) -> Frames:
-    """The camera is held upside down for a while."""
-    return _changed(
-        frames,
-        lambda f, n: replace(
-            f,
-            rgb=np.ascontiguousarray(f.rgb[::-1, ::-1]),
-            depth=np.ascontiguousarray(f.depth[::-1, ::-1]),
-            T_map_cam=f.T_map_cam @ np.diag([-1.0, -1.0, 1.0, 1.0]),
-        ),
-    )
-
-
-def dirty_lens(frames: Frames, _: np.random.Generator) -> Frames:
-    """Specks on the lens that stay in the image, over depth of the room."""
-    specks = np.random.default_rng(6).random(frames[0].depth.shape) < 0.02
+def _specks(f: Frame, _: int) -> Frame:
+    specks = np.random.default_rng(6).random(f.depth.shape) < 0.02
     big = np.asarray(cv2.dilate(specks.astype(np.uint8), np.ones((5, 5)))) > 0
-    return [_colour(f, np.where(big[:, :, None], 20, f.rgb)) for f in frames]
+    return _colour(f, np.where(big[:, :, None], 20, f.rgb))
 
 
-def still(frames: Frames, random: np.random.Generator) -> Frames:
-    """The camera never moves; images and depth have noise."""
+def _never_moves(frames: Frames, random: np.random.Generator) -> Frames:
     first = frames[0]
 
     def seen(f: Frame) -> Frame:
-        rgb = np.clip(first.rgb + random.normal(0, 3, first.rgb.shape), 0, 255).astype(np.uint8)
+        rgb = first.rgb + random.normal(0, 3, first.rgb.shape)
         z = first.depth * random.normal(1, 0.005, first.depth.shape)
-        return replace(f, rgb=rgb, depth=z.astype(np.float32), T_map_cam=first.T_map_cam)
+        return replace(_depth(_colour(f, rgb), z), T_map_cam=first.T_map_cam)
 
     return [seen(f) for f in frames]
 
 
-def duplicates(frames: Frames, _: np.random.Generator) -> Frames:
-    """Each frame comes four times, as from a camera of 15 Hz recorded at 60 Hz."""
-    return [f for f in frames for _ in range(4)]
-
-
-def three_frames(frames: Frames, _: np.random.Generator) -> Frames:
-    """Nothing but three frames, far apart."""
-    return frames[:: max(len(frames) // 3, 1)][:3]
-
-
-def _resized(frame: Frame, scale: float) -> Frame:
+def _resized(frame: Frame, width: int) -> Frame:
+    scale = width / frame.depth.shape[1]
     size = tuple(round(scale * n) for n in frame.depth.shape[::-1])
     K = frame.K.copy()
     K[:2] *= scale
@@ -244,124 +110,125 @@ def _resized(frame: Frame, scale: float) -> Frame:
     return replace(frame, rgb=np.asarray(rgb, np.uint8), depth=np.asarray(depth, np.float32), K=K)
 
 
-def tiny(frames: Frames, _: np.random.Generator) -> Frames:
-    """Images 160 wide."""
-    return [_resized(f, 160 / f.depth.shape[1]) for f in frames]
+def _on_its_side(f: Frame, _: int) -> Frame:
+    (height, _), K = f.depth.shape, f.K
+    M = np.array([[K[1, 1], 0, height - 1 - K[1, 2]], [0, K[0, 0], K[0, 2]], [0, 0, 1.0]])
+    T = np.array([[0, 1.0, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    rgb, z = (np.ascontiguousarray(np.rot90(x, -1)) for x in (f.rgb, f.depth))
+    return replace(f, rgb=rgb, depth=z, K=M, T_map_cam=f.T_map_cam @ T)
 
 
-def huge(frames: Frames, _: np.random.Generator) -> Frames:
-    """Images 2560 wide, of few frames."""
-    return [_resized(f, 2560 / f.depth.shape[1]) for f in frames[:20]]
+def _written_on(f: Frame, _: int) -> Frame:
+    rgb = np.ascontiguousarray(f.rgb.copy())
+    for row in range(3):
+        place = (10, rgb.shape[0] - 12 - 30 * row)
+        cv2.putText(rgb, "REC 2026-11-24 CAM 1 30 FPS", place, 0, 0.9, (255, 255, 0), 2)
+    return replace(f, rgb=rgb)
 
 
-def portrait(frames: Frames, _: np.random.Generator) -> Frames:
-    """The camera is held upright: images lie on their side."""
-
-    def change(f: Frame) -> Frame:
-        (height, _), K = f.depth.shape, f.K
-        M = np.array([[K[1, 1], 0, height - 1 - K[1, 2]], [0, K[0, 0], K[0, 2]], [0, 0, 1.0]])
-        T = np.array([[0, 1.0, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-        rgb, z = (np.ascontiguousarray(np.rot90(x, -1)) for x in (f.rgb, f.depth))
-        return replace(f, rgb=rgb, depth=z, K=M, T_map_cam=f.T_map_cam @ T)
-
-    return [change(f) for f in frames]
+def _sheared(f: Frame, n: int) -> Frame:
+    height, width = f.depth.shape
+    shift = 0.02 * width * np.sin(n * 1.3 + 3 * np.arange(height) / height)
+    x = np.arange(width)[None] + shift[:, None]
+    y = np.repeat(np.arange(height)[:, None], width, 1)
+    return _colour(f, cv2.remap(f.rgb, x.astype("f4"), y.astype("f4"), cv2.INTER_LINEAR))
 
 
-def frozen_depth(frames: Frames, _: np.random.Generator) -> Frames:
-    """The driver repeats one depth image for a while; colour goes on."""
-    first = frames[int(SOME[0] * len(frames))]
-    return _changed(frames, lambda f, n: replace(f, depth=first.depth))
+def _zoomed(f: Frame) -> Frame:
+    height, width = f.depth.shape
+    part = (slice(height // 12, -height // 12), slice(width // 12, -width // 12))
+    depth = cv2.resize(f.depth[part], (width, height), interpolation=cv2.INTER_NEAREST)
+    return _depth(_colour(f, cv2.resize(f.rgb[part], (width, height))), depth)
 
 
-def flicker(frames: Frames, _: np.random.Generator) -> Frames:
-    """Every second image is dark, as of a lamp or an emitter that blinks."""
-    return [_colour(f, f.rgb * (0.15 if n % 2 else 1)) for n, f in enumerate(frames)]
+def _shaken_order(frames: Frames, random: np.random.Generator) -> Frames:
+    order = np.argsort(np.arange(len(frames)) + random.uniform(0, 6, len(frames)), kind="stable")
+    return [frames[n] for n in order]
 
 
-def overexposed(frames: Frames, _: np.random.Generator) -> Frames:
-    """Most of all images is white."""
-    return [_colour(f, np.clip(f.rgb * 4.0, 0, 255)) for f in frames]
-
-
-def subtitles(frames: Frames, _: np.random.Generator) -> Frames:
-    """A driver writes text into the colour images."""
-
-    def change(f: Frame) -> Frame:
-        rgb = np.ascontiguousarray(f.rgb)
-        for row in range(3):
-            place = (10, rgb.shape[0] - 12 - 30 * row)
-            cv2.putText(rgb, "REC 2026-11-24 CAM 1 30 FPS", place, 0, 0.9, (255, 255, 0), 2)
-        return replace(f, rgb=rgb)
-
-    return [change(replace(f, rgb=f.rgb.copy())) for f in frames]
-
-
-def rolling(frames: Frames, _: np.random.Generator) -> Frames:
-    """Rows are read one after the other while the camera shakes: they are shifted."""
-
-    def change(f: Frame, n: int) -> Frame:
-        height, width = f.depth.shape
-        shift = 0.02 * width * np.sin(n * 1.3 + 3 * np.arange(height) / height)
-        x = np.arange(width)[None] + shift[:, None]
-        y = np.repeat(np.arange(height)[:, None], width, 1)
-        maps = (x.astype(np.float32), y.astype(np.float32))
-        return _colour(f, cv2.remap(f.rgb, *maps, cv2.INTER_LINEAR))
-
-    return [change(f, n) for n, f in enumerate(frames)]
-
-
-def coarse_depth(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth in steps, as of stereo: 6 cm at 2 m."""
-
-    def change(f: Frame) -> Frame:
-        return replace(f, depth=(60.0 / np.round(60.0 / f.depth)).astype(np.float32))
-
-    return [change(f) for f in frames]
-
-
-def filled_depth(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth that is missing is filled with one far value."""
-    return [
-        replace(f, depth=np.where(np.isfinite(f.depth), f.depth, np.float32(8))) for f in frames
-    ]
-
-
-def near_depth(frames: Frames, _: np.random.Generator) -> Frames:
-    """Depth beyond 1.5 m is missing."""
-    return [replace(f, depth=np.where(f.depth < 1.5, f.depth, np.float32(np.nan))) for f in frames]
-
-
-def zoom(frames: Frames, _: np.random.Generator) -> Frames:
-    """The lens zooms in half-way, colour and depth by a fifth."""
-
-    def change(f: Frame) -> Frame:
-        height, width = f.depth.shape
-        part = (slice(height // 12, -height // 12), slice(width // 12, -width // 12))
-        rgb = cv2.resize(f.rgb[part], (width, height))
-        depth = cv2.resize(f.depth[part], (width, height), interpolation=cv2.INTER_NEAREST)
-        return replace(f, rgb=np.asarray(rgb, np.uint8), depth=np.asarray(depth, np.float32))
-
-    half = len(frames) // 2
-    return frames[:half] + [change(f) for f in frames[half:]]
-
-
-def two_cameras(frames: Frames, _: np.random.Generator) -> Frames:
-    """Frames of two cameras in turn: every second one is of half the recording later."""
-    half = len(frames) // 2
+def _in_turn(frames: Frames, _: np.random.Generator) -> Frames:
+    half = _half(frames)
     return [frames[n % half + (half if n % 2 else 0)] for n in range(2 * half)]
 
 
-def late_light(frames: Frames, _: np.random.Generator) -> Frames:
-    """The light goes out for the second half, and depth goes on."""
-    half = len(frames) // 2
-    return frames[:half] + [_colour(f, f.rgb * 0.01) for f in frames[half:]]
+def _delayed(count: int) -> Fault:
+    return lambda frames, _: [
+        replace(f, depth=frames[max(n - count, 0)].depth) for n, f in enumerate(frames)
+    ]
 
 
-FAULTS: Final[Sequence[Fault]] = (
-    blur, dark, black, exposure, noise, white_wall, hand, near_hand, gripper, passer_by, crowd,
-    no_depth, little_depth, noisy_depth, depth_late, depth_very_late, out_of_order, shuffled,
-    backwards_half, gap, frozen, frozen_colour, intrinsics, other_colour, mirrored, turned,
-    dirty_lens, still, duplicates, three_frames, tiny, huge, portrait, frozen_depth, flicker,
-    overexposed, subtitles, rolling, coarse_depth, filled_depth, near_depth, zoom, two_cameras,
-    late_light,
-)  # fmt: skip
+_WRONG_K: Final = np.array([[0.75, 1, 1], [1, 0.75, 1], [1, 1, 1]])
+
+FAULTS: Final[dict[str, Fault]] = {
+    # a quick motion smears the images; the light is nearly off; the lens is covered for colour
+    "blur": _some(lambda f, n: _colour(f, cv2.blur(f.rgb, (61, 9)))),
+    "dark": _some(lambda f, n: _colour(f, f.rgb * 0.02)),
+    "black": _some(lambda f, n: _colour(f, f.rgb * 0)),
+    # automatic exposure goes up and down; a dark room with high gain
+    "exposure": _each(lambda f, n: _colour(f, f.rgb * (1 + 0.7 * np.sin(n / 2)))),
+    "noise": _each(
+        lambda f, rng: _colour(f, f.rgb * 0.3 + rng.normal(0, 40, f.rgb.shape)), random=True
+    ),
+    # the camera goes along a white wall one metre ahead
+    "white_wall": _some(
+        lambda f, n: _depth(_colour(f, np.full_like(f.rgb, 230)), np.full_like(f.depth, 1.0))
+    ),
+    # a hand too near for depth; a tray that moves with the camera; a part of the robot
+    "hand": _some(lambda f, n: _covered(f, 0.7, np.nan, 0.1, 1)),
+    "near_hand": _some(lambda f, n: _covered(f, 0.95, 0.45, 0.0, 2)),
+    "gripper": _each(lambda f, n: _covered(f, 0.33, 0.5, 0.0, 3)),
+    # a person crosses the view; people cover most of it and walk
+    "passer_by": _some(lambda f, n: _covered(f, 0.3, 1.2, -0.3 + 0.05 * n, 4)),
+    "crowd": _some(lambda f, n: _covered(f, 0.75, 1.3, 0.2 * np.sin(n / 4), 5)),
+    # depth is away for a while; sunlight leaves a tenth of it; errors of five per cent
+    "no_depth": _some(lambda f, n: _depth(f, np.full_like(f.depth, np.nan))),
+    "little_depth": _each(
+        lambda f, rng: _depth(f, np.where(rng.random(f.depth.shape) < 0.1, f.depth, np.nan)),
+        random=True,
+    ),
+    "noisy_depth": _each(
+        lambda f, rng: _depth(f, f.depth * rng.normal(1, 0.05, f.depth.shape)), random=True
+    ),
+    # depth is two, or 15, frames behind colour
+    "depth_late": _delayed(2),
+    "depth_very_late": _delayed(15),
+    # frames out of order within some, in no order, half of them backwards, some missing
+    "out_of_order": _shaken_order,
+    "shuffled": lambda frames, rng: [frames[n] for n in rng.permutation(len(frames))],
+    "backwards_half": lambda frames, _: frames[: _half(frames)] + frames[_half(frames) :][::-1],
+    "gap": lambda frames, _: frames[: _middle(frames)[0]] + frames[_middle(frames)[1] :],
+    # the driver repeats one frame, or one colour image, for a while
+    "frozen": _held(lambda f, first: replace(first, id=f.id)),
+    "frozen_colour": _held(lambda f, first: replace(f, rgb=first.rgb)),
+    # the focal length is a quarter too short; colour runs backwards; colour is mirrored
+    "intrinsics": lambda frames, _: [replace(f, K=frames[0].K * _WRONG_K) for f in frames],
+    "other_colour": lambda frames, _: [
+        replace(f, rgb=g.rgb) for f, g in zip(frames, frames[::-1], strict=True)
+    ],
+    "mirrored": _each(lambda f, n: _colour(f, f.rgb[:, ::-1])),
+    # held upside down for a while; specks on the lens; a camera that never moves
+    "turned": _some(_upside_down),
+    "dirty_lens": _each(_specks),
+    "still": _never_moves,
+    # each frame four times, as of 15 Hz recorded at 60 Hz; nothing but three frames, far apart
+    "duplicates": lambda frames, _: [f for f in frames for _ in range(4)],
+    "three_frames": lambda frames, _: frames[:: max(len(frames) // 3, 1)][:3],
+    # images 160 wide, 2560 wide (few of them), and on their side
+    "tiny": _each(lambda f, n: _resized(f, 160)),
+    "huge": lambda frames, _: [_resized(f, 2560) for f in frames[:20]],
+    "portrait": _each(_on_its_side),
+    "frozen_depth": _held(lambda f, first: replace(f, depth=first.depth)),
+    # a lamp that blinks; too much light; text of a driver; rows read one after the other
+    "flicker": _each(lambda f, n: _colour(f, f.rgb * (0.15 if n % 2 else 1))),
+    "overexposed": _each(lambda f, n: _colour(f, f.rgb * 4.0)),
+    "subtitles": _each(_written_on),
+    "rolling": _each(_sheared),
+    # depth in steps, as of stereo: 6 cm at 2 m; what is missing filled with 8 m; none beyond 1.5 m
+    "coarse_depth": _each(lambda f, n: _depth(f, 60.0 / np.round(60.0 / f.depth))),
+    "filled_depth": _each(lambda f, n: _depth(f, np.where(np.isfinite(f.depth), f.depth, 8))),
+    "near_depth": _each(lambda f, n: _depth(f, np.where(f.depth < 1.5, f.depth, np.nan))),
+    # the lens zooms in half-way; frames of two cameras in turn; the light goes out half-way
+    "zoom": _later(_zoomed),
+    "two_cameras": _in_turn,
+    "late_light": _later(lambda f: _colour(f, f.rgb * 0.01)),
+}

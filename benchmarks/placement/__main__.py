@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import command_line
 from hereabouts.cli.arguments import add_json
 from hereabouts.cli.console import heading, note, print_table, progress, write_json
+from lab import command_line
 
 if TYPE_CHECKING:
     from benchmarks.placement.trial import Result, Row

@@ -1,6 +1,6 @@
 """Fit the placement model on the development homes, and print the numbers to keep.
 
-    python benchmarks/placement/fit.py ../shared/data
+    python -m benchmarks.placement.fit ../shared/data
 
 Deterministic. Its output belongs into `kg/knowledge/placement/settings.py` (FITTED). Reads
 homes/ of the folder; needs numpy only.
@@ -8,22 +8,20 @@ homes/ of the folder; needs numpy only.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from benchmarks.placement.data import Sources, load
 from benchmarks.placement.fitting import fit, log_likelihood
 from kg.knowledge.placement.settings import FITTED
+from lab.command_line import parser_of
 
 
-def main(folder: Path) -> None:
+def main() -> None:
     """Fit, and print how much likelier the data are than under the numbers that ship."""
-    data = load(
-        Sources(
-            homes=folder / "homes",
-            statistics=folder / "homes" / "hm3d_room_object_counts.csv",
-        )
-    )
+    parser = parser_of("benchmarks.placement.fit", __doc__)
+    parser.add_argument("folder", type=Path)
+    folder = parser.parse_args().folder
+    data = load(Sources(folder / "homes", folder / "homes" / "hm3d_room_object_counts.csv"))
     found = fit(data.sample)
     print(f"{len(data.buildings)} buildings, {int((data.sample.rooms > 0).sum())} cells")  # noqa: T201
     print(found)  # noqa: T201
@@ -32,6 +30,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit(__doc__)
-    main(Path(sys.argv[1]))
+    main()

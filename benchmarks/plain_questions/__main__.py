@@ -16,7 +16,6 @@ Several categories are joined by "|".
 
 from __future__ import annotations
 
-import argparse
 import csv
 import sys
 from collections import Counter
@@ -28,6 +27,7 @@ from hereabouts.cli.console import print_table, write
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.serving.opening import in_memory_map
+from lab.command_line import parser_of
 from planner.questions.answers import WHOLE
 from planner.questions.patterns import ROBOT, parsed
 from planner.questions.recognition import target_named
@@ -94,9 +94,7 @@ def scored(path: Path) -> Iterator[tuple[Mapping[str, str], str, tuple[str, str,
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Score the files, and list what is not right."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.plain_questions", description=__doc__
-    )
+    parser = parser_of("benchmarks.plain_questions", __doc__)
     parser.add_argument("files", nargs="*", type=Path, default=PARTS + HOUSEHOLD)
     rows, others = list[tuple[object, ...]](), list[str]()
     for path in parser.parse_args(argv).files:

@@ -9,7 +9,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.command_line import run
 from benchmarks.questions import __doc__ as about
 from benchmarks.questions.asking import INTERFACES, Answered, answered_by, ask, differing, table
 from benchmarks.questions.blind import BlindAnswers
@@ -20,16 +19,13 @@ from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
+from lab.command_line import parser_of, run
 from perception.sources.recording_writer import write_text
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.questions",
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = parser_of("benchmarks.questions", about)
     commands = parser.add_subparsers(required=True)
     make = commands.add_parser("make", help="write questions, recordings and truth")
     make.add_argument("--houses", type=_seeds, default="601-606", metavar="N-M", help="seeds")

@@ -16,12 +16,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, TypeVar
 
-from benchmarks.command_line import run
 from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.measuring import measured, measured_houses
 from benchmarks.rooms.recordings import networks, room_folders
 from benchmarks.rooms.stretches import STRETCHES
 from hereabouts.cli.arguments import count, whole
+from lab.command_line import parser_of, run
 
 HOUSES_DRAWN: Final = 4
 
@@ -60,7 +60,7 @@ def _chosen(
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Measure, print the table, and judge."""
-    parser = argparse.ArgumentParser(prog="benchmarks.rooms", description=__doc__)
+    parser = parser_of("benchmarks.rooms", __doc__)
     parser.add_argument("--rooms", nargs="*", metavar="NAME", help="recordings (default: all)")
     parser.add_argument("--networks", nargs="*", metavar="NAME", help="detectors (default: all)")
     parser.add_argument("--stretches", nargs="*", default=STRETCHES, choices=STRETCHES)

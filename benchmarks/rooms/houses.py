@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,27 +24,8 @@ HOUSES: Final = "houses"  # in place of a room
 GOALS: Final = {"demo": (0.95, 0.95), "hard": (0.86, 0.90)}  # senses -> least recall, precision
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tour:
-    """The demo's tour through a house, with what the detectors of each of the senses saw."""
-
-    frames: list[Frame]
-    seen: dict[str, RecordedDetector]  # by senses
-    truth: TruthMatcher
-
-
 def map_house(seed: int) -> list[Outcome]:
-    """The house of `seed`, by each mapper with each of the senses that have goals."""
-    tour = toured(seed)
-    return [
-        outcome((HOUSES, senses, "tour"), mapper, tour.frames, (recorded,), tour.truth)
-        for senses, recorded in tour.seen.items()
-        for mapper in MAPPERS
-    ]
-
-
-def toured(seed: int) -> Tour:
-    """The tour through the house of `seed`, with each of the senses that have goals."""
+    """The demo's tour through the house of `seed`, by each mapper with each of the senses."""
     camera = SimulatedCamera(random_house(seed), seed=seed)
     detectors = {senses: SimulatedDetector(camera, SENSES[senses]) for senses in GOALS}
     found: dict[str, dict[str, Detections]] = {senses: {} for senses in GOALS}
@@ -59,7 +39,12 @@ def toured(seed: int) -> Tour:
         senses: RecordedDetector(detector.name, Path(), found[senses], 0.0)
         for senses, detector in detectors.items()
     }
-    return Tour(frames, seen, _truth(object_truth(camera.house, visible.frames, [])))
+    truth = _truth(object_truth(camera.house, visible.frames, []))
+    return [
+        outcome((HOUSES, senses, "tour"), mapper, frames, (recorded,), truth)
+        for senses, recorded in seen.items()
+        for mapper in MAPPERS
+    ]
 
 
 def _truth(truth: dict[str, Any]) -> TruthMatcher:

@@ -9,9 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from benchmarks import command_line
 from hereabouts.cli.arguments import add_json, count, positive, share, speed
 from hereabouts.cli.console import heading, note, print_table, progress, write_json
+from lab import command_line
 from planner.settings import BELIEF
 
 if TYPE_CHECKING:
@@ -145,17 +145,8 @@ def _print_calibration(searched: Sequence[Searched], *, as_json: bool) -> None:
 def _print(scores: Mapping[str, Score]) -> None:
     print_table(
         (
-            "",
-            "success",
-            "mean s",
-            "found s",
-            "median s",
-            "worst tenth",
-            "metres",
-            "SPL",
-            "AUC",
-            "looks",
-            "queries",
+            *("", "success", "mean s", "found s", "median s", "worst tenth"),
+            *("metres", "SPL", "AUC", "looks", "queries"),
         ),
         [
             (

@@ -9,13 +9,14 @@ red.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
+
+from lab.command_line import parser_of
 
 WIDTH, HEIGHT = 320, 240  # [px] of the simulated camera
 MAX_BOXES = 5
@@ -68,5 +69,12 @@ def orange_network() -> onnx.ModelProto:
     return model
 
 
+def main() -> None:
+    """Write the network."""
+    parser = parser_of("benchmarks.search.orange_network", __doc__)
+    parser.add_argument("file", type=Path, help="ONNX file to write")
+    onnx.save(orange_network(), parser.parse_args().file)
+
+
 if __name__ == "__main__":
-    onnx.save(orange_network(), Path(sys.argv[1]))
+    main()

@@ -9,7 +9,7 @@ against there being nothing are
 
 The logarithm lets evidence saturate, since detectors repeat their mistakes. One look never reaches
 0.9. The four numbers are a logistic regression over tracks of real rooms and simulated houses
-(`python -m benchmarks.existence`); they hold for every detector.
+(lab/research/mapping_trials.md); they hold for every detector.
 """
 
 from __future__ import annotations

@@ -79,10 +79,7 @@ _MAX_DISTANCE: Final = 1.6  # [m] larger distances count as this one: a door is 
 
 @dataclass(frozen=True, slots=True)
 class SegmentationSettings:
-    """Settings of the segmentation, fit on simulated houses.
-
-    `python -m benchmarks.room_segmentation` measures them.
-    """
+    """Settings of the segmentation, fit on simulated houses (lab/research/measurements.md)."""
 
     cell: float = 0.1  # [m] side of a cell of the segmentation
     widest: float = 2.1  # [m] a wider passage is no door

@@ -194,13 +194,13 @@ def test_answers_of_others_are_scored_from_files(tmp_path: Path, facts, prints, 
     assert load_questions(tmp_path) == [*map(_as_read, asked)]
     (tmp_path / "7.json").write_text(json.dumps(facts.now))
     (tmp_path / "7-before.json").write_text(json.dumps(facts.before))
-    answers = prints("questions", "answer", tmp_path, tmp_path)
+    answers = prints("benchmarks.questions", "answer", tmp_path, tmp_path)
     (tmp_path / "answers.json").write_text(answers)
-    table = prints("questions", "score", tmp_path, tmp_path / "answers.json")
+    table = prints("benchmarks.questions", "score", tmp_path, tmp_path / "answers.json")
     assert "| count | 3 | 1.00 |" in table and "| never looked | 3 | 1.00 |" in table
     (tmp_path / "7.json").write_text('{"rooms": [{"objects": []}]}')
-    assert "no plain map" in fails("questions", "answer", tmp_path, tmp_path)
-    assert "cannot read" in fails("questions", "score", tmp_path / "none", tmp_path)
+    assert "no plain map" in fails("benchmarks.questions", "answer", tmp_path, tmp_path)
+    assert "cannot read" in fails("benchmarks.questions", "score", tmp_path / "none", tmp_path)
     with pytest.raises(GraphError, match="no plain map"):
         PlainMap({"rooms": [{"label": "x", "objects": [{"name": "a", "category": "cup"}]}]})
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmarks.odometry.faults import black, dirty_lens, gripper, mirrored, other_colour
+from benchmarks.odometry.faults import FAULTS
 from benchmarks.odometry.houses import house_tour
 from kg.model.errors import RecordingError
 from perception.camera.depth_edges import ONE_SCENE, colour_fit
@@ -42,8 +42,8 @@ def fit(frames: list[Frame]) -> float | None:
 def faulty(frames: list[Frame]) -> dict[str, float | None]:
     random = np.random.default_rng(1)
     return {
-        fault.__name__: fit(fault(list(frames), random))
-        for fault in (other_colour, mirrored, dirty_lens)
+        name: fit(FAULTS[name](list(frames), random))
+        for name in ("other_colour", "mirrored", "dirty_lens")
     }
 
 
@@ -58,11 +58,11 @@ def test_colour_of_rooms_fits_their_depth_and_other_colour_does_not(room):
 
 
 def test_a_part_that_moves_with_the_camera_says_nothing(house):
-    assert fit(gripper(list(house), np.random.default_rng(1))) > 1.7
+    assert fit(FAULTS["gripper"](list(house), np.random.default_rng(1))) > 1.7
 
 
 def test_black_images_say_nothing(room):
-    assert fit(black(room, np.random.default_rng(1))) > 1.7
+    assert fit(FAULTS["black"](room, np.random.default_rng(1))) > 1.7
 
 
 def test_a_camera_that_stands_still_says_nothing(house):
@@ -85,7 +85,7 @@ def written(frames: list[Frame], folder: Path) -> Path:
 
 
 def test_mirrored_colour_is_told_with_given_poses(house, tmp_path, caplog):
-    folder = written(mirrored(house, np.random.default_rng(1)), tmp_path / "house")
+    folder = written(FAULTS["mirrored"](house, np.random.default_rng(1)), tmp_path / "house")
     with caplog.at_level(logging.WARNING):
         open_recording(folder)
     assert "colour does not show the scene that depth shows" in caplog.text
@@ -93,6 +93,6 @@ def test_mirrored_colour_is_told_with_given_poses(house, tmp_path, caplog):
 
 def test_mirrored_colour_is_refused_where_poses_are_estimated(tmp_path):
     frames = house_tour(1, 3.0)
-    folder = written(mirrored(frames, np.random.default_rng(1)), tmp_path / "house")
+    folder = written(FAULTS["mirrored"](frames, np.random.default_rng(1)), tmp_path / "house")
     with pytest.raises(RecordingError, match=r"colour does not show the scene .* --no-check"):
         open_recording(folder, RecordingOptions(estimate_poses=True))

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.thesis.table_4_5 import reference_world
 from kg.model.errors import LayoutError
+from lab.thesis.table_4_5 import reference_world
 from planner.freespace.floor_plan import free_space
 from planner.freespace.geodesic import distance_fields, shortest_path
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
