@@ -14,6 +14,7 @@ from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     UndetectableError,
+    UnknownCategoryError,
     UnknownQueryError,
 )
 from planner.questions.answerer import Answerer
@@ -104,7 +105,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
     if question is None:
-        return find_answer(semantic_map, wanted)
+        return _found(semantic_map, wanted)
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
@@ -119,6 +120,18 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         "target": wanted[0],
         "answer": list(answer.lines),
     }
+
+
+def _found(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
+    """As `find_answer`; a text that is neither a question nor a name is refused as `ask` has it."""
+    try:
+        return find_answer(semantic_map, wanted)
+    except UndetectableError:
+        raise
+    except UnknownCategoryError:
+        if len(wanted) > 1:
+            raise
+        raise UnknownQueryError(_not_understood(semantic_map, wanted[0])) from None
 
 
 def _texts(value: object) -> list[str]:
