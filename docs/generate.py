@@ -38,7 +38,7 @@ PUBLIC: Final = {
         *("Frame", "Detections", "open_recording", "load_detector", "RecordingOptions"),
     ),
     "Mapping": ("Mapper", "MappingOptions", "Sighting", "map_recording"),
-    "Searches": ("build_search", "find"),
+    "Searches and questions": ("build_search", "find", "ask", "PlainAnswer"),
     "Extensions": (
         *("RecordingFormat", "RecordingListing", "FrameEntry", "Intrinsics", "Exporter"),
     ),

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from perception.sources.listing import FrameEntry, RecordingListing
     from perception.sources.recording import open_recording
     from perception.sources.recording_options import RecordingOptions
+    from planner.questions.answers import answer_question as ask
+    from planner.questions.plain_answer import PlainAnswer
     from planner.search.plans.search_state import build_search
     from planner.search.plans.view_plan import plan as find
 
@@ -63,6 +65,7 @@ __all__ = [
     "MappingOptions",
     "ObjectRecord",
     "PlaceRecord",
+    "PlainAnswer",
     "RecordingError",
     "RecordingFormat",
     "RecordingListing",
@@ -73,6 +76,7 @@ __all__ = [
     "Sighting",
     "Table",
     "__version__",
+    "ask",
     "build_search",
     "create_map",
     "find",
@@ -108,6 +112,8 @@ _SOURCES = {
     "mapping.mapping_options": "MappingOptions",
     "mapping.frames.sighting": "Sighting",
     "mapping.recording_mapper": "map_recording",
+    "planner.questions.answers": "answer_question:ask",
+    "planner.questions.plain_answer": "PlainAnswer",
     "planner.search.plans.search_state": "build_search",
     "planner.search.plans.view_plan": "plan:find",
     "kg.model.errors": "HereaboutsError MapNotFoundError RecordingError",

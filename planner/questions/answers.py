@@ -14,6 +14,7 @@ from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     UndetectableError,
+    UnknownCategoryError,
     UnknownQueryError,
 )
 from planner.questions.answerer import Answerer
@@ -109,7 +110,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
     if question is None:
-        found = find_answer(semantic_map, wanted)
+        found = _found(semantic_map, wanted)
         return {**found, "about": about(semantic_map, _texts(found["answer"]))}
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
@@ -162,6 +163,18 @@ def _listed_in(answer: PlainAnswer) -> list[str]:
     columns = [n for n, name in enumerate(answer.columns) if name in _LISTING]
     cells = [row[columns[0]] for row in answer.rows] if columns else []
     return [*answer.things, *(cell for cell in cells if isinstance(cell, str))]
+
+
+def _found(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
+    """As `find_answer`; a text that is neither a question nor a name is refused as `ask` has it."""
+    try:
+        return find_answer(semantic_map, wanted)
+    except UndetectableError:
+        raise
+    except UnknownCategoryError:
+        if len(wanted) > 1:
+            raise
+        raise UnknownQueryError(_not_understood(semantic_map, wanted[0])) from None
 
 
 def _texts(value: object) -> list[str]:

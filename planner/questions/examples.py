@@ -20,7 +20,8 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         asked += [f"when did you last see the {other}?", f"how many {kind}s are there?"]
         if room := _room(semantic_map, place):
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
-    asked += ["which rooms are there?"] if semantic_map.places() else []
+    if semantic_map.places():
+        asked += ["which rooms are there?", "which room is the largest?"]
     asked += ["where are you?"] if semantic_map.query("robot").records() else []
     return [*asked, "what changed since yesterday?", "list all objects"]
 

@@ -155,7 +155,7 @@ class Measures(NamedThings):
         """Length of the way over the known floor, and the places that it goes through."""
         from planner.search.plans.route import route
 
-        (begin, start), *_ = self._ends(self._question.other or ROBOT)
+        (begin, start), *_ = self._ends(self._question.start or ROBOT)
         ends = self._ends(self._question.where)
         end, goal = min(ends, key=lambda spot: math.dist(spot[1], start))
         found = route(self._map, start, goal)

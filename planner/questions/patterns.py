@@ -61,7 +61,7 @@ _NUMBERED: Final = re.compile(
 )
 _OF_SEVERAL: Final = ("where", "status", "count", "last seen")  # kinds that ask for A and B, too
 _TIMELESS: Final = ("changed", "last seen", "departed", "recent", "why", "certainty")
-_MAX_NAME: Final = 3  # words of a name that stands alone
+_MAX_NAME: Final = 2  # words of a name that stands alone, unless it is known or has a number
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,7 @@ class Question:
     qualities: tuple[str, ...] = ()
     also: tuple[str, ...] = ()  # further things that the same is asked about
     at: str = ""  # the moment in words that is asked about; "" for now
+    start: str = ""  # of a way; "" for the robot
     number: int = 0  # whether there are so many; 0: how many there are
     of_person: bool = False  # asks where the person is
     read_as: str = ""  # the text with its small words corrected
@@ -135,7 +136,8 @@ def _read(text: str, known: Known) -> tuple[Language, Gaps]:
         if again != words and (gaps := language.read(again)):
             return language, {**gaps, "read_as": again}
     for language, words in plain[-1:]:
-        if len(_Names(language, known).without(words)[0].split()) <= _MAX_NAME:
+        name, _ = _Names(language, known).without(words)
+        if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
             return language, {"kind": "where", "what": words}
     return english, {}
 
@@ -146,10 +148,11 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
     thing = gaps.get("what", "")
     is_list = kind in _OF_SEVERAL and not known(thing)
     parts = names.listed(thing) if is_list else [thing]
-    found = [names.read(w) for w in (*parts, gaps.get("where", ""), gaps.get("other", ""))]
+    more_gaps = (gaps.get(gap, "") for gap in ("where", "other", "start"))
+    found = [names.read(words) for words in (*parts, *more_gaps)]
     if None in found:
         return None
-    *things, (where, _), (other, more) = cast(list[tuple[str, tuple[str, ...]]], found)
+    *things, (where, _), (other, more), (start, _) = cast(list[tuple[str, tuple[str, ...]]], found)
     what, *also = (name for name, _ in things)
     if kind in ("status", "near", "count") and any(names.amount(name) for name, _ in things):
         return None
@@ -166,6 +169,7 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
         (*(quality for _, some in things for quality in some), *more),
         tuple(also),
         gaps.get("at", ""),
+        start,
         int(gaps.get("number", 0)),
         "of_person" in gaps,
         gaps.get("read_as", ""),

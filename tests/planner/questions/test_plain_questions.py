@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,6 +14,7 @@ import pytest
 
 from benchmarks.plain_questions.__main__ import PARTS, scored
 from hereabouts.cli import main
+from kg.model.errors import UnknownCategoryError, UnknownQueryError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.questions.answers import answer_box, answer_question
@@ -164,6 +166,27 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("welche Tiere gibt es", "'tiere' means animal\nNo animal is in the map"),
         ("what moved today?", "Nothing is known to have moved"),
         ("wo sind meine Schl\u00fcssel", "see things called 'schl\u00fcssel' (keys)"),
+        ("what changed in the kitchen?", "Appeared: banana 1, cup 2\nSince"),
+        ("what is new in the bedroom since yesterday", "Appeared: bed 3\nSince"),
+        ("Was ist neu in der K\u00fcche?", "Appeared: banana 1, cup 2\nSince"),
+        ("where is object 2?", "cup 2 was seen there"),
+        ("Where is my can opener?", "No detector here can see things called 'can opener'"),
+        ("are there two cups?", "No: cup: 1"),
+        ("is there one cup?", "Yes: cup: 1"),
+        ("do we have two bedrooms", "No: bedroom: 1, the bedroom"),
+        ("are there 2 rooms?", "Yes: room: 3"),
+        ("gibt es zwei Tassen", "No: cup: 1"),
+        ("what was the last thing you saw?", "years ago: banana 1 in the kitchen\n"),
+        ("what did you see last in the bedroom", "years ago: bed 3 in the bedroom"),
+        ("which room is the largest?", "The largest is the kitchen (16.0 m2); then the bedroom"),
+        ("how do I get to the kitchen?", "From the robot to the kitchen: "),
+        ("Wie komme ich in die K\u00fcche?", "the kitchen; the robot needs "),
+        ("what is between the cup and the bed?", "From cup 2 to bed 3: nothing is known to be"),
+        ("how sure are you that there is a cup?", "cup 2 in the kitchen: it exists with probabi"),
+        ("how sure are you that the cup is in the bedroom", "No cup is known to be in the bedroom"),
+        ("which rooms have you never been in?", "Never viewed: "),
+        ("welche R\u00e4ume hast du noch nie gesehen", "Never viewed: "),
+        ("why do you think there is a cup?", "cup 2 has no observation in the map"),
     ],
 )
 def test_a_question_has_its_answer(says: Says, question: str, answer: str) -> None:
@@ -232,6 +255,14 @@ def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
         ("how many cups were in the kitchen in 1999", "not understood"),
         ("how many cups were in the kitchen a week ago", "the past before "),
         ("gibt es keine Tasse", "not understood"),
+        ("where is the bananna", "nothing is called 'bananna'; did you mean banana?"),
+        ("bring me the cup", "this answers questions and moves no robot; ask where the cup is"),
+        ("hol mir die Tasse", "moves no robot; ask where die tasse is"),
+        ("what changed in the bed?", "changes are listed by place, and 'bed' is none"),
+        ("how do I get to the cellar", "no place is called 'cellar'; there are: place 1"),
+        ("how do i get rid of ants", "not understood"),
+        ("stell die Tasse in die K\u00fcche", "not understood"),
+        ("when was the bed made", "not understood"),
         ("gibt es genau zwei Tassen", "not understood"),
         ("gibt es mehr Tassen als Betten", "not understood"),
         ("wer hat meinen Kuchen gegessen", "not understood"),
@@ -290,6 +321,11 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
     from kg.serving.opening import open_map
 
     with open_map(flat, read_only=True) as semantic_map:
+        for text in ("bring me the cup", "put the cup on the bed", "where is the bananna"):
+            with pytest.raises((UnknownQueryError, UnknownCategoryError)) as refused:
+                answer_question(semantic_map, text)
+            with pytest.raises(refused.type, match=f"^{re.escape(str(refused.value))}$"):
+                answer_box(semantic_map, [text])
         rooms = answer_box(semantic_map, ["how many cups are there?"])
         assert (rooms["answer"], rooms["steps"]) == (["cup: 1"], [])
         found = answer_box(semantic_map, ["where is the blue cup?"])
