@@ -197,6 +197,11 @@ def test_poses_of_another_convention_are_refused_and_named(
         unchecked.add(frame, make_detections())
 
 
+def test_frames_that_share_little_by_their_poses_tell_nothing_of_them():
+    there = pose(-1, 0, 3), pose(-1.6, 0.6, 3.4)
+    pass_all([misread(room_frame(T, n), "opengl") for n, T in enumerate(there)] * 12)
+
+
 @pytest.mark.parametrize("tour", TOURS)
 def test_right_poses_of_a_room_are_taken(tour):
     pass_all(room_frame(T, n) for n, T in enumerate(TOURS[tour]))
