@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -119,9 +120,13 @@ TABLES = {
 }
 
 
+# making it takes most of the time of reading a line
+parser_of_all = functools.cache(build_parser)
+
+
 def options_of(command: str) -> set[str]:
     """The options that the command's own parser declares."""
-    parser = build_parser()
+    parser = parser_of_all()
     for word in command.split():
         (below,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
         parser = below.choices[word]
@@ -150,7 +155,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]
     (tmp_path / "worlds.json").write_text(json.dumps({"sequences": worlds}))
 
     def build(command: str, *words: str) -> dict[str, Any]:
-        given = build_parser().parse_args([*command.split(), *FIXED[command], *words])
+        given = parser_of_all().parse_args([*command.split(), *FIXED[command], *words])
         if command == "search":
             ros1 = ros1_options(given)
             return {"search": search_options(given), "ros1": ros1, "topics": ros1.topics}

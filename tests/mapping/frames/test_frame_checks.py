@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import FrameError, RecordingError
-from mapping.frames.frame_checks import FrameChecks
+from mapping.frames.frame_checks import MAX_PAIRS, FrameChecks
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
@@ -195,6 +195,16 @@ def test_poses_of_another_convention_are_refused_and_named(
     unchecked = Mapper(semantic_map, MappingOptions(check_poses=False), recording="as they are")
     for frame in frames:
         unchecked.add(frame, make_detections())
+
+
+def test_frames_that_share_little_by_their_poses_tell_nothing_of_them():
+    there = pose(-1, 0, 3), pose(-1.6, 0.6, 3.4)
+    little = [misread(room_frame(T, n), "opengl") for n, T in enumerate(there)]
+    pass_all(little * 12)
+    wrong = [misread(room_frame(T, n), "opengl") for n, T in enumerate(round_tour())]
+    with pytest.raises(FrameError, match="opengl"):
+        pass_all(little * 6 + wrong)
+    pass_all(little * (MAX_PAIRS // 2 + 1) + wrong)  # nothing is concluded any more
 
 
 @pytest.mark.parametrize("tour", TOURS)

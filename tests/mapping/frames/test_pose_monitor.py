@@ -43,3 +43,11 @@ def test_drift_is_noticed_where_the_camera_comes_by_again():
     assert problems(frames) == {}
     drifting = [shifted(f, 0.004 * n, 0.003 * n) for n, f in enumerate(frames)]
     assert "the poses drift" in problems(drifting)["drift"]
+
+
+def test_after_a_jump_what_was_seen_before_it_tells_no_drift():
+    t = np.tile(np.linspace(0, 2 * np.pi, 60), 3)
+    there = [pose(-1.2 + 0.8 * np.sin(s), -0.6 + 0.9 * np.sin(s), 0.5) for s in t]
+    frames = [room_frame(T, n) for n, T in enumerate(there)]
+    jumped = [f if n < 62 else shifted(f, 0.35, -0.3) for n, f in enumerate(frames)]
+    assert list(problems(jumped)) == ["jump"]

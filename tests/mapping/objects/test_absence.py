@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from mapping.objects.absence import Absence
 from mapping.persistence import departed, listed_half_life
@@ -40,6 +42,16 @@ def test_a_run_of_misses_saturates():
         steps.append(absence.log_ratio - before)
     assert steps == sorted(steps, reverse=True)
     assert steps[-1] < 0.3 < 0.6 < steps[0]
+
+
+@given(st.integers(0, 500), st.floats(0.01, 0.99), st.floats(0.01, 0.99))
+def test_however_often_it_was_detected_one_miss_at_most_doubles_the_odds_that_it_left(
+    hits: int, recall: float, prior: float
+):
+    absence = seen(hits)
+    absence.miss(1.0, recall)
+    left = absence.probability(prior)
+    assert 1 < left / (1 - left) / (prior / (1 - prior)) <= 2 + 1e-9
 
 
 def test_a_hit_ends_the_doubt():

@@ -26,6 +26,11 @@ def existence(*hits: float, missed: float = 0.0, size: float = 0.0) -> float:
     return 1 / (1 + math.exp(-held.log_odds(len(hits) + missed, size)))
 
 
+@given(st.floats(0, 1))
+def test_the_log_odds_of_a_probability_are_its_own_within_bounds(p):
+    assert 1 / (1 + math.exp(-logit(p))) == pytest.approx(min(max(p, 0.005), 0.995))
+
+
 @given(scores, scores)
 def test_a_higher_score_says_no_less(one, other):
     low, high = sorted((one, other))

@@ -220,3 +220,13 @@ def test_things_in_one_frame_are_counted_as_different(make_track):
     for _ in range(9):
         count_together(tracks)
     assert tracks[2].together == {a: SEEN_TOGETHER, b: SEEN_TOGETHER}
+
+
+def test_what_was_seen_very_often_still_follows_what_is_seen(make_track, make_sighting):
+    track, moved = (
+        make_track("cup", (0, 0, 1), views=300),
+        make_sighting({"cup": 0.8}, (0.05, 0, 1)),
+    )
+    for _ in range(30):
+        track.locate(moved, 1.0)
+    assert 0.025 < track.p_map[0] < 0.05

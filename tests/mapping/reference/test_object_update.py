@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mapping.reference.object_update import decayed, existence, mean_position, reinforced
+from mapping.frames.sighting import Sighting
+from mapping.reference.object_update import (
+    decayed,
+    existence,
+    mean_position,
+    reinforced,
+    updated_object,
+)
+from mapping.reference.settings import ReferenceSettings
 
 
 def test_first_confidence_is_phi_times_the_score():
@@ -36,3 +44,13 @@ def test_iterative_mean_is_the_mean(seen):
     for k, point in enumerate(points[1:], start=1):
         mean = mean_position(mean, k, point)
     assert mean == pytest.approx(points.mean(axis=0), abs=1e-9)
+
+
+@pytest.mark.parametrize(("x", "believed"), [(0.3, 0.1), (5.0, 5.0)])
+def test_beyond_the_gate_the_mean_starts_again(make_object, x, believed):
+    known = make_object(1, "cup", (0, 0, 1), observations=2)
+    seen = updated_object(
+        known, Sighting("cup", 0.5, np.array([x, 0, 1])), 9.0, ReferenceSettings()
+    )
+    np.testing.assert_allclose(seen.p_map, (believed, 0, 1))
+    assert (seen.observations, seen.last_seen, seen.confidence > 1.0) == (3, 9.0, True)

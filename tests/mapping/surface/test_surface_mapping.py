@@ -98,6 +98,25 @@ def test_a_thing_that_is_gone_leaves_the_present_and_stays_in_the_past(tmp_path,
         assert len(semantic_map.snapshot().surface()) == len(semantic_map.surface())
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_what_only_lost_frames_saw_go_or_come_is_as_before(tmp_path, scene, nothing, there):
+    def see(until: int) -> None:
+        with open_map(tmp_path / "a.map") as semantic_map:
+            mapper = Mapper(semantic_map, OPTIONS, recording="room")
+            for second in range(mapper.frames_applied, until):
+                mapper.add(scene(1000.0 + second, (second < 6) == there), nothing)
+            mapper.flush()
+
+    create_map(tmp_path / "a.map").close()
+    see(6)
+    shutil.copytree(tmp_path / "a.map", tmp_path / "b.map")
+    before = near(surface(tmp_path / "b.map", 0)).sum()
+    see(46)
+    assert (before > 100) == there != near(surface(tmp_path / "a.map", 0)).any()
+    shutil.copy(tmp_path / "a.map" / FILE, tmp_path / "b.map" / FILE)
+    assert near(surface(tmp_path / "b.map", 0)).sum() == before
+
+
 def test_people_are_left_out(scene, make_detections):
     boxes = make_detections(("person", 0.3, (20.0, 14.0, 43.0, 33.0)))
     with in_memory_map() as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
@@ -152,9 +171,9 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def surface(folder: Path) -> Surface:
+def surface(folder: Path, min_count: int = 1) -> Surface:
     with open_map(folder, read_only=True) as semantic_map:
-        return semantic_map.surface()
+        return semantic_map.surface(min_count=min_count)
 
 
 def test_a_run_that_is_restarted_makes_the_same_surface(tmp_path, uninterrupted):

@@ -17,6 +17,7 @@ from kg.model.records import (
     LOW,
     TALL,
     UNKNOWN,
+    DoorRecord,
     FloorTile,
     MapUpdate,
     PlaceRecord,
@@ -29,6 +30,7 @@ from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
 from planner.search.plans.report import step_lines
+from planner.search.plans.route import route
 from planner.search.plans.search_state import PlanningState, _viewpoints, build_search
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor, covering_viewpoints
@@ -372,3 +374,24 @@ def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int
         for c in visible_cells(space, int(viewpoint), 4.6)[0]
     }
     assert tables - 1 in seen, "tables beside the floor are seen from it"
+
+
+@pytest.mark.parametrize(("y", "through"), [(1.1, True), (3.5, False)])
+def test_a_route_has_its_unseen_part_and_the_door_that_it_leads_through(
+    semantic_map: SemanticMap, y: float, through: bool
+) -> None:
+    drawing = two_rooms().draw((4.5, 7.9), (0.1, 3.9), UNKNOWN)
+    rooms = [
+        PlaceRecord(semantic_map.place_iri(n), f"room {n}", r.xmin, r.xmax, r.ymin, r.ymax)
+        for n, r in enumerate((LEFT, RIGHT), 1)
+    ]
+    ends = (rooms[0].iri, rooms[1].iri)
+    door = DoorRecord(f"{semantic_map.base}door/1-2", 4.0, y, 0.9, ends)
+    semantic_map.apply(MapUpdate(places=tuple(rooms), floor=drawing.tiles(), doors=(door,)))
+    found = route(semantic_map, (1.0, 1.1), (7.0, 1.1))
+    assert found is not None
+    assert found.metres == pytest.approx(6.0, abs=0.5)
+    assert found.unseen == pytest.approx(2.5, abs=0.4)
+    (crossing,) = found.crossings
+    assert tuple(place.iri for place in crossing.places) == ends
+    assert (crossing.door is not None) == through

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -24,24 +26,37 @@ from tests.planner.flat import fill, thing
 Says = Callable[..., str]
 
 
-@pytest.fixture
-def flat(tmp_path: Path) -> Path:
-    with create_map(tmp_path / "flat.map", title="flat") as semantic_map:
+@pytest.fixture(scope="module")
+def shared_flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flat that no test changes."""
+    path = tmp_path_factory.mktemp("shared") / "flat.map"
+    with create_map(path, title="flat") as semantic_map:
         fill(semantic_map)
-    return tmp_path / "flat.map"
+    return path
+
+
+@pytest.fixture
+def flat(shared_flat: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(shared_flat, tmp_path / "flat.map")
+
+
+def _run(capsys: pytest.CaptureFixture[str], path: Path, command: str, *words: str) -> str:
+    capsys.readouterr()
+    code = main([command, str(path), *words])
+    out, err = capsys.readouterr()
+    return out if code == 0 else f"exit {code}: {err}"
 
 
 @pytest.fixture
 def says(capsys: pytest.CaptureFixture[str], flat: Path) -> Says:
     """Callable: run a command on the flat; returns stdout, or stderr if it fails."""
+    return partial(_run, capsys, flat)
 
-    def run(command: str, *words: str) -> str:
-        capsys.readouterr()
-        code = main([command, str(flat), *words])
-        out, err = capsys.readouterr()
-        return out if code == 0 else f"exit {code}: {err}"
 
-    return run
+@pytest.fixture
+def answers(capsys: pytest.CaptureFixture[str], shared_flat: Path) -> Says:
+    """Callable: as `says`, for commands that change nothing."""
+    return partial(_run, capsys, shared_flat)
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda path: path.stem)
@@ -189,8 +204,8 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("why do you think there is a cup?", "cup 2 has no observation in the map"),
     ],
 )
-def test_a_question_has_its_answer(says: Says, question: str, answer: str) -> None:
-    assert answer in says("ask", question)
+def test_a_question_has_its_answer(answers: Says, question: str, answer: str) -> None:
+    assert answer in answers("ask", question)
 
 
 def test_a_thing_seen_just_now_is_there() -> None:
@@ -214,11 +229,11 @@ def test_doubted_things_are_listed_where_none_is_present() -> None:
         assert elsewhere.startswith("Unknown: ")
 
 
-def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
-    told = json.loads(says("ask", "what is in the kitchen?", "--json"))
+def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
+    told = json.loads(answers("ask", "what is in the kitchen?", "--json"))
     assert (told["query"], told["parameters"]) == ("objects-in-place", {"place": "place 1"})
     assert [row["label"] for row in told["rows"]] == ["banana 1", "cup 2"]
-    assert "the same facts: hereabouts ask MAP objects-in-place" in says(
+    assert "the same facts: hereabouts ask MAP objects-in-place" in answers(
         "ask", "what is in the kitchen?", "--format", "csv"
     )
 
@@ -277,16 +292,16 @@ def test_json_has_the_query_that_has_the_facts(says: Says) -> None:
         ("placesof", "no query 'placesof'"),
     ],
 )
-def test_what_is_not_understood_is_one_line(says: Says, text: str, says_so: str) -> None:
-    told = says("ask", text)
+def test_what_is_not_understood_is_one_line(answers: Says, text: str, says_so: str) -> None:
+    told = answers("ask", text)
     assert told.startswith("exit 1: error: ")
     assert says_so in told
     assert told.count("\n") == 1 and len(told) < 1000
 
 
-def test_sparql_and_names_of_queries_are_what_they_were(says: Says) -> None:
-    assert "cup 2" in says("ask", "objects")
-    assert "0.90" in says("ask", "SELECT ?e WHERE { ?o a here:Cup ; here:existence ?e }")
+def test_sparql_and_names_of_queries_are_what_they_were(answers: Says) -> None:
+    assert "cup 2" in answers("ask", "objects")
+    assert "0.90" in answers("ask", "SELECT ?e WHERE { ?o a here:Cup ; here:existence ?e }")
 
 
 def test_printed_labels_are_names(says: Says) -> None:
@@ -308,13 +323,13 @@ def test_what_changed_counts_from_where_the_kept_history_begins(says: Says, flat
     assert "Relabelled: bowl 2" in says("ask", "what changed since yesterday")
 
 
-def test_one_thing_is_found_by_each_of_its_names(says: Says) -> None:
+def test_one_thing_is_found_by_each_of_its_names(answers: Says) -> None:
     for name in ("cup 2", "object/2"):
-        assert "cup 2 was seen there" in says("find", name)
-        assert "cup 2" in says("ask", "whereabouts", "-p", f"object={name}")
-    assert "'object/99' is not in the map now" in says("find", "object/99")
-    assert "nothing has the label 'cups 99'; there are: cup 2" in says("find", "cups 99")
-    assert "'bathroom' is a kind of place" in says("find", "bathroom")
+        assert "cup 2 was seen there" in answers("find", name)
+        assert "cup 2" in answers("ask", "whereabouts", "-p", f"object={name}")
+    assert "'object/99' is not in the map now" in answers("find", "object/99")
+    assert "nothing has the label 'cups 99'; there are: cup 2" in answers("find", "cups 99")
+    assert "'bathroom' is a kind of place" in answers("find", "bathroom")
 
 
 def test_the_box_of_the_page_takes_questions(flat: Path) -> None:

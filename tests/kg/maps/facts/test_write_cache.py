@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pyoxigraph import Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.write_cache import WriteCache
 from kg.maps.semantic_map import SemanticMap
@@ -156,3 +156,20 @@ def test_a_change_set_holds_nothing_that_changes_nothing(
     assert change is not None
     assert not before & set(change.added)
     assert before >= set(change.removed)
+
+
+def test_what_others_write_of_a_subject_is_not_the_writers() -> None:
+    with in_memory_map(base=BASE) as chart:
+        it, own = NamedNode(f"{BASE}object/1"), NamedNode(f"{BASE}own")
+        mine, theirs = (
+            Quad(it, predicate, Literal("it"), v.MAP_GRAPH)
+            for predicate in (own, NamedNode(f"{BASE}theirs"))
+        )
+        cache = WriteCache(chart.store, lambda quad: quad.predicate == own)
+        cache.catch_up()
+        assert not cache.of(it)
+        change = chart.store.commit([], [mine, theirs], Cause("import"))
+        assert change is not None
+        cache.note(change)
+        fresh = WriteCache(chart.store, lambda quad: quad.predicate == own)
+        assert list(cache.of(it)) == list(fresh.of(it)) == [mine]

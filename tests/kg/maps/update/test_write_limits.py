@@ -23,7 +23,7 @@ from kg.model.errors import (
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map, open_map
 from kg.store.transactional import LOADED, TransactionalStore
-from kg.store.write_limit import MAX_FACTS, WriteLimit, WriterLock
+from kg.store.write_limit import MAX_FACTS, WriteLimit, WriterLock, check_time
 
 BASE = "https://example.org/maps/limits/"
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -214,8 +214,18 @@ def test_a_limited_write_does_not_wait_forever_for_the_lock() -> None:
     finally:
         done.set()
         thread.join()
-    with WriteLimit(0.05).in_force(), lock, lock:
-        pass  # re-entrant
+
+
+def test_a_limited_write_holds_the_lock_no_longer_for_taking_it_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("kg.store.write_limit.HELD", 0.02)
+    with WriteLimit(60.0).in_force(), WriterLock() as lock:
+        began = time.thread_time()
+        while time.thread_time() < began + 0.03:
+            pass
+        with lock, pytest.raises(QueryTimeoutError, match="makes others wait"):
+            check_time()
 
 
 class BrokenStore(TransactionalStore):

@@ -30,16 +30,16 @@ def notes(served: Served, graph: str = ASSERTIONS) -> set[str]:
 
 
 @pytest.mark.parametrize("path", ["graphs/map", f"graphs?graph={MAP}"])
-def test_graph_by_path_and_by_name(served: Served, path: str) -> None:
-    answer = served.get(path)
+def test_graph_by_path_and_by_name(lasting: Served, path: str) -> None:
+    answer = lasting.get(path)
     assert answer.headers["Content-Type"].startswith("text/turtle")
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")
     assert (rdflib.URIRef(CUP), rdflib.RDFS.label, rdflib.Literal("cup 1")) in graph
     assert not list(graph.subjects(rdflib.RDFS.subClassOf))
 
 
-def test_default_graph_is_the_union(served: Served) -> None:
-    answer = served.get("graphs?default", headers={"Accept": "application/n-triples"})
+def test_default_graph_is_the_union(lasting: Served) -> None:
+    answer = lasting.get("graphs?default", headers={"Accept": "application/n-triples"})
     text = answer.text
     assert "flat/object/1" in text
     assert "SemanticMap" in text
@@ -48,15 +48,15 @@ def test_default_graph_is_the_union(served: Served) -> None:
     assert len(lines) == len(set(lines))
 
 
-def test_head_tells_whether_there_is_a_graph(served: Served) -> None:
-    assert served.request("HEAD", "graphs/map").status_code == 200
-    assert served.request("HEAD", "graphs/nowhere").status_code == 404
-    assert served.request("HEAD", "graphs/map").content == b""
+def test_head_tells_whether_there_is_a_graph(lasting: Served) -> None:
+    assert lasting.request("HEAD", "graphs/map").status_code == 200
+    assert lasting.request("HEAD", "graphs/nowhere").status_code == 404
+    assert lasting.request("HEAD", "graphs/map").content == b""
 
 
 @pytest.mark.parametrize("path", ["graphs", "graphs?graph=map", "graphs?graph=a:b&default"])
-def test_graph_that_is_not_named_rightly_is_a_bad_request(served: Served, path: str) -> None:
-    assert served.get(path).status_code == 400
+def test_graph_that_is_not_named_rightly_is_a_bad_request(lasting: Served, path: str) -> None:
+    assert lasting.get(path).status_code == 400
 
 
 def test_put_replaces_and_post_adds(served: Served) -> None:
@@ -112,9 +112,9 @@ def test_body_that_does_not_parse_changes_nothing(served: Served) -> None:
     assert served.map.sequence == before
 
 
-def test_body_of_an_unknown_type_is_refused(served: Served) -> None:
-    headers = {"Content-Type": "text/html", **served.bearer()}
-    assert served.post("graphs/map", data=b"<p>", headers=headers).status_code == 415
+def test_body_of_an_unknown_type_is_refused(lasting: Served) -> None:
+    headers = {"Content-Type": "text/html", **lasting.bearer()}
+    assert lasting.post("graphs/map", data=b"<p>", headers=headers).status_code == 415
 
 
 @pytest.mark.parametrize(

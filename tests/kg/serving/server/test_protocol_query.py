@@ -31,8 +31,8 @@ def truth(answer: object) -> bool:
     return bool(answer.json()["boolean"])  # type: ignore[attr-defined]
 
 
-def test_query_by_get(served: Served) -> None:
-    assert truth(served.get("sparql", params={"query": ASK}))
+def test_query_by_get(lasting: Served) -> None:
+    assert truth(lasting.get("sparql", params={"query": ASK}))
 
 
 def test_query_by_posted_form(served: Served) -> None:
@@ -79,46 +79,46 @@ def test_named_graphs_are_those_that_are_named(served: Served, method: str) -> N
     assert not ask([MAP])
 
 
-def test_default_and_named_graphs_together_are_the_whole_dataset(served: Served) -> None:
+def test_default_and_named_graphs_together_are_the_whole_dataset(lasting: Served) -> None:
     query = "ASK { ?s a here:Cup . GRAPH ?g { ?m a here:SemanticMap } }"
     both = {"query": query, "default-graph-uri": MAP, "named-graph-uri": DATASET}
-    assert truth(served.get("sparql", params=both))
+    assert truth(lasting.get("sparql", params=both))
     turned = {"query": query, "default-graph-uri": DATASET, "named-graph-uri": MAP}
-    assert not truth(served.get("sparql", params=turned))
+    assert not truth(lasting.get("sparql", params=turned))
 
 
-def test_graphs_of_the_request_outrank_those_of_the_query(served: Served) -> None:
+def test_graphs_of_the_request_outrank_those_of_the_query(lasting: Served) -> None:
     query = f"ASK FROM <{ONTOLOGY}> {{ ?s a here:Cup }}"
-    assert truth(served.get("sparql", params={"query": query, "default-graph-uri": MAP}))
-    assert not truth(served.get("sparql", params={"query": query}))
+    assert truth(lasting.get("sparql", params={"query": query, "default-graph-uri": MAP}))
+    assert not truth(lasting.get("sparql", params={"query": query}))
 
 
-def test_without_graphs_the_default_graph_is_the_union(served: Served) -> None:
+def test_without_graphs_the_default_graph_is_the_union(lasting: Served) -> None:
     query = "ASK { ?cup a here:Cup . here:Cup rdfs:label ?label . ?map a here:SemanticMap }"
-    assert truth(served.get("sparql", params={"query": query}))
+    assert truth(lasting.get("sparql", params={"query": query}))
 
 
-def test_select_as_json(served: Served) -> None:
+def test_select_as_json(lasting: Served) -> None:
     kind = "application/sparql-results+json"
-    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
+    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
     assert answer.headers["Content-Type"] == kind
     assert answer.json()["results"]["bindings"] == [{"cup": {"type": "uri", "value": CUP}}]
 
 
-def test_select_as_xml(served: Served) -> None:
+def test_select_as_xml(lasting: Served) -> None:
     kind = "application/sparql-results+xml"
-    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
+    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
     assert answer.headers["Content-Type"] == kind
     uris = ET.fromstring(answer.content).iter("{http://www.w3.org/2005/sparql-results#}uri")
     assert [uri.text for uri in uris] == [CUP]
 
 
-def test_select_as_csv_and_tsv(served: Served) -> None:
+def test_select_as_csv_and_tsv(lasting: Served) -> None:
     given = {"query": CUPS}
-    table = served.get("sparql", params=given, headers={"Accept": "text/csv"})
+    table = lasting.get("sparql", params=given, headers={"Accept": "text/csv"})
     assert table.headers["Content-Type"].startswith("text/csv")
     assert list(csv.reader(io.StringIO(table.text))) == [["cup"], [CUP]]
-    tabs = served.get("sparql", params=given, headers={"Accept": "text/tab-separated-values"})
+    tabs = lasting.get("sparql", params=given, headers={"Accept": "text/tab-separated-values"})
     assert tabs.text.split() == ["?cup", f"<{CUP}>"]
 
 
@@ -136,8 +136,8 @@ def test_select_as_csv_and_tsv(served: Served) -> None:
 @pytest.mark.parametrize(
     "query", [f"DESCRIBE <{CUP}>", "CONSTRUCT { ?s ?p ?o } WHERE { ?s a here:Cup ; ?p ?o }"]
 )
-def test_triples_in_every_format(served: Served, query: str, kind: str, form: str) -> None:
-    answer = served.get("sparql", params={"query": query}, headers={"Accept": kind})
+def test_triples_in_every_format(lasting: Served, query: str, kind: str, form: str) -> None:
+    answer = lasting.get("sparql", params={"query": query}, headers={"Accept": kind})
     assert answer.headers["Content-Type"].partition(";")[0] == kind
     if form in ("trig", "nquads", "json-ld"):
         told = {
@@ -153,21 +153,21 @@ def test_triples_in_every_format(served: Served, query: str, kind: str, form: st
     assert labels == [rdflib.Literal("cup 1")]
 
 
-def test_the_best_liked_format_wins(served: Served) -> None:
+def test_the_best_liked_format_wins(lasting: Served) -> None:
     accept = "text/csv;q=0.4, application/sparql-results+xml;q=0.9, */*;q=0.1"
-    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": accept})
+    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": accept})
     assert answer.headers["Content-Type"] == "application/sparql-results+xml"
     assert answer.headers["Vary"] == "Accept"
 
 
-def test_format_that_does_not_exist_is_not_acceptable(served: Served) -> None:
-    answer = served.get("sparql", params={"query": CUPS}, headers={"Accept": "image/png"})
+def test_format_that_does_not_exist_is_not_acceptable(lasting: Served) -> None:
+    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": "image/png"})
     assert answer.status_code == 406
     assert "sparql-results+json" in answer.text
 
 
-def test_head_has_the_headers_and_no_body(served: Served) -> None:
-    answer = served.request("HEAD", "sparql", params={"query": ASK})
+def test_head_has_the_headers_and_no_body(lasting: Served) -> None:
+    answer = lasting.request("HEAD", "sparql", params={"query": ASK})
     assert answer.status_code == 200
     assert answer.headers["Content-Type"].startswith("application/sparql-results+json")
     assert answer.content == b""
@@ -180,56 +180,56 @@ def test_query_by_another_method_is_not_allowed(served: Served, method: str) -> 
     assert "POST" in answer.headers["Allow"]
 
 
-def test_two_queries_are_refused(served: Served) -> None:
-    assert served.get("sparql", params={"query": [ASK, "SELECT * {}"]}).status_code == 400
-    assert served.post("sparql", data={"query": [ASK, ASK]}).status_code == 400
+def test_two_queries_are_refused(lasting: Served) -> None:
+    assert lasting.get("sparql", params={"query": [ASK, "SELECT * {}"]}).status_code == 400
+    assert lasting.post("sparql", data={"query": [ASK, ASK]}).status_code == 400
     headers = {"Content-Type": QUERY}
-    both = served.post("sparql", params={"query": ASK}, data=ASK, headers=headers)
+    both = lasting.post("sparql", params={"query": ASK}, data=ASK, headers=headers)
     assert both.status_code == 400
 
 
-def test_query_of_another_media_type_is_refused(served: Served) -> None:
-    answer = served.post("sparql", data=ASK, headers={"Content-Type": "text/plain"})
+def test_query_of_another_media_type_is_refused(lasting: Served) -> None:
+    answer = lasting.post("sparql", data=ASK, headers={"Content-Type": "text/plain"})
     assert answer.status_code == 415
     assert QUERY in answer.text
 
 
-def test_query_without_a_media_type_is_refused(served: Served) -> None:
-    answer = served.post("sparql", data=ASK.encode())
+def test_query_without_a_media_type_is_refused(lasting: Served) -> None:
+    answer = lasting.post("sparql", data=ASK.encode())
     assert "Content-Type" not in answer.request.headers
     assert answer.status_code == 415
-    as_form = served.post("sparql", data=b"query=ASK%20%7B%7D")
+    as_form = lasting.post("sparql", data=b"query=ASK%20%7B%7D")
     assert as_form.status_code == 415
 
 
 @pytest.mark.parametrize("kind", [QUERY, FORM])
-def test_query_that_is_not_utf_8_is_refused(served: Served, kind: str) -> None:
+def test_query_that_is_not_utf_8_is_refused(lasting: Served, kind: str) -> None:
     body = 'ASK { ?s ?p "tür" }'.encode("latin-1")
     if kind == FORM:
         body = b"query=ASK%20%7B%20%3Fs%20%3Fp%20%22t%FCr%22%20%7D"
-    answer = served.post("sparql", data=body, headers={"Content-Type": kind})
+    answer = lasting.post("sparql", data=body, headers={"Content-Type": kind})
     assert answer.status_code == 400
     assert "UTF-8" in answer.text
 
 
-def test_query_in_another_charset_is_refused(served: Served) -> None:
+def test_query_in_another_charset_is_refused(lasting: Served) -> None:
     headers = {"Content-Type": f"{QUERY}; charset=UTF-16"}
-    answer = served.post("sparql", data="ASK {}".encode("utf-16"), headers=headers)
+    answer = lasting.post("sparql", data="ASK {}".encode("utf-16"), headers=headers)
     assert answer.status_code == 400
 
 
 @pytest.mark.parametrize(
     "query", ["SELECT nothing", "", "ASK { ?s ?p", "\x00", "ASK { ?s a nix:x }"]
 )
-def test_query_that_does_not_parse_is_refused_in_one_line(served: Served, query: str) -> None:
-    answer = served.get("sparql", params={"query": query})
+def test_query_that_does_not_parse_is_refused_in_one_line(lasting: Served, query: str) -> None:
+    answer = lasting.get("sparql", params={"query": query})
     assert answer.status_code == 400
     assert answer.headers["Content-Type"].startswith("text/plain")
     assert answer.text.count("\n") == 1
 
 
-def test_refusal_is_a_json_problem_for_who_takes_json(served: Served) -> None:
-    answer = served.get(
+def test_refusal_is_a_json_problem_for_who_takes_json(lasting: Served) -> None:
+    answer = lasting.get(
         "sparql", params={"query": "nothing"}, headers={"Accept": "application/json"}
     )
     assert answer.status_code == 400
@@ -238,13 +238,13 @@ def test_refusal_is_a_json_problem_for_who_takes_json(served: Served) -> None:
     assert answer.json()["detail"]
 
 
-def test_update_as_a_query_is_refused_and_changes_nothing(served: Served) -> None:
-    before = served.map.sequence
+def test_update_as_a_query_is_refused_and_changes_nothing(lasting: Served) -> None:
+    before = lasting.map.sequence
     for update in ("CLEAR ALL", "DELETE WHERE { ?s ?p ?o }", "# SELECT\nDROP ALL"):
-        answer = served.post("sparql", data={"query": update})
+        answer = lasting.post("sparql", data={"query": update})
         assert answer.status_code == 400, update
-    assert served.map.sequence == before
-    assert served.rows(CUPS)
+    assert lasting.map.sequence == before
+    assert lasting.rows(CUPS)
 
 
 @pytest.mark.parametrize(
@@ -254,8 +254,8 @@ def test_update_as_a_query_is_refused_and_changes_nothing(served: Served) -> Non
         "ASK { { SERVICE SILENT <http://127.0.0.1:1/> { ?s ?p ?o } } }",
     ],
 )
-def test_query_that_reaches_out_is_refused(served: Served, query: str) -> None:
-    answer = served.get("sparql", params={"query": query})
+def test_query_that_reaches_out_is_refused(lasting: Served, query: str) -> None:
+    answer = lasting.get("sparql", params={"query": query})
     assert answer.status_code in (400, 403)
     assert "SERVICE" in answer.text
 

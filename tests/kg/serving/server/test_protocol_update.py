@@ -137,40 +137,40 @@ def refused(served: Served, status: int, answer: object) -> None:
     assert served.rows(NOTES) == []
 
 
-def test_update_by_get_is_refused(served: Served) -> None:
-    answer = served.get("sparql", params={"update": NOTE}, headers=served.bearer())
-    refused(served, 400, answer)
+def test_update_by_get_is_refused(lasting: Served) -> None:
+    answer = lasting.get("sparql", params={"update": NOTE}, headers=lasting.bearer())
+    refused(lasting, 400, answer)
 
 
-def test_two_updates_are_refused(served: Served) -> None:
-    answer = served.post("sparql", data={"update": [NOTE, NOTE]}, headers=served.bearer())
-    refused(served, 400, answer)
+def test_two_updates_are_refused(lasting: Served) -> None:
+    answer = lasting.post("sparql", data={"update": [NOTE, NOTE]}, headers=lasting.bearer())
+    refused(lasting, 400, answer)
 
 
-def test_query_and_update_in_one_form_are_refused(served: Served) -> None:
+def test_query_and_update_in_one_form_are_refused(lasting: Served) -> None:
     both = {"update": NOTE, "query": "ASK {}"}
-    refused(served, 400, served.post("sparql", data=both, headers=served.bearer()))
+    refused(lasting, 400, lasting.post("sparql", data=both, headers=lasting.bearer()))
 
 
-def test_update_of_another_media_type_is_refused(served: Served) -> None:
-    headers = {"Content-Type": "text/plain", **served.bearer()}
-    refused(served, 415, served.post("sparql", data=NOTE, headers=headers))
+def test_update_of_another_media_type_is_refused(lasting: Served) -> None:
+    headers = {"Content-Type": "text/plain", **lasting.bearer()}
+    refused(lasting, 415, lasting.post("sparql", data=NOTE, headers=headers))
 
 
-def test_update_without_a_media_type_is_refused(served: Served) -> None:
-    answer = served.post("sparql", data=NOTE.encode(), headers=served.bearer())
-    refused(served, 415, answer)
+def test_update_without_a_media_type_is_refused(lasting: Served) -> None:
+    answer = lasting.post("sparql", data=NOTE.encode(), headers=lasting.bearer())
+    refused(lasting, 415, answer)
 
 
-def test_update_that_is_not_utf_8_is_refused(served: Served) -> None:
+def test_update_that_is_not_utf_8_is_refused(lasting: Served) -> None:
     body = NOTE.replace("chipped", "tür").encode("latin-1")
-    headers = {"Content-Type": UPDATE, **served.bearer()}
-    refused(served, 400, served.post("sparql", data=body, headers=headers))
+    headers = {"Content-Type": UPDATE, **lasting.bearer()}
+    refused(lasting, 400, lasting.post("sparql", data=body, headers=headers))
 
 
 @pytest.mark.parametrize("update", ["INSERT nothing", "INSERT DATA { ?s ?p ?o }", "SELECT * {}"])
-def test_update_that_does_not_parse_is_refused(served: Served, update: str) -> None:
-    refused(served, 400, served.write(update))
+def test_update_that_does_not_parse_is_refused(lasting: Served, update: str) -> None:
+    refused(lasting, 400, lasting.write(update))
 
 
 @pytest.mark.parametrize(
@@ -181,15 +181,15 @@ def test_update_that_does_not_parse_is_refused(served: Served, update: str) -> N
         "INSERT { ?s ?p ?o } WHERE { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }",
     ],
 )
-def test_update_that_reaches_out_is_refused(served: Served, update: str) -> None:
-    before = served.map.sequence
-    assert served.write(update).status_code in (400, 403)
-    assert served.map.sequence == before
+def test_update_that_reaches_out_is_refused(lasting: Served, update: str) -> None:
+    before = lasting.map.sequence
+    assert lasting.write(update).status_code in (400, 403)
+    assert lasting.map.sequence == before
 
 
-def test_update_without_a_token_is_unauthorised(served: Served) -> None:
-    answer = served.post("sparql", data={"update": NOTE})
-    refused(served, 401, answer)
+def test_update_without_a_token_is_unauthorised(lasting: Served) -> None:
+    answer = lasting.post("sparql", data={"update": NOTE})
+    refused(lasting, 401, answer)
     assert answer.headers["WWW-Authenticate"].startswith("Bearer")
 
 
@@ -203,10 +203,10 @@ def test_update_without_a_token_is_unauthorised(served: Served) -> None:
         "Bearer \xff",
     ],
 )
-def test_update_with_a_wrong_token_is_unauthorised(served: Served, authorization: str) -> None:
+def test_update_with_a_wrong_token_is_unauthorised(lasting: Served, authorization: str) -> None:
     headers = {"Authorization": authorization.encode("latin-1")}
-    answer = served.post("sparql", data={"update": NOTE}, headers=headers)
-    refused(served, 401, answer)
+    answer = lasting.post("sparql", data={"update": NOTE}, headers=headers)
+    refused(lasting, 401, answer)
     assert "a-token" not in answer.text
 
 

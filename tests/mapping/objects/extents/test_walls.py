@@ -34,8 +34,9 @@ def wall(y: float) -> np.ndarray:
     return np.stack([x, np.full(len(x), y), z], 1)
 
 
-def walls(*offsets: float) -> Walls | None:
+def walls(*offsets: float, top: float = 2.0) -> Walls | None:
     points = np.concatenate([turned(wall(y), TURN) for y in offsets])
+    points = points[points[:, 2] < top]
     return Walls.of(*Surface(points)(np.full(3, -9.0), np.full(3, 9.0)))
 
 
@@ -81,3 +82,13 @@ def test_a_wall_does_not_cut_what_the_surface_shows_of_a_thing() -> None:
     assert found is not None
     box = OrientedBox(np.array([0.0, 0.0, 0.5]), np.array([0.6, 0.8, 1.0]), found.yaw)
     np.testing.assert_allclose(found.kept_before(box, box).extent, box.extent)
+
+
+@pytest.mark.parametrize(("bottom", "cut"), [(0.0, True), (0.9, False)])
+def test_only_what_stands_as_high_as_a_box_cuts_it(bottom: float, cut: bool) -> None:
+    found = walls(0.4, top=0.8)  # as a low cupboard
+    assert found is not None
+    centre = np.array([0.0, 0.0, bottom + 0.25])
+    shown = OrientedBox(centre, np.array([0.6, 0.5, 0.5]), found.yaw)
+    fitted = OrientedBox(centre, np.array([0.6, 1.4, 0.5]), found.yaw)
+    assert (found.kept_before(fitted, shown).extent[1] < 1.2) == cut

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from mapping.objects.reidentification.moves import Absentee, in_one_spot, moved_things
+from dataclasses import replace
+
+from mapping.objects.reidentification.moves import (
+    Absentee,
+    Departures,
+    in_one_spot,
+    moved_things,
+)
 from mapping.objects.settings import ObjectSettings
 
 NOW = 1e5
@@ -59,3 +66,46 @@ def test_one_spot_is_near_and_of_a_common_category(make_track):
     assert in_one_spot(cup, track(make_track, "cup", 0.05), SETTINGS)
     assert not in_one_spot(cup, track(make_track, "cup", 0.5), SETTINGS)
     assert not in_one_spot(cup, track(make_track, "bottle", 0.05), SETTINGS)
+
+
+def departures(*left, kept=9):
+    memory = Departures(replace(SETTINGS, departures=kept))
+    memory.remember(left)
+    return memory
+
+
+def named(one, iri):
+    one.iri = iri
+    return one
+
+
+def test_a_frame_that_is_not_written_takes_back_its_moves(make_track):
+    cup = named(old(make_track, "cup", 0), "cup")
+    memory = departures(cup)
+    for _ in range(2):  # once more after the first was undone
+        new = track(make_track, "cup", 5)
+        (move,) = memory.found([], [new], lambda o, age: 0.15, NOW, lambda c: 2)
+        assert (move.old, move.track, new.iri, memory.iris) == (cup, new, "cup", frozenset())
+        memory.undo()
+        assert (memory.tracks, memory.joined) == ([cup], ())
+        assert memory.back(track(make_track, "cup", 0)) is None
+
+
+def test_a_frame_that_is_not_written_forgets_nothing(make_track):
+    first, second = (named(old(make_track, "cup", n), f"cup {n}") for n in range(2))
+    memory = departures(first, kept=1)
+    memory.add([second])
+    assert memory.iris == {"cup 1"} and memory.changes(NOW)[1] == {"cup 0"}
+    memory.undo()
+    assert memory.iris == {"cup 0", "cup 1"} and memory.changes(NOW)[1] == frozenset()
+
+
+def test_only_the_latest_moves_are_remembered(make_track):
+    memory = departures(kept=2)
+    for n in range(4):
+        memory.remember([named(old(make_track, "cup", 9 * n), f"cup {n}")])
+        memory.add([])
+        memory.found(
+            [], [track(make_track, "cup", 9 * n + 5)], lambda o, age: 0.15, NOW, lambda c: 2
+        )
+    assert [one.iri for one in memory.tracks] == ["cup 2", "cup 3"]

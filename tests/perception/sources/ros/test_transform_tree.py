@@ -160,3 +160,13 @@ def test_there_and_back_is_where_one_was(t: list[float], q: list[float]) -> None
     there, back = made.at("a", "b", 1.0), made.at("b", "a", 1.0)
     assert np.allclose(there @ back, np.eye(4), atol=1e-9)
     assert np.allclose(made.at("map", "a", 1.0), pose_from_quaternion(np.array(t), unit, ""))
+
+
+def test_a_tree_has_so_many_links_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("perception.sources.ros.transform_tree.MAX_LINKS", 3)
+    made = tree(*(transform("map", f"robot {n}", 1.0, (n, 0, 0)) for n in range(3)))
+    one_more = Message(transforms=[transform("map", "robot 3", 1.0, (3, 0, 0))])
+    (refused,) = made.add_message(one_more, static=False)
+    assert "3 other links" in refused
+    known = Message(transforms=[transform("map", "robot 2", 2.0, (5, 0, 0))])
+    assert made.add_message(known, static=False) == []

@@ -26,6 +26,7 @@ from planner.search.plans.rollout import PlanEvaluator
 from planner.search.plans.search_state import PlanningState, build_search
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor
+from planner.settings import BELIEF
 from tests.planner.flat import fill, thing
 
 DAY = 86400.0
@@ -73,6 +74,22 @@ def test_a_memory_of_a_cup_fades_and_one_of_a_bed_does_not(flat: SemanticMap) ->
     assert known("cup", 0.0) == pytest.approx(0.9)
     assert known("cup", 3 * DAY) < 0.05
     assert known("bed", 3 * DAY) > 0.89
+
+
+def test_what_views_of_a_room_tell_fades_as_the_memory_of_its_things(flat: SemanticMap) -> None:
+    def at(time: float) -> tuple[float, float, float]:
+        candidates = state_for(flat, "cup", at=time).candidates
+        known = max(c.probability for c in candidates if c.kind == "known")
+        (room,) = (c for c in candidates if (c.kind, c.iri) == ("place", flat.place_iri(1)))
+        return known, room.noticed, room.probability
+
+    (known, noticed, viewed), never = at(0.0), at(3000 * DAY)
+    assert noticed == BELIEF.noticed and viewed < never[2]
+    for age in (0.1 * DAY, 0.5 * DAY, 2 * DAY):
+        later = at(age)
+        kept = later[0] / known
+        assert later[1] == pytest.approx(BELIEF.noticed * kept)
+        assert later[2] == pytest.approx(never[2] + (viewed - never[2]) * kept)
 
 
 def test_a_faded_memory_leaves_its_room_likelier_than_others(flat: SemanticMap) -> None:

@@ -98,6 +98,22 @@ def test_a_second_look_from_the_same_place_is_worth_less() -> None:
     assert revisits.chance(view).sum() == pytest.approx(0.2 * views().chance[view].sum(), rel=1e-3)
 
 
+@quick
+@given(weights, st.integers(0, 10**6), st.integers(0, 2))
+def test_no_room_with_a_better_walk_is_left_out(weight: np.ndarray, cell: int, likely: int) -> None:
+    one, none = NextBestView(views()), RevisitModel(views())
+    weight = np.where(home().room.reshape(-1)[views().cells] == likely, weight, weight / 9)
+    floor = home().floor()
+    at = RobotState(int(floor[cell % len(floor)]))
+    rate = none.gains(weight) / one.costs(at, np.arange(len(views().viewpoint)))
+    starts = {int(room.rows[np.argmax(rate[room.rows])]): room for room in one._rooms}
+    walks = {
+        view: one._lookahead_rate(at, weight, room, view, none) for view, room in starts.items()
+    }
+    best = int(np.argmax(rate))
+    assert one.best(at, weight) == max(walks, key=lambda v: (walks[v], v == best))
+
+
 def test_the_first_look_goes_where_it_most_likely_is() -> None:
     cells = views().cells
     for room in (0, 1):
