@@ -229,18 +229,22 @@ def distinct_kinds(places: Sequence[tuple[str, str]]) -> list[str]:
 def _named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
     """The places with names that people use: the label that a person gave, or the kind.
 
-    A kind that several have stands behind their labels, and a place of unsure kind has its label.
+    A kind that several have, or that is unsure, stands behind their labels.
     """
     kinds = [sure_kind(place.beliefs, place.names.__getitem__) for place in places]
     distinct = distinct_kinds([(p.label, kind) for p, kind in zip(places, kinds, strict=True)])
     return tuple(
-        replace(place, name=alone or _with_kind(place.label, kind))
-        for place, alone, kind in zip(places, distinct, kinds, strict=True)
+        replace(place, name=alone or _with_kind(place))
+        for place, alone in zip(places, distinct, strict=True)
     )
 
 
-def _with_kind(label: str, kind: str) -> str:
-    return f"{label} ({kind})" if kind and NUMBERED.fullmatch(label) else label
+def _with_kind(place: Place) -> str:
+    best = likeliest(place.beliefs)
+    if best is None or not NUMBERED.fullmatch(place.label):
+        return place.label
+    perhaps = "" if place.beliefs[best] >= SURE else "perhaps "
+    return f"{place.label} ({perhaps}{plain_place(place.names[best])})"
 
 
 def _without_beliefs(row: Row, last_seen: float | None) -> Place:
