@@ -4,7 +4,7 @@ The plan minimises the expected time until the object is found. The probability 
 from the map, common sense and statistics of rooms. OBJECT is a category, a synonym, a
 supercategory, or a need such as 'something to sit on'. With several, the plan searches for all.
 
-example: hereabouts find kitchen.map banana --from 0,0 --explain
+example: hereabouts find kitchen.map cup --from 0,0 --explain
 """
 
 from __future__ import annotations
