@@ -71,7 +71,7 @@ def kitchen_map(folder: Path, picture: Path) -> None:
 def kitchen_banana(folder: Path, picture: Path) -> None:
     """Where to look for a banana in it."""
     path = recorded("redkitchen", "kitchen", folder)
-    hereabouts("find", path, "banana", "--from", "0,0", "--picture", picture)
+    hereabouts("find", path, "banana", "--from", "0,0", "--worth", "0.004", "--picture", picture)
 
 
 def map_page(folder: Path, picture: Path) -> None:

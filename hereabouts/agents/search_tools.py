@@ -200,7 +200,7 @@ class SearchTools:
         unseen = {text: undetectable_target(semantic_map, text) for text in what}
         what = [text for text in what if unseen[text] is None]
         with self._turn():
-            state = build_search(semantic_map, what, at=now) if what else None
+            state = build_search(semantic_map, what, at=now, start=start[:2]) if what else None
             found = None if state is None else plan_from(semantic_map, state, start)
         targets = resolve(semantic_map, what)
         known = [
@@ -213,7 +213,9 @@ class SearchTools:
         seconds = None if found is None else found.expected_seconds
         sentences = [f"{one.answer}." for one in unseen.values() if one is not None]
         sentences += [
-            line for target in targets for line in find_sentences(semantic_map, target, now, state)
+            line
+            for target in targets
+            for line in find_sentences(semantic_map, target, now, state, found)
         ]
         return a.PlanAnswer(
             map=map_state,

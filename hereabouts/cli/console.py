@@ -223,13 +223,13 @@ def print_plan(plan: Plan) -> None:
         note(f"expected time: {plan.expected_seconds:.0f} s, if it is at one of these goals")
 
 
-def print_looks(plan: ViewPlan, max_looks: int | None = None) -> None:
+def print_looks(plan: ViewPlan, max_looks: int | None = None, max_reasons: int = 5) -> None:
     """The first `max_looks` of a plan as a table, and below it the reasons that bear it."""
     from planner.search.plans.report import looks_table, reason_lines
 
     steps = plan.steps[:max_looks]
     print_table(*looks_table(steps))
-    for line in reason_lines(steps):
+    for line in reason_lines(steps)[:max_reasons]:
         write(f"  {line}")
 
 

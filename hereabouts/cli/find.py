@@ -4,7 +4,7 @@ The plan minimises the expected time until the object is found. The probability 
 from the map, common sense and statistics of rooms. OBJECT is a category, a synonym, a
 supercategory, or a need such as 'something to sit on'. With several, the plan searches for all.
 
-example: hereabouts find kitchen.map banana --from 0,0 --explain
+example: hereabouts find kitchen.map cup --from 0,0 --explain
 """
 
 from __future__ import annotations
@@ -26,8 +26,17 @@ from hereabouts.cli.arguments import (
     share,
     speed,
 )
-from hereabouts.cli.console import heading, note, print_looks, print_plan, write, write_json
+from hereabouts.cli.console import (
+    heading,
+    note,
+    print_looks,
+    print_plan,
+    with_map,
+    write,
+    write_json,
+)
 from kg.model.errors import QueryParameterError
+from planner.settings import WORTH
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -36,12 +45,15 @@ if TYPE_CHECKING:
     from planner.search.plans.search_state import PlanningState
     from planner.search.plans.view_plan import ViewPlan
 
-_WORTH_A_LOOK = 0.01  # minimum probability of success of a printed plan
+_ROWS = 3  # looks that are printed; --explain prints all
+_OBJECTS = 2  # that are named
+_LINES = 3  # of sentences and reasons together
 _AHEAD = 60.0  # [s] by which clocks of robots may be ahead
 _RULES = ("viewpoints", "nearest-first", "brute-force")
 #: options of the rule "viewpoints" alone
 _LOOKS_ONLY = (
     "budget",
+    "worth",
     "turn_rate",
     "range",
     "recall",
@@ -73,6 +85,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         type=_seconds,
         metavar="TIME",
         help="time limit of the search: 300, 90s, 10min",
+    )
+    parser.add_argument(
+        "--worth",
+        type=share,
+        metavar="P",
+        help=f"least chance of a look that is worth its time (default: {WORTH:g})",
     )
     parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
     parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
@@ -171,6 +189,7 @@ def _planning_state(
         ),
         space=_floor(semantic_map, Path(arguments.grid)) if arguments.grid else None,
         at=now_of(semantic_map, arguments),
+        start=arguments.start and arguments.start[:2],
     )
 
 
@@ -194,6 +213,7 @@ def _by_viewpoints(
         arguments.start,
         budget=arguments.budget,
         compare=arguments.compare,
+        worth=WORTH if arguments.worth is None else arguments.worth,
     )
     if arguments.picture:
         from hereabouts.display.plots.search_plot import plot_plan
@@ -206,17 +226,11 @@ def _by_viewpoints(
     if arguments.json:
         wanted.write_json(answer_json(semantic_map, state, found, now))
         return 0
-    _print_known(semantic_map, state.targets, now, arguments, state)
+    said = _print_known(semantic_map, state.targets, now, arguments, state, found)
     if not found.steps:
         write(_nothing(found, arguments.budget))
-    elif found.probability < _WORTH_A_LOOK and not arguments.explain:
-        write(
-            f"{', '.join(found.targets)} is on this floor with probability {found.present:.3f}: "
-            "too improbable for a search (--explain lists the looks)"
-        )
     else:
-        heading("Where to look")
-        _print(found, arguments)
+        _print(found, arguments, max(_LINES - said, 0))
     return 0
 
 
@@ -226,41 +240,53 @@ def _print_known(
     now: float,
     arguments: argparse.Namespace,
     state: PlanningState | None = None,
-) -> None:
-    """Print the sentences about each target, and detections that made no object."""
+    found: ViewPlan | None = None,
+) -> int:
+    """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
     from planner.search.goals.candidate_queries import map_time
+    from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences
 
     if (latest := map_time(semantic_map)) > now + _AHEAD:
         note(f"{iso(now)} lies before the last frame of the map ({iso(latest)})")
+    lines = 0
     for target in targets:
         if target.note:
             note(target.note)
-        said = find_sentences(semantic_map, target, now, state)
-        write("\n".join(said))
+        most = LISTED if arguments.explain else _OBJECTS
+        said = find_sentences(semantic_map, target, now, state, found, most=most)
         vain = detections_in_vain(semantic_map, target.kind, arguments.map)
         if vain and said[0].startswith("No "):
-            write(vain)
+            said.append(vain)
+        write(with_map("\n".join(said)))
+        lines += len(said)
+    return lines
 
 
 def _nothing(found: ViewPlan, budget: float | None) -> str:
     what = ", ".join(found.targets)
+    if found.best > 0:
+        return (
+            f"Not worth looking: {what} is on this floor with probability {found.present:.2f}, and "
+            f"the best look finds it with {found.best:.3f} (--worth {found.best / 2:.1g} plans on)"
+        )
     if budget is not None:
         return f"no look for {what} ends within {budget:.0f} s"
     return f"no look for {what}: no reachable position shows a spot where it may be"
 
 
-def _print(found: ViewPlan, arguments: argparse.Namespace) -> None:
+def _print(found: ViewPlan, arguments: argparse.Namespace, reasons: int) -> None:
     from planner.search.plans.report import baseline_line, plan_lines, step_lines, worthwhile
 
-    looks = None if arguments.explain else worthwhile(found.steps)
+    looks = None if arguments.explain else min(worthwhile(found.steps), _ROWS)
     if arguments.explain:
+        heading("Where to look")
         write("\n".join(step_lines(found.steps)))
         heading("In all")
     else:
-        print_looks(found, looks)
+        print_looks(found, looks, reasons)
     lines = plan_lines(found, looks)
     if arguments.compare:
         lines += [baseline_line(other, len(found.targets)) for other in found.baselines]

@@ -61,6 +61,7 @@ LOCATED_AT: Final = HERE + "locatedAt"
 NEAR_BY: Final = HERE + "nearBy"
 PROBABILITY: Final = HERE + "probability"
 USED_FOR: Final = HERE + "usedFor"
+ALSO_USED_FOR: Final = HERE + "alsoUsedFor"
 CARRIES: Final = HERE + "carries"  # here:on, here:inside
 BACK_HEIGHT: Final = HERE + "backHeight"
 

@@ -162,6 +162,33 @@ def tracks_damage(folder: Path, *, live: bool = False) -> str:
     return ""
 
 
+def seen_from(
+    folder: Path | None, iris: Collection[str], *, live: bool = False
+) -> dict[str, NDArray[np.float64]]:
+    """Camera poses (n, 3, 4), T_map_cam, from which each of the objects `iris` was detected.
+
+    Up to `MAX_VIEWS` of each; none for a map without a folder here, or whose tracks cannot be read.
+    """
+    if folder is None or not iris or not (folder / FILE).exists():
+        return {}
+    query = (
+        "SELECT json_extract(state, '$.iri'), json_extract(state, '$.views') FROM tracks"
+        " WHERE json_extract(state, '$.iri') IN (SELECT value FROM json_each(?)) ORDER BY mark"
+    )
+    how = {"read_only": True, "live": live}
+    try:
+        with closing(open_sqlite(folder / FILE, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
+            found = dict(file.execute(query, (json.dumps([*iris]),)))
+        views = {
+            iri: np.frombuffer(b64decode(views), np.float32).reshape(-1, NUMBERS)[:MAX_VIEWS]
+            for iri, views in found.items()
+        }
+    except _DAMAGE:
+        return {}
+    poses = {iri: rows[:, :12].reshape(-1, 3, 4).astype(np.float64) for iri, rows in views.items()}
+    return {iri: of for iri, of in poses.items() if np.isfinite(of).all()}
+
+
 def _state(track: Track) -> dict[str, Any]:
     """A track as plain values."""
     return {name: getattr(track, name) for name in _PLAIN} | {

@@ -44,7 +44,7 @@ class Reporter:
         self._emit(
             "plan",
             f"next look from {where}({p.x:.1f}, {p.y:.1f}), over in {p.seconds:.0f} s: finds it "
-            f"with {percent(p.probability)}, else {percent(p.left)} remain{why}",
+            f"with {percent(p.probability)}{why}",
             place=p.place,
             x=round(p.x, 2),
             y=round(p.y, 2),

@@ -14,7 +14,7 @@ from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
-from kg.model.place_names import NUMBERED, distinct_kinds, sure_kind
+from kg.model.place_names import NUMBERED, distinct_kinds, in_brackets, sure_kind
 from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
@@ -205,18 +205,20 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
 def _named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
     """The places with names that people use: the label that a person gave, or the kind.
 
-    A kind that several have stands behind their labels, and a place of unsure kind has its label.
+    A kind that several have, or that is unsure, stands behind their labels.
     """
     kinds = [sure_kind(place.beliefs, place.names.__getitem__) for place in places]
     distinct = distinct_kinds([(p.label, kind) for p, kind in zip(places, kinds, strict=True)])
     return tuple(
-        replace(place, name=alone or _with_kind(place.label, kind))
-        for place, alone, kind in zip(places, distinct, kinds, strict=True)
+        replace(place, name=alone or _with_kind(place))
+        for place, alone in zip(places, distinct, strict=True)
     )
 
 
-def _with_kind(label: str, kind: str) -> str:
-    return f"{label} ({kind})" if kind and NUMBERED.fullmatch(label) else label
+def _with_kind(place: Place) -> str:
+    if not NUMBERED.fullmatch(place.label):
+        return place.label
+    return place.label + in_brackets(place.label, place.beliefs, place.names.__getitem__)
 
 
 def _without_beliefs(row: Row, last_seen: float | None) -> Place:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -166,6 +166,13 @@ def build_target_belief(
     return TargetBelief(cells, weight, target_of, tuple(parts), alike, doubt)
 
 
+def _moved(known: Candidate, probability: float) -> Candidate:
+    """A remembered object that is no longer where it was, with `probability`."""
+    away = f"{known.label} has been moved since with probability {probability:.2f}"
+    facts = (known.facts[0], f"{away}, perhaps within its room")
+    return replace(known, kind="moved", probability=probability, facts=facts)
+
+
 _Instance = list[tuple[Candidate, Weights]]  # its parts
 
 
@@ -217,12 +224,23 @@ class _Instances:
     def _remembered(self, known: Candidate) -> _Instance:
         s = self._settings
         room = self._ground.room_at(known.p_map, known.place)
-        site = site_weights(self._ground.space, self._cells, known.p_map, s.site_sigma)
         moved = (1 - s.p_left_floor) * (
             s.p_same_room * self._all_over(room) + (1 - s.p_same_room) * self._anywhere
         )
         p_moved = max(known.existence - known.probability, 0.0)
-        return [(known, self._mixed(known.probability * site + p_moved * moved))]
+        parts = [(known, self._mixed(known.probability * self._site(known, room)))]
+        if p_moved > 0:
+            parts.append((_moved(known, p_moved), self._mixed(p_moved * moved)))
+        return parts
+
+    def _site(self, known: Candidate, room: int) -> Weights:
+        """(c,) weights around a remembered position, on its own side of the walls."""
+        s, inside = self._settings, self._room == room
+        sigma = s.site_sigma if known.deviation is None else max(known.deviation, s.min_sigma)
+        inside = inside if inside.any() else np.ones_like(inside)
+        weight = np.zeros(len(self._cells))
+        weight[inside] = site_weights(self._ground.space, self._cells[inside], known.p_map, sigma)
+        return weight
 
     @property
     def _anywhere(self) -> Weights:

@@ -123,8 +123,8 @@ def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
 
 def shown_steps(plan: ViewPlan) -> tuple[ViewStep, ...]:
     """The steps that are drawn."""
-    found = np.cumsum([step.probability for step in plan.steps])
-    count = int(np.searchsorted(found, _SHOWN * plan.probability - 1e-12)) + 1
+    found = np.cumsum([step.finds for step in plan.steps])
+    count = int(np.searchsorted(found, _SHOWN * plan.finds - 1e-12)) + 1
     return plan.steps[:count]
 
 

@@ -268,7 +268,7 @@ def planned_search(
     The plan begins at `start`, or at the robot's pose. None without a floor to search.
     Raises UnknownCategoryError for an unknown target.
     """
-    state = build_search(semantic_map, [target])
+    state = build_search(semantic_map, [target], start=start and start[:2])
     if state is None:
         return None
     found = plan_from(semantic_map, state, start)

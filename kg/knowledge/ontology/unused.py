@@ -63,7 +63,8 @@ _DECLARING: Final = {
 #: properties of ours that an ontology may state about its own terms
 _OF_TERMS: Final = {
     *KINDS,
-    *(v.PROBABILITY, v.CARRIES, v.BACK_HEIGHT, v.USED_FOR, v.PROVISIONAL_MARK, v.MARKER),
+    *(v.PROBABILITY, v.CARRIES, v.BACK_HEIGHT, v.USED_FOR, v.ALSO_USED_FOR),
+    *(v.PROVISIONAL_MARK, v.MARKER),
     *(v.IMPORTED_RELATIONS, v.STATISTICS_OBJECT, v.STATISTICS_PLACE),
     *(v.ROOM_COUNT, v.ROOMS_WITH_OBJECT, v.SURFACE_TEXT),
 }

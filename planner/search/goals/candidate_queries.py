@@ -14,10 +14,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.history.reports.comparison import PRESENT
 from kg.history.timestamps import span
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.placement.table import PlacementTable
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
+from kg.model.place_names import plain_place
 from kg.model.records import likeliest
 from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.planning_map import (
@@ -29,7 +32,7 @@ from planner.freespace.planning_map import (
     text_or_none,
     time_or_none,
 )
-from planner.search.goals.place_names import stated_categories
+from planner.search.goals.place_names import in_words, stated_categories
 from planner.search.goals.search_goals import (
     evidence,
     label_of,
@@ -42,7 +45,7 @@ from planner.search.goals.search_goals import (
 from planner.search.goals.targets import Target
 from planner.settings import BeliefSettings
 
-Kind = Literal["known", "nearby", "place", "frontier"]
+Kind = Literal["known", "moved", "nearby", "place", "frontier"]
 
 _ALL_SEEN = 0.95  # share of a floor from which on all of it counts as seen
 _BEARS = 0.1  # share of a probability from which on its source is named
@@ -62,6 +65,7 @@ class Candidate:
     probability: float  # that the target is there; candidates overlap, so these do not add up
     facts: tuple[str, ...]  # the chain that leads there
     existence: float = 1.0  # of a known object, when it was last seen
+    deviation: float | None = None  # [m] of a known object's position
     place: str | None = None  # IRI of the place that the candidate is in, or is
     noticed: float = 0.0  # of a place: chance that earlier views of a cell noticed a target in it
     room_kind: str = ""  # of a place: IRI of its likeliest category
@@ -90,6 +94,13 @@ def kinds_half_lives(target: Target, rows: Iterable[Row]) -> dict[str, float]:
         kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
         for kind, label in target.kinds.items()
     }
+
+
+def existence_of(row: Row, settings: BeliefSettings) -> float:
+    """Existence of a remembered object; a robot that found it looked twice, or closely."""
+    existence = number(row, "existence")
+    is_found = row["foundBy"] is not None and row["own"] is None and existence >= PRESENT
+    return max(existence, settings.found) if is_found else existence
 
 
 class CandidateQueries:
@@ -127,7 +138,8 @@ class CandidateQueries:
     def places(self, index: int, target: Target, ground: PlanningMap) -> tuple[Candidate, ...]:
         """Candidates for target `index` in every place, and beyond the frontiers of the floor."""
         half_life = min(kinds_half_lives(target, self._rows("goals-remembered", target)).values())
-        rooms = _Rooms(self._table, target, self._rows("goals-expected", target))
+        expected = self._rows("goals-expected", target)
+        rooms = _Rooms(self._table, target, expected, self._map.catalogue)
         if target.thing is not None:
             return self._moved_to(index, target, ground, half_life, rooms)
         return (
@@ -158,14 +170,17 @@ class CandidateQueries:
         ]
 
     def _known(self, index: int, row: Row, half_lives: Mapping[str, float]) -> Candidate:
-        existence, label, age = number(row, "existence"), label_of(row), self._age(row)
+        label, age = label_of(row), self._age(row)
+        stated, existence = number(row, "existence"), existence_of(row, self._settings)
         half_life = half_lives[str(row["kind"])]
         kept = holds(half_life, age)
         where, category = (
             whereabouts(self._map, str(row["iri"])),
             with_article(str(row["category"]), self._map.catalogue),
         )
-        fact = f"{label} is in the map, {where} ({evidence(row, existence, 'placeLabel')})"
+        fact = f"{label} is in the map, {where} ({evidence(row, stated, 'placeLabel')})"
+        if existence > stated:
+            fact += f"; a search found it ({existence:.2f})"
         if row["own"] is not None:
             seen = observed(row, "placeLabel")
             fact = f"{label} may be {category} ({existence:.2f}), {where}{seen}"
@@ -181,6 +196,7 @@ class CandidateQueries:
             probability=existence * kept,
             facts=(fact, stays),
             existence=existence,
+            deviation=None if row["deviation"] is None else number(row, "deviation"),
             place=text_or_none(row, "place"),
         )
 
@@ -274,8 +290,14 @@ class CandidateQueries:
 class _Rooms:
     """p(target in a place) by the categories that the place may have."""
 
-    def __init__(self, table: PlacementTable, target: Target, expected: Iterable[Row]) -> None:
-        self._table, self._target = table, target
+    def __init__(
+        self,
+        table: PlacementTable,
+        target: Target,
+        expected: Iterable[Row],
+        catalogue: Catalogue,
+    ) -> None:
+        self._table, self._target, self._catalogue = table, target, catalogue
         self._rows: dict[str, Row] = {}
         self._p_in = cache(self._probability_in)
         for row in expected:  # the likeliest first
@@ -308,7 +330,7 @@ class _Rooms:
         p = sum(parts.values()) + unknown * self.mean
         if not place.views or not parts:
             chance = f"holds {self._target.label} with probability {self.mean:.2f}"
-            reason = f"the kind of {place.label} is unknown"
+            reason = f"the kind of {place.name} is unknown"
             return p, (reason, f"a place of unknown kind {chance}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
 
@@ -318,14 +340,18 @@ class _Rooms:
         return min(one.alpha + one.beta for one in known)
 
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
-        a_category, label = with_article(place.names[kind]), self._target.label
-        believed = f"{place.label} is believed to be {a_category} ({place.beliefs[kind]:.2f})"
+        plain, label = plain_place(place.names[kind]), self._target.label
+        a_category = with_article(plain)
+        is_so = (
+            "is believed to be one" if place.name == plain else f"is believed to be {a_category}"
+        )
+        believed = f"{in_words(self._catalogue, place.name)} {is_so} ({place.beliefs[kind]:.2f})"
         row, p = self._rows.get(kind), self._p_in(kind)
         if row is None or p != min(_product(row), 1.0):  # the table has it, from several sources
             holds_it = f"{a_category} holds {label} with probability {p:.2f}"
             return believed, holds_it + self._sources(kind) + self._members(kind)
         sought = row["near"] or row["wanted"]
-        where = with_article(str(row["category"]))
+        where = with_article(plain_place(str(row["category"])))
         facts = [believed, f"{sought} is found in {where} {sourced(row, 'probability')}"]
         if row["near"] is not None:
             near = number(row, "nearProbability")
@@ -343,7 +369,10 @@ class _Rooms:
         kinds = {k: label for k, label in self._target.kinds.items() if k != self._target.iri}
         if not kinds:
             return ""
-        by_chance = sorted(kinds, key=lambda k: (-self._table.probability(k, kind), kinds[k]))
+        second = self._target.second
+        by_chance = sorted(
+            kinds, key=lambda k: (kinds[k] in second, -self._table.probability(k, kind), kinds[k])
+        )
         shown = [f"{kinds[k]} {self._table.probability(k, kind):.2f}" for k in by_chance[:4]]
         return f" for any of {len(kinds)} kinds: {', '.join(shown)}" + (
             ", ..." if len(kinds) > len(shown) else ""

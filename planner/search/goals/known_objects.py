@@ -19,6 +19,7 @@ from planner.search.goals.candidate_queries import kinds_half_lives
 from planner.search.goals.place_names import StatedCategory, spoken_places, stated_categories
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target, resolve
+from planner.settings import BELIEF
 
 _MIN_EXISTENCE: Final = 0.05  # existence below which an object is no answer
 LISTED: Final = 5  # objects that an answer in words lists
@@ -53,7 +54,8 @@ class KnownObject:
 
     def still_there(self, now: float) -> float:
         """Probability that it exists, and was not moved until `now` [s since 1970]."""
-        return self.existence * self.kept(now)
+        found = self.found_by is not None and self.own is None and self.existence >= _SURE
+        return (max(self.existence, BELIEF.found) if found else self.existence) * self.kept(now)
 
     @property
     def sure(self) -> bool:
@@ -85,8 +87,10 @@ def known_objects(
         half_lives = kinds_half_lives(target, rows)
         for row in rows:
             iri, existence = str(row["iri"]), number(row, "existence")
-            if existence < _MIN_EXISTENCE or iri in found or target.thing not in (None, iri):
+            if existence < _MIN_EXISTENCE or target.thing not in (None, iri):
                 continue
+            if iri in found and found[iri].existence >= existence:
+                continue  # another reading of it is as probable
             found[iri] = KnownObject(
                 iri=iri,
                 label=label_of(row),
@@ -106,7 +110,10 @@ def known_objects(
                 stated=stated.get(iri),
             )
     titles = _other_maps(semantic_map)
-    known = sorted(found.values(), key=lambda one: (not one.sure, -one.existence, one.iri))
+    known = sorted(
+        found.values(),
+        key=lambda one: (not one.sure, one.category in target.second, -one.existence, one.iri),
+    )
     wanted = len(known) if located is None else located
     return tuple(
         replace(

@@ -36,6 +36,7 @@ class Target:
     kinds: dict[str, str]  # IRI -> label of every category that will do
     above: dict[str, frozenset[str]]  # IRI -> labels of all supercategories of each kind
     note: str = ""  # how the text was understood, where it is not a category's own name
+    second: frozenset[str] = frozenset()  # labels of the kinds that are not made for a need
     thing: str | None = None  # IRI of the one object that is wanted; any of its kinds without
 
     @property
@@ -120,7 +121,9 @@ def _resolve(semantic_map: SemanticMap, text: str) -> Target:
     if not need:
         return _named(semantic_map, text)
     kinds = _used_for(semantic_map, need)
-    return _target(semantic_map, text, text.strip(), None, kinds)
+    target = _target(semantic_map, text, text.strip(), None, kinds)
+    second = frozenset(label for kind, label in target.kinds.items() if not kinds.get(kind, True))
+    return replace(target, second=second)
 
 
 def _named(semantic_map: SemanticMap, text: str) -> Target:
@@ -158,15 +161,18 @@ def _believed_category(semantic_map: SemanticMap, iri: str) -> str:
     return stated[0] if stated else semantic_map.perceived.objects((iri,))[0].category
 
 
-def _used_for(semantic_map: SemanticMap, words: str) -> list[str]:
-    """IRIs of the categories for a use: by its exact words, else without final prepositions."""
-    uses: dict[str, list[str]] = defaultdict(list)
+def _used_for(semantic_map: SemanticMap, words: str) -> dict[str, bool]:
+    """Categories for a use, by its exact words, else without final prepositions.
+
+    IRI -> whether they are made for it.
+    """
+    uses: dict[str, dict[str, bool]] = defaultdict(dict)
     for row in semantic_map.query("goals-needs").records():
-        uses[str(row["use"])].append(str(row["kind"]))
+        uses[str(row["use"])][str(row["kind"])] = bool(row["main"])
     for normalised in (_plain, _core):
         matches = [use for use in uses if normalised(use) == normalised(words)]
         if matches:
-            return list(dict.fromkeys(iri for use in matches for iri in uses[use]))
+            return {iri: made for use in matches for iri, made in uses[use].items()}
     near = did_you_mean(words, uses) or ";"
     raise UnknownCategoryError(
         f"nothing is said to be used for '{words}'{near} there is something to "

@@ -22,6 +22,7 @@ from planner.search.goals.targets import Target
 
 if TYPE_CHECKING:
     from planner.search.plans.search_state import PlanningState
+    from planner.search.plans.view_plan import ViewPlan
 
 _SURELY: Final = 0.95  # probability from which on an object is said to be there, ...
 PROBABLY: Final = 0.5  # ... to be there probably, ...
@@ -38,7 +39,13 @@ _GUESS: Final = 0.01  # least probability of a place that is named as a guess
 
 
 def find_sentences(
-    semantic_map: SemanticMap, target: Target, now: float, state: PlanningState | None = None
+    semantic_map: SemanticMap,
+    target: Target,
+    now: float,
+    state: PlanningState | None = None,
+    found: ViewPlan | None = None,
+    *,
+    most: int = LISTED,
 ) -> list[str]:
     """Sentences about the known objects of a target, the most probable first, or about none.
 
@@ -47,15 +54,17 @@ def find_sentences(
         target: The target.
         now: Moment that ages count to [s since 1970].
         state: Planning state of the target; with it, rooms have probabilities.
+        found: Plan on it; the room that is named for an unknown target is that of its first look.
+        most: Number of objects that are listed.
     """
     known = known_objects(semantic_map, target, located=2 * LISTED)
     if known:
-        return answer_lines(known, now, target, rooms=_room_probabilities(state))
-    guess = _guess(semantic_map.catalogue, target, state)
+        return answer_lines(known, now, target, rooms=_room_probabilities(state), most=most)
+    guess = _guess(semantic_map.catalogue, target, state, found)
     if target.iri is None:
         return [f"{target.none} is in the map{guess}"]
-    found = status(semantic_map, target.thing or target.iri)
-    return [f"{target.none} is in the map{_NONE[found.value]}: {found.proof}{guess}"]
+    fate = status(semantic_map, target.thing or target.iri)
+    return [f"{target.none} is in the map{_NONE[fate.value]}: {fate.proof}{guess}"]
 
 
 def answer_lines(
@@ -64,17 +73,22 @@ def answer_lines(
     target: Target | None = None,
     *,
     rooms: Mapping[str, float] | None = None,
+    most: int = LISTED,
 ) -> list[str]:
     """Known objects in sentences: whereabouts, sightings, probability to be there still.
 
     Args:
-        known: Objects; the most probable `LISTED` are listed, or some doubted ones.
+        known: Objects; the most probable are listed, or some doubted ones.
         now: Moment that ages count to [s since 1970].
         target: The word that they were found for; the last line has the query that lists all.
         rooms: Probability that an object is in its room, by IRI.
+        most: Number of objects that are listed.
     """
-    ranked = sorted(known, key=lambda one: (not one.sure, -one.still_there(now)))
-    listed = [one for one in ranked if one.sure][:LISTED] or ranked[:_DOUBTED]
+    second = frozenset[str]() if target is None else target.second
+    ranked = sorted(
+        known, key=lambda one: (not one.sure, one.category in second, -one.still_there(now))
+    )
+    listed = [one for one in ranked if one.sure][:most] or ranked[: min(most, _DOUBTED)]
     lines = [_sentence(one, now, rooms or {}) for one in listed]
     if rest := len(known) - len(listed):
         doubted = not ranked[-1].sure
@@ -140,15 +154,19 @@ def _room_probabilities(state: PlanningState | None) -> dict[str, float]:
     belief = state.target_belief
     room = state.space.room.reshape(-1)[belief.cells]
     number = {iri: n for n, iri in enumerate(state.rooms)}
-    return {
-        part.candidate.iri: float(part.weight[room == number[part.candidate.place]].sum())
-        for part in belief.parts
-        if part.candidate.kind == "known" and part.candidate.place in number
-    }
+    found = dict[str, float]()
+    for part in belief.parts:
+        one = part.candidate
+        if one.kind in ("known", "moved") and one.place in number:
+            here = float(part.weight[room == number[one.place]].sum())
+            found[one.iri] = found.get(one.iri, 0.0) + here
+    return found
 
 
-def _guess(catalogue: Catalogue, target: Target, state: PlanningState | None) -> str:
-    """The place that is most probable to hold a target that is not in the map; "" for none."""
+def _guess(
+    catalogue: Catalogue, target: Target, state: PlanningState | None, found: ViewPlan | None
+) -> str:
+    """The place to look first for a target that is not in the map, or the likeliest; or ""."""
     if state is None:
         return ""
     weight = state.target_belief.weight[
@@ -159,5 +177,12 @@ def _guess(catalogue: Catalogue, target: Target, state: PlanningState | None) ->
     best = int(np.argmax(p)) if len(p) else 0
     if not len(p) or p[best] < _GUESS:
         return ""
-    room_name = in_words(catalogue, state.room_names[best])
-    return f"; if it is here, then most probably in {room_name} ({min(p[best], 1.0):.2f})"
+    lead = "; if it is here, then most probably in"
+    if found is not None and found.steps:
+        first = found.steps[0]
+        shown = first.why[0].candidate.place if first.why else None
+        best = state.rooms.index(shown if shown in state.rooms else first.place)
+        lead = "; the first look is in"
+        if state.rooms[best] != first.place:
+            lead = f"; the first look is from {in_words(catalogue, first.place_name)} into"
+    return f"{lead} {in_words(catalogue, state.room_names[best])} ({min(p[best], 1.0):.2f})"

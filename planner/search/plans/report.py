@@ -27,6 +27,8 @@ from planner.search.plans.view_plan import (
     planned_ways,
 )
 
+_Which = tuple[int, str, str]
+
 _MAX_REASONS: Final = 5  # of a step; the others are summed up
 _BEARS: Final = 0.05  # share of a plan's probability from which on a reason is named
 _LITTLE: Final = 0.1  # share of a plan's probability below which its last looks are left out, ...
@@ -55,6 +57,7 @@ def plan_json(
         "goals": [_goal(goal) for goal in plan.goals],
         "expected_seconds": _rounded(plan.expected_seconds),
         "probability": round(plan.probability, 6),
+        "finds": round(plan.finds, 6),
         "present": round(plan.present, 6),
         "steps": steps,
         "alternatives": [
@@ -115,6 +118,7 @@ def _reason(reason: ViewReason) -> dict[str, object]:
         "iri": reason.candidate.iri,
         "kind": reason.candidate.kind,
         "target": reason.target,
+        "place": reason.candidate.place,
         "probability": round(reason.probability, 6),
         "facts": list(reason.candidate.facts),
     }
@@ -132,8 +136,10 @@ def direction(step: ViewStep) -> str:
 
 def purpose(candidate: Candidate) -> str:
     """Label of a candidate: the object, the object it is near, or the place."""
-    if candidate.kind == "nearby":
-        return f"near {candidate.label}"
+    if candidate.kind in ("nearby", "moved"):
+        return (
+            f"near {candidate.label}" if candidate.kind == "nearby" else f"{candidate.label}, moved"
+        )
     return "beyond seen floor" if candidate.kind == "frontier" else candidate.label
 
 
@@ -167,27 +173,28 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
 
 
 def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
-    """The reasons that bear the probability of `steps`: share, chain of facts without sources."""
-    borne: dict[str, float] = {}
-    named: dict[str, Candidate] = {}
+    """The reasons that bear the probability of `steps`: share, chain of facts without sources.
+
+    Known objects that are still in place are none: the answer has said where they were seen.
+    """
+    borne: dict[tuple[str, str], float] = {}
+    named: dict[tuple[str, str], Candidate] = {}
     for reason in (reason for step in steps for reason in step.why):
-        iri = reason.candidate.iri
-        named.setdefault(iri, reason.candidate)
-        borne[iri] = borne.get(iri, 0.0) + reason.probability
+        key = reason.candidate.iri, reason.candidate.kind
+        named.setdefault(key, reason.candidate)
+        borne[key] = borne.get(key, 0.0) + reason.probability
     total = sum(borne.values())
-    ranked = sorted(borne, key=lambda iri: (-borne[iri], iri))
     return [
-        f"{borne[iri] / total:4.0%}  {_named(named[iri])}: "
-        # the answer has said where a known object was seen
-        + fact_chain(named[iri].facts[named[iri].kind == "known" :])
-        for iri in ranked[:_MAX_REASONS]
-        if borne[iri] >= _BEARS * total
+        f"{borne[key] / total:4.0%}  {_named(named[key])}: "
+        + fact_chain(named[key].facts[named[key].kind == "moved" :])
+        for key in sorted(borne, key=lambda key: (-borne[key], key))[:_MAX_REASONS]
+        if borne[key] >= _BEARS * total and named[key].kind != "known"
     ]
 
 
 def _named(candidate: Candidate) -> str:
-    """A candidate with its position [m], where that is one of an object."""
-    if candidate.kind not in ("known", "nearby"):
+    """A candidate with the position [m] of the object that it is near."""
+    if candidate.kind != "nearby":
         return purpose(candidate)
     x, y = (float(value) for value in candidate.p_map)
     return f"{purpose(candidate)} at ({x:.1f}, {y:.1f})"
@@ -199,7 +206,7 @@ def worthwhile(steps: Sequence[ViewStep]) -> int:
     The others together add less than a tenth of the plan's probability, and find it at less than
     half the rate of the looks before.
     """
-    gains, seconds = [step.probability for step in steps], [step.seconds for step in steps]
+    gains, seconds = [step.finds for step in steps], [step.seconds for step in steps]
     for number in range(1, len(steps)):
         found, rest = sum(gains[:number]), sum(gains[number:])
         rate, later = found / seconds[number - 1], rest / (seconds[-1] - seconds[number - 1])
@@ -220,14 +227,15 @@ def without_sources(fact: str) -> str:
     >>> without_sources("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms)")
     'apple is found near banana (0.6)'
     """
+    fact = re.sub(r", by .*?\(\d+%\)(?= for any of|$)", "", fact)
     return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
 
 
 def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     """Lines below the first `looks` (None: all): their probability and time, and the others'."""
     steps, rest = plan.steps[:looks], plan.steps[slice(looks, None) if looks else slice(0)]
-    gain = sum(step.probability for step in steps)
-    mean = sum(step.seconds * step.probability for step in steps) / gain if gain else 0.0
+    gain = sum(step.finds for step in steps)
+    mean = sum(step.seconds * step.finds for step in steps) / gain if gain else 0.0
     count = len(plan.targets)
     if count == 1:
         text = (
@@ -240,10 +248,10 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
         )
     if not rest:
         return [text]
-    more = sum(step.probability for step in rest)
+    more = sum(step.finds for step in rest)
     looks_more = f"{len(rest)} more look{'s' * (len(rest) > 1)}"
     seconds = rest[-1].seconds - steps[-1].seconds
-    return [text, f"{looks_more} would add {more:.2f} in {seconds:.0f} s"]
+    return [f"{text}; {looks_more} would add {more:.2f} in {seconds:.0f} s"]
 
 
 def baseline_line(other: Baseline, targets: int = 1) -> str:
@@ -261,7 +269,7 @@ def step_lines(steps: Sequence[ViewStep]) -> list[str]:
 
     The first view for a candidate prints its chain of facts, later views refer to that view.
     """
-    first_views: dict[tuple[int, str], int] = {}  # number of the view, by target and candidate
+    first_views = dict[_Which, int]()  # number of the view, by target and candidate
     return [
         line
         for number, step in enumerate(steps, start=1)
@@ -269,9 +277,7 @@ def step_lines(steps: Sequence[ViewStep]) -> list[str]:
     ]
 
 
-def _lines_of_step(
-    number: int, step: ViewStep, first_views: dict[tuple[int, str], int]
-) -> Iterator[str]:
+def _lines_of_step(number: int, step: ViewStep, first_views: dict[_Which, int]) -> Iterator[str]:
     x, y = (float(value) for value in step.p_map)
     degrees = math.degrees(step.extent)
     yield (
@@ -280,7 +286,8 @@ def _lines_of_step(
     )
     for reason in step.why[:_MAX_REASONS]:
         candidate = reason.candidate
-        first = first_views.setdefault((candidate.target, candidate.iri), number)
+        which = candidate.target, candidate.iri, candidate.kind
+        first = first_views.setdefault(which, number)
         if first < number:
             yield f"   {reason.probability:.3f}  {purpose(candidate)}: facts at step {first}"
             continue
@@ -315,7 +322,7 @@ def answer_json(
     return {
         **plan_json(found, ways),
         "worthwhile": worthwhile(found.steps),
-        **_known_json(semantic_map, state.targets, now, state),
+        **_known_json(semantic_map, state.targets, now, state, found),
     }
 
 
@@ -324,8 +331,11 @@ def _known_json(
     targets: Sequence[Target],
     now: float,
     state: PlanningState | None = None,
+    found: ViewPlan | None = None,
 ) -> dict[str, object]:
-    said = [line for one in targets for line in find_sentences(semantic_map, one, now, state)]
+    said = [
+        line for one in targets for line in find_sentences(semantic_map, one, now, state, found)
+    ]
     notes = [target.note for target in targets if target.note]
     known = known_json(semantic_map, targets, now)
     return {"answer": said, "known": known, "understood": notes}

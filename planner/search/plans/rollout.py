@@ -23,8 +23,18 @@ class Rollout:
     views: tuple[int, ...]
     arrivals: Floats  # (n,) [s] when each view is over
     metres: Floats  # (n,) [m] driven until then
-    gains: Floats  # (n,) expected number of targets first found at each view
+    found: Floats  # (n + 1, targets) probability that each target was found before view i
     unseen: Floats  # (n + 1, c) probability that an object in a cell was missed before view i
+
+    @property
+    def gains(self) -> Floats:
+        """(n,) expected number of targets first found at each view."""
+        return np.asarray(np.diff(self.found.sum(axis=1)), np.float64)
+
+    @property
+    def chances(self) -> Floats:
+        """(n,) probability that any target is first found at each view."""
+        return np.asarray(1.0 - np.prod(1.0 - np.diff(self.found, axis=0), axis=1), np.float64)
 
     @property
     def expected_seconds(self) -> float:
@@ -71,9 +81,8 @@ class PlanEvaluator:
             revisits.add(view)
             at = state.next_best_view.after(at, view)
             found.append(self._p_found(unseen[i + 1]))
-        gains = np.diff([float(p_found.sum()) for p_found in found])
         arrivals = self._before + np.cumsum(seconds)
-        return Rollout(tuple(order), arrivals, np.cumsum(metres), gains, unseen)
+        return Rollout(tuple(order), arrivals, np.cumsum(metres), np.array(found), unseen)
 
     def cost(self, at: RobotState, view: int) -> float:
         """[s] to drive, to turn and to take the view."""
@@ -97,15 +106,18 @@ class PlanEvaluator:
     def improve(self, order: list[int], trials: int, deadline: float, seed: int) -> list[int]:
         """`order` after seeded trials: a view moved, a stretch reversed, two views swapped.
 
+        A first view that probably shows a known thing stays the first one.
         A trial is kept if its expected time is lower. `deadline` is a value of `time.monotonic`.
         """
         if len(order) < 3:
             return order
-        rng, best = np.random.default_rng(seed), self._score(self.play(order))
+        first = self.play(order)
+        rng, best = np.random.default_rng(seed), self._score(first)
+        kept = int(self.state.known.any() and first.chances[0] >= self.state.settings.likely)
         for _ in range(trials):
             if time.monotonic() > deadline:
                 break
-            trial = _varied(order, rng)
+            trial = [*order[:kept], *_varied(order[kept:], rng)]
             score = self._score(self.play(trial))
             if score < best - 1e-9:
                 order, best = trial, score

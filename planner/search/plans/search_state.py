@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from kg.maps.facts.occupancy import tiles_of_rows
 from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
+from mapping.objects.track_store import seen_from
 from mapping.occupancy.mapped_floor import mapped_floor
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import (
@@ -87,15 +88,30 @@ class PlanningState:
         self.unseen = np.ones(len(views.cells))  # (c,) chance that all views missed an object there
         self._planning_map, self._fresh = planning_map, fresh or with_fresh_viewpoints
         self._first = known.left(self.unseen, range(len(targets)))
+        sites = [part.weight for part in known.parts if part.candidate.kind == "known"]
+        self.known = np.sum([np.zeros(len(views.cells)), *sites], axis=0)  # (c,) known things there
         self.rounds = 0  # how often fresh viewpoints were taken
-        self.views = views
+        self.views = views = self._with_doubt(views)
         self.next_best_view = NextBestView(views)
         self.revisits = RevisitModel(views)
 
     def _use(self, views: CandidateViews) -> None:
         """Replace the candidate views by others over the same cells."""
-        self.views, self.next_best_view = views, NextBestView(views)
+        self.views = views = self._with_doubt(views)
+        self.next_best_view = NextBestView(views)
         self.revisits = self.revisits.moved_to(views)
+
+    def _with_doubt(self, views: CandidateViews) -> CandidateViews:
+        """`views`, of which those from floor that nobody saw take longer: there may be none."""
+        seen, space = self._planning_map.seen, views.space
+        if seen is None or not (seen & space.free).any():
+            return views
+        known = space.centres(np.flatnonzero(seen & space.free))
+        metres = np.zeros(len(views.viewpoints))
+        for n in np.flatnonzero(~seen.reshape(-1)[views.viewpoints]):
+            metres[n] = np.hypot(*(known - space.centres(views.viewpoints[n : n + 1])).T).min()
+        late = (self.settings.unseen - 1) * metres / views.motion.speed
+        return replace(views, seconds=views.seconds + late[views.viewpoint])
 
     @property
     def space(self) -> FreeSpace:
@@ -127,11 +143,6 @@ class PlanningState:
     def left(self) -> float:
         """Probability that any target still wanted is on this floor, after all failed views."""
         return self.target_belief.left(self.unseen, self.wanted) if self.wanted else 0.0
-
-    @property
-    def expected_finds(self) -> float:
-        """Expected number of targets still wanted that are on this floor."""
-        return sum(self.target_belief.left(self.unseen, [number]) for number in self.wanted)
 
     def robot_state(self, p_map: ArrayLike, heading: float = 0.0) -> RobotState:
         """Robot state at `p_map` (2,) [m]: the floor cell nearest to it."""
@@ -217,6 +228,7 @@ class PlanningState:
     ) -> int | None:
         """The best view from `at` for given `unseen` (c,) and `revisits`.
 
+        A view that probably shows a known thing comes before all others.
         None where no view gains at least `min_gain`, by default the share `settings.give_up` of the
         probability before the first view.
         """
@@ -224,6 +236,12 @@ class PlanningState:
         weight = self.weights(unseen)
         gains = revisits.gains(weight)
         gains[(gains < min_gain) | ~self.next_best_view.reached(at)] = 0.0
+        if self.known.any():
+            known = np.where(
+                gains > 0, revisits.gains(np.minimum(weight, self.known * unseen)), 0.0
+            )
+            if (most := float(known.max())) >= self.settings.likely:
+                gains[known < most / 2] = 0.0
         if not gains.max() > 0:
             return None
         view = self.next_best_view.best(at, weight, revisits, gains)
@@ -307,6 +325,7 @@ def build_search(
     motion: Motion | None = None,
     space: FreeSpace | None = None,
     at: float | None = None,
+    start: ArrayLike | None = None,
     settings: BeliefSettings = BELIEF,
 ) -> PlanningState | None:
     """Planning state for `targets` (labels, synonyms, supercategories, needs); all are wanted.
@@ -319,6 +338,7 @@ def build_search(
         space: Floor of the building; by default the map's observed floor and its places.
         at: Time of the search, for the persistence of objects [s since 1970]; by default the
             latest time in the map.
+        start: Position (2,) [m] of the robot, from where it can look too; by default the map's.
         settings: Settings of the belief.
 
     Returns:
@@ -347,9 +367,57 @@ def build_search(
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
+    proven = proven_views(semantic_map, planning_map.space, belief)
+    here = _standpoint(semantic_map, planning_map.space, start)
     viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
-    views = candidate_views(planning_map.space, sensor, motion, cells=cells, viewpoints=viewpoints)
+    views = candidate_views(
+        planning_map.space,
+        sensor,
+        motion,
+        cells=cells,
+        viewpoints=np.unique(np.concatenate([viewpoints, proven[:, 0], here])),
+        proven=proven,
+    )
     return PlanningState(wanted, planning_map, views, candidates, belief, settings)
+
+
+_PROVEN = 3  # viewpoints of one thing from which it was seen, ...
+_ALL_PROVEN = 24  # ... and of all things
+_CLOSE = 0.6  # [m] from a camera within which the robot sees the same
+_MOST = 0.1  # share of the heaviest cell's weight from which on a cell counts as shown
+
+
+def _standpoint(semantic_map: SemanticMap, space: FreeSpace, start: ArrayLike | None) -> Cells:
+    """The floor cell where the robot is, if it is known; (0,) or (1,)."""
+    robot = semantic_map.robot() if start is None else None
+    p_map = start if robot is None else robot.p_map
+    return np.array([] if p_map is None else [space.nearest(p_map)], np.intp)
+
+
+def proven_views(semantic_map: SemanticMap, space: FreeSpace, belief: TargetBelief) -> Cells:
+    """(m, 2) a floor cell, and a cell that a camera showed from there: that of a known thing.
+
+    A floor plan knows no heights: things on shelves, or behind low walls, seem hidden there.
+    """
+    known = [part for part in belief.parts if part.candidate.kind == "known"]
+    known.sort(key=lambda part: (-part.candidate.probability, part.candidate.iri))
+    known = known[:_ALL_PROVEN]
+    store, floor = semantic_map.store, space.floor()
+    poses = seen_from(store.path, [part.candidate.iri for part in known], live=store.live)
+    centres, chosen = space.centres(floor), set[int]()
+    pairs = list[tuple[int, int]]()
+    for part in known:
+        cells, own = belief.cells[part.weight >= _MOST * part.weight.max()], list[int]()
+        for x, y in poses.get(part.candidate.iri, np.zeros((0, 3, 4)))[::-1, :2, 3]:
+            off = np.hypot(*(centres - (x, y)).T)
+            cell = int(floor[np.argmin(off)])
+            if off.min() > _CLOSE or cell in own or len(own) == _PROVEN:
+                continue
+            if cell in chosen or len(chosen) < _ALL_PROVEN:
+                own.append(cell)
+        chosen.update(own)
+        pairs += [(cell, int(shown)) for cell in own for shown in cells]
+    return np.array(pairs, np.intp).reshape(-1, 2)
 
 
 def observed_map(

@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +17,9 @@ from planner.search.goals.candidate_queries import Candidate
 from planner.search.plans.baselines import Baseline, room_baselines
 from planner.search.plans.rollout import PlanEvaluator, Rollout
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
+from planner.search.viewpoints.candidate_views import angle_between
 from planner.search.viewpoints.next_best_view import RobotState
-from planner.settings import IDLE, MIN_CHANCE, TRIALS
+from planner.settings import TRIALS, WORTH
 
 SHOWN = 5  # steps of a printed plan
 Start = tuple[float, float, float]  # x, y [m], heading [rad]
@@ -36,11 +36,12 @@ class ViewStep:
     place: str  # IRI of the place it is in; "" for none
     place_name: str
     why: tuple[ViewReason, ...]  # the weightiest first
-    probability: float  # to find the target here first; of several targets, expected finds
+    probability: float  # to find the target here first; of several targets, any of them
+    finds: float  # expected number of targets first found here
     seconds: float  # [s] from the start of the search to the end of this view
     metres: float  # [m] driven until then
     cost: float  # [s] of the way, the turn and the view
-    left: float  # probability that the target is on this floor and not found yet; of several, finds
+    left: float  # probability that a target is on this floor and not found yet
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,8 +62,10 @@ class ViewPlan:
     steps: tuple[ViewStep, ...]
     goals: tuple[VisitedCandidate, ...]  # in visiting order
     expected_seconds: float | None  # given that it is found; None where there is no step
-    probability: float  # to find it along the plan; of several targets, expected finds
+    probability: float  # to find it along the plan; of several targets, any of them
+    finds: float  # expected number of targets found
     present: float  # probability that any target is on this floor, before the first view
+    best: float  # greatest probability of a view, also of those that were left out
     baselines: tuple[Baseline, ...] = ()
     note: str = ""  # where the start is off the floor
 
@@ -83,10 +86,12 @@ def plan(
     time_limit: float = 0.3,
     trials: int = TRIALS,
     compare: bool = False,
+    worth: float = WORTH,
 ) -> ViewPlan:
     """Plan of views that find the targets of `state` in little expected time.
 
-    The plan is built by the ratio rule and improved by seeded trials. `state` is not changed.
+    The plan is built by the ratio rule and improved by seeded trials. Views of little probability
+    are left out, and views that repeat the one before. `state` is not changed.
 
     Args:
         state: The planning state.
@@ -99,6 +104,7 @@ def plan(
             machine.
         trials: Number of trials.
         compare: Whether the plan has baselines, which take about as long as the plan.
+        worth: Least probability of a view to find a target, 0..1.
     Raises:
         QueryParameterError: the position is too far from the floor to belong to the building.
     """
@@ -108,28 +114,46 @@ def plan(
     limit = math.inf if budget is None else budget
     order = evaluator.construct(limit) if state.wanted else []
     order = evaluator.improve(order, trials, time.monotonic() + time_limit, seed)
-    rollout = _without_idle_views(evaluator, evaluator.play(order))
+    first = evaluator.play(order)
+    rollout = _worthwhile(evaluator, first, worth)
     steps = _steps(state, rollout, before)
-    found = float(rollout.gains.sum())
     return ViewPlan(
         targets=tuple(state.targets[i].label for i in state.wanted),
         start=begin,
         steps=steps,
         goals=_visited(state, steps),
         expected_seconds=rollout.expected_seconds if steps else None,
-        probability=found,
+        probability=float(1.0 - np.prod(1.0 - rollout.found[-1])),
+        finds=float(rollout.gains.sum()),
         present=state.left,
+        best=float(first.chances.max(initial=0.0)),
         baselines=room_baselines(evaluator, rollout) if steps and compare else (),
         note=note and f"{note}, from where the plan goes on",
     )
 
 
-def _without_idle_views(evaluator: PlanEvaluator, rollout: Rollout) -> Rollout:
-    """The rollout without views of little gain."""
-    kept = rollout.gains >= max(IDLE * float(rollout.gains.sum()), MIN_CHANCE)
-    if bool(kept.all()) or not kept.any():
-        return rollout
-    return evaluator.play(list(compress(rollout.views, kept)))
+def _worthwhile(evaluator: PlanEvaluator, rollout: Rollout, worth: float) -> Rollout:
+    """The rollout without views of less than `worth`, and without repeated ones.
+
+    Without one view the others find more, so that the least comes out first.
+    """
+    while len(rollout.views):
+        again = [i for i in range(1, len(rollout.views)) if _repeats(evaluator, rollout, i)]
+        least = int(np.argmin(rollout.chances))
+        if not again and rollout.chances[least] >= worth:
+            return rollout
+        out = again[-1] if again else least
+        rollout = evaluator.play([*rollout.views[:out], *rollout.views[out + 1 :]])
+    return rollout
+
+
+def _repeats(evaluator: PlanEvaluator, rollout: Rollout, number: int) -> bool:
+    """Whether a view shows again, from the same place, what the view before has in its middle."""
+    views, (before, view) = evaluator.state.views, rollout.views[number - 1 : number + 1]
+    if views.viewpoint[before] != views.viewpoint[view]:
+        return False
+    off = angle_between(views.heading[before], views.heading[view])
+    return bool(off < max(views.extent[before], views.extent[view]) / 2)
 
 
 def _begin(
@@ -146,7 +170,10 @@ def _begin(
 
 def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewStep, ...]:
     views, revisits, steps = state.views, state.revisits.copy(), list[ViewStep]()
-    found, expected_finds = np.cumsum(rollout.gains), state.expected_finds
+    held = np.array(
+        [state.target_belief.left(state.unseen, [n]) for n in range(len(state.targets))]
+    )
+    left = 1.0 - np.prod(1.0 - np.maximum(held - rollout.found, 0.0)[:, list(state.wanted)], axis=1)
     costs = np.diff(rollout.arrivals, prepend=0.0)
     for i, view in enumerate(rollout.views):
         steps.append(
@@ -158,11 +185,12 @@ def _steps(state: PlanningState, rollout: Rollout, before: float) -> tuple[ViewS
                 place=state.place_of(view),
                 place_name=state.place_name(view),
                 why=state.why(view, rollout.unseen[i], revisits),
-                probability=float(rollout.gains[i]),
+                probability=float(rollout.chances[i]),
+                finds=float(rollout.gains[i]),
                 seconds=float(rollout.arrivals[i]),
                 metres=float(rollout.metres[i]) + before,
                 cost=float(costs[i]),
-                left=max(expected_finds - float(found[i]), 0.0),
+                left=float(left[i + 1]),
             )
         )
         revisits.add(view)
@@ -232,10 +260,19 @@ def plan_from(
     *,
     budget: float | None = None,
     compare: bool = False,
+    worth: float = WORTH,
 ) -> ViewPlan:
     """The plan on `state` from `start`, by default the robot's pose; the same on every machine."""
     x, y, heading = start or robot_start(semantic_map)
-    return plan(state, (x, y), heading=heading, budget=budget, time_limit=math.inf, compare=compare)
+    return plan(
+        state,
+        (x, y),
+        heading=heading,
+        budget=budget,
+        time_limit=math.inf,
+        compare=compare,
+        worth=worth,
+    )
 
 
 def robot_start(semantic_map: SemanticMap) -> Start:
@@ -253,5 +290,5 @@ def planned(
 
     None for a map without floor. Raises UnknownCategoryError for a word that names no target.
     """
-    state = build_search(semantic_map, wanted)
+    state = build_search(semantic_map, wanted, start=start and start[:2])
     return None if state is None else plan_from(semantic_map, state, start)

@@ -269,6 +269,7 @@ class CandidateViews:
     seconds: NDArray[np.float64]  # (n,) [s] of the sweep, without the turn before it
     chance: NDArray[np.float32]  # (n, c) chance to detect an object in each cell
     fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each viewpoint
+    proven: Cells  # (m, 2) a floor cell, and a cell of the belief that a camera showed from there
     metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between viewpoints
 
     def __post_init__(self) -> None:
@@ -293,10 +294,18 @@ class CandidateViews:
         fields[known] = self.fields[kept]
         if not known.all():
             new = viewpoints[~known]
-            chance[~known] = _chances(space, self.sensor, self.cells, new, kinds)
+            chance[~known] = _chances(space, self.sensor, self.cells, new, kinds, self.proven)
             fields[~known] = distance_fields(space, new)
         return _views(
-            space, self.sensor, self.motion, self.cells, viewpoints, kinds, chance, fields
+            space,
+            self.sensor,
+            self.motion,
+            self.cells,
+            viewpoints,
+            kinds,
+            chance,
+            fields,
+            self.proven,
         )
 
     @property
@@ -319,6 +328,7 @@ def candidate_views(
     *,
     cells: Cells | None = None,
     viewpoints: Cells | None = None,
+    proven: Cells | None = None,
 ) -> CandidateViews:
     """Pictures and sweeps in eight headings, and whole turns, from each of `viewpoints`.
 
@@ -328,15 +338,18 @@ def candidate_views(
         motion: Motion model; the thesis' by default.
         cells: Cells of the belief; by default `belief_cells`.
         viewpoints: Floor cells; by default `covering_viewpoints`.
+        proven: (m, 2) pairs of a floor cell and a cell of the belief that a camera showed from
+            there, whatever the floor plan says.
     """
     sensor, motion = sensor or Sensor(), motion or Motion()
     cells = belief_cells(space) if cells is None else cells
     if viewpoints is None:
         viewpoints = covering_viewpoints(space, sensor.far, near=sensor.near)
     kinds = _kinds(sensor.field_of_view)
-    chance = _chances(space, sensor, cells, viewpoints, kinds)
+    proven = np.zeros((0, 2), np.intp) if proven is None else proven
+    chance = _chances(space, sensor, cells, viewpoints, kinds, proven)
     fields = distance_fields(space, viewpoints)
-    return _views(space, sensor, motion, cells, viewpoints, kinds, chance, fields)
+    return _views(space, sensor, motion, cells, viewpoints, kinds, chance, fields, proven)
 
 
 def _chances(
@@ -345,6 +358,7 @@ def _chances(
     cells: Cells,
     viewpoints: Cells,
     kinds: Sequence[tuple[float, float]],
+    proven: Cells,
 ) -> NDArray[np.float32]:
     """(s, k, c) chance to detect an object in each cell by views of `kinds` from `viewpoints`."""
     chance = np.zeros((len(viewpoints), len(kinds), len(cells)), np.float32)
@@ -353,7 +367,13 @@ def _chances(
         at = np.searchsorted(cells, seen)
         kept = (at < len(cells)) & (cells[np.minimum(at, len(cells) - 1)] == seen)
         at, offset = at[kept], offset[kept]
-        of_cell = sensor.chance(np.hypot(offset[:, 0], offset[:, 1]))
+        metres = np.hypot(offset[:, 0], offset[:, 1])
+        if len(shown := proven[proven[:, 0] == viewpoint, 1]):
+            there = space.centres(shown) - space.centres([viewpoint])
+            at = np.append(at, np.searchsorted(cells, shown))
+            offset = np.concatenate([offset, there])
+            metres = np.append(metres, np.clip(np.hypot(*there.T), sensor.near, sensor.far))
+        of_cell = sensor.chance(metres)
         bearing = np.arctan2(offset[:, 1], offset[:, 0])
         for row, (heading, extent) in zip(rows, kinds, strict=True):
             inside = angle_between(bearing, heading) <= extent / 2 + 1e-9
@@ -370,6 +390,7 @@ def _views(
     kinds: Sequence[tuple[float, float]],
     chance: NDArray[np.float32],
     fields: NDArray[np.float32],
+    proven: Cells,
 ) -> CandidateViews:
     extent = np.tile([e for _, e in kinds], len(viewpoints))
     return CandidateViews(
@@ -384,6 +405,7 @@ def _views(
         seconds=motion.sweep_seconds(extent, sensor.field_of_view),
         chance=chance.reshape(-1, len(cells)),
         fields=fields,
+        proven=proven,
     )
 
 
@@ -412,4 +434,5 @@ def sweep_chance(
 ) -> NDArray[np.float32]:
     """(c,) chance to detect an object in each cell by a sweep of `extent` [rad] about `heading`."""
     viewpoint, kinds = np.array([cell], np.intp), [(heading, extent)]
-    return _chances(views.space, views.sensor, views.cells, viewpoint, kinds).reshape(-1)
+    chance = _chances(views.space, views.sensor, views.cells, viewpoint, kinds, views.proven)
+    return chance.reshape(-1)

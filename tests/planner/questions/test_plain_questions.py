@@ -233,7 +233,7 @@ def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
     told = json.loads(answers("ask", "what is in the kitchen?", "--json"))
     assert (told["query"], told["parameters"]) == ("objects-in-place", {"place": "place 1"})
     assert [row["label"] for row in told["rows"]] == ["banana 1", "cup 2"]
-    assert "the same facts: hereabouts ask MAP objects-in-place" in answers(
+    assert " objects-in-place -p place='place 1'" in answers(
         "ask", "what is in the kitchen?", "--format", "csv"
     )
 

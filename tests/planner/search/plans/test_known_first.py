@@ -1,0 +1,97 @@
+"""What the map knows comes first: exact positions, views that showed a thing, and finds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kg.maps.semantic_map import SemanticMap
+from kg.model.records import MapUpdate
+from kg.serving.opening import in_memory_map
+from mapping.objects.extents.box_fit import NUMBERS
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.track_store import RunState, TrackStore, seen_from
+from mapping.objects.tracks import Track
+from planner.freespace.floor_plan import free_space
+from planner.freespace.grid import Room
+from planner.search.goals.candidate_queries import existence_of
+from planner.search.goals.targets import resolve
+from planner.search.plans.answer_sentences import find_sentences
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import plan
+from planner.search.viewpoints.candidate_views import candidate_views, sweep_chance
+from planner.settings import BELIEF
+from tests.planner.flat import fill, thing
+
+
+@pytest.fixture
+def flat() -> SemanticMap:
+    return fill(in_memory_map(title="flat"))
+
+
+@pytest.mark.parametrize("word", ["cup", "bed", "banana"])
+def test_the_first_look_shows_a_known_thing(flat: SemanticMap, word: str) -> None:
+    for start in ((6.0, 1.0), (11.0, 3.5), (1.0, 1.0)):
+        state = build_search(flat, [word], start=start)
+        assert state is not None
+        first = plan(state, start, time_limit=math.inf).steps[0]
+        assert first.why[0].candidate.kind == "known"
+        assert first.probability > 0.5
+
+
+def test_an_exact_position_is_found_at_once(flat: SemanticMap) -> None:
+    exact = replace(thing(flat, "cup", 3.0, 1.0, 1), deviation=0.05)
+    chances = []
+    for cup in (flat.objects("cup")[0], exact):
+        flat.apply(MapUpdate(objects=(replace(cup, iri=flat.objects("cup")[0].iri),)))
+        state = build_search(flat, ["cup"])
+        assert state is not None
+        part = next(p for p in state.target_belief.parts if p.candidate.kind == "known")
+        chances.append(part.weight.max())
+    assert chances[1] > 2 * chances[0]
+
+
+def test_the_robot_can_look_from_where_it_stands(flat: SemanticMap) -> None:
+    for start in ((3.5, 2.5), None):
+        state = build_search(flat, ["cup"], start=start)
+        assert state is not None
+        here = state.space.nearest((6.0, 1.0) if start is None else start)
+        assert here in state.views.viewpoints
+
+
+def test_a_find_is_known_as_found_until_it_is_missed() -> None:
+    row = {"existence": 0.62, "foundBy": "search/1", "own": None}
+    assert existence_of(row, BELIEF) == BELIEF.found
+    assert existence_of({**row, "existence": 0.3}, BELIEF) == 0.3
+    assert existence_of({**row, "foundBy": None}, BELIEF) == 0.62
+
+
+def test_a_camera_proves_what_a_wall_of_the_plan_hides(tmp_path: Path) -> None:
+    row = np.zeros(NUMBERS, np.float32)
+    row[3], row[7] = 1.5, 1.0  # the camera's x and y
+    track = Track(np.zeros(3), 0.1, ObjectSettings(), iri="cup", views={(0,): row})
+    store = TrackStore(tmp_path)
+    store.load(0, ObjectSettings())
+    store.save([track], RunState(), 1)
+    store.close()
+    (pose,) = seen_from(tmp_path, ["cup", "bowl"])["cup"]
+    space = free_space([Room(0, 3, 0, 3), Room(3, 6, 0, 3)], doors=())
+    stand, hidden = space.nearest(pose[:2, 3]), space.nearest((4.0, 1.0))
+    viewpoints = np.array([stand], np.intp)
+    for pairs, chance in ((None, 0.0), (np.array([[stand, hidden]]), 0.7)):
+        views = candidate_views(space, viewpoints=viewpoints, proven=pairs)
+        at = int(np.searchsorted(views.cells, hidden))
+        assert sweep_chance(views, stand, 0.0, 1.0)[at] == pytest.approx(chance)
+        assert sweep_chance(views, stand, math.pi, 1.0)[at] == 0.0
+        assert views.chance[:, at].max() == pytest.approx(chance)
+
+
+def test_a_seat_is_named_before_what_one_can_sit_on_too(flat: SemanticMap) -> None:
+    flat.apply(MapUpdate(objects=(replace(thing(flat, "chair", 5, 1, 2), existence=0.6),)))
+    (target,) = resolve(flat, ["something to sit on"])
+    first, second = find_sentences(flat, target, 0.0)
+    assert "chair" in first and "bed" in second
