@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from lab.recordings.depth_sensor import KINECT, StructuredLightSensor
+from lab.recordings.simulated_recording import KINECT, StructuredLightSensor
 from lab.thesis.scenarios import DATA, rows_of
 from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
