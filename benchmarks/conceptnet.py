@@ -160,7 +160,7 @@ is the text's). Both are on ConceptNet 5's scale: 2 sqrt(n - 1) for n votes.
 """
 _FOOT = """The import also reads what has, and is part of, a place, what is near it, spellings and
 lemmas ("live room"), doubtful names ("notebook") and kinds (fruit, food), as
-docs/how-to/statistics.md describes.
+lab/research/conceptnet.md describes.
 It leaves out what too few say, and what is said of another meaning: a mouse is part of computers,
 so it is where computers are, and nothing is left of it in kitchen, attic and closet. ConceptNet 4
 is older than the service that the thesis asked: weights differ where people have voted since. Of

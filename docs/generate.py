@@ -15,7 +15,8 @@ import inspect
 import re
 import sys
 import typing
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Final
@@ -50,6 +51,7 @@ _PARTS: Final = (
     *("kg.maps.map_parts", "kg.maps.subscriptions"),
     *("kg.maps.facts.assertion_service", "kg.maps.facts.searches"),
 )
+SHARED: Final = 3  # commands that have an option, from which on it is described once for all
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
 
 
@@ -79,14 +81,21 @@ def commands() -> str:
     """The commands of `hereabouts`, their arguments and options."""
     from hereabouts.cli import build_parser
 
+    leaves = [
+        (words, parser, [_argument(parser, a) for a in parser._actions if a.dest != "help"])
+        for words, parser in _leaves("hereabouts", build_parser())
+    ]
+    counts = Counter(row for _, _, rows in leaves for row in rows)
+    shared = {row for row, count in counts.items() if count >= SHARED and row.startswith("| `--")}
     parts = [
         f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
         "stderr. Exit code 0: done; 1: an error, in one line; 2: wrong usage; `search` has more "
         "([Map live from ROS, and search with a robot](../how-to/ros.md)). `MAP` is the folder of "
-        "a map or the address of a server.\n"
+        "a map or the address of a server.\n",
+        "## Options of several commands\n",
+        *("| option | |\n|---|---|", *(row for row in counts if row in shared), ""),
     ]
-    for words, parser in _leaves("hereabouts", build_parser()):
-        parts.append(_command(words, parser))
+    parts += [_command(words, parser, rows, shared) for words, parser, rows in leaves]
     return "\n".join(parts)
 
 
@@ -102,13 +111,21 @@ def _leaves(
             yield from _leaves(f"{words} {name}", below)
 
 
-def _command(words: str, parser: argparse.ArgumentParser) -> str:
-    actions = [a for a in parser._actions if a.dest != "help"]
+def _command(
+    words: str, parser: argparse.ArgumentParser, rows: Sequence[str], shared: Collection[str]
+) -> str:
+    """A section: text, example, arguments of its own, and the names of those that are shared."""
     lines = [f"## {words}", "", _line(parser.description or ""), ""]
     if parser.epilog:
         lines += ["    " + _line(parser.epilog).removeprefix("example: "), ""]
-    if actions:
-        lines += ["| argument | |", "|---|---|", *(_argument(parser, a) for a in actions), ""]
+    own = [row for row in rows if row not in shared]
+    if own:
+        lines += ["| argument | |", "|---|---|", *own, ""]
+    if names := [f"`{row.split()[1].strip('`,')}`" for row in rows if row in shared]:
+        lines += [
+            f"[Options of several commands](#options-of-several-commands): {', '.join(names)}"
+        ]
+        lines += [""]
     return "\n".join(lines)
 
 

@@ -115,7 +115,7 @@ def clean(text: str) -> str:
 
 
 #: Log-odds without evidence, and for each unit of ln(1 + weight): of an object in a place of the
-#: category, and near another object; fitted as docs/how-to/statistics.md describes.
+#: category, and near another object; fitted as lab/research/conceptnet.md describes.
 LOCATED: Final = (-3.65, 2.10)
 NEAR: Final = (-2.08, 1.74)
 
