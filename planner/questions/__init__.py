@@ -1,1 +1,1 @@
-"""Plain questions: rules that turn English questions into shipped queries and their answers."""
+"""Plain questions: sentences that are read as questions, and their answers by shipped queries."""

@@ -27,6 +27,7 @@ from planner.questions.rooms import about_rooms
 from planner.search.goals.place_names import spoken_places
 from planner.search.plans.report import empty_answer, find_answer
 
+_MAX_ORDERED: Final = 3  # words of an order's thing that are repeated
 #: columns of answers that have the IRI of a thing or place
 _LISTING: Final = ("object", "thing", "place", "robot")
 #: names of all that a map has, unless a place is called so
@@ -95,7 +96,8 @@ def _is_name(semantic_map: SemanticMap, words: str) -> bool:
 
 def _not_understood(semantic_map: SemanticMap, text: str) -> str:
     if thing := ordered(text):
-        return f"this answers questions and moves no robot; ask where {thing} is"
+        name = thing if len(thing.split()) <= _MAX_ORDERED else "the thing"
+        return f"not understood: this answers questions and moves no robot; ask where {name} is"
     shown = " ".join(text.split())
     shown = f"{shown[:60]!r}{' ...' if len(shown) > 60 else ''}" if shown else "an empty text"
     limit = f" of at most {MAX_LENGTH} characters" if len(text) > MAX_LENGTH else ""
