@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shapely import LinearRing
 
 from kg.model.areas import Area, Rectangle, area_of
 from kg.model.records import PlaceRecord
@@ -85,3 +86,13 @@ def test_shared_area_is_that_of_the_intersection():
     assert area_of([[(2, 0), (6, 0), (6, 2), (2, 2)]]).shared_area(room) == pytest.approx(4)
     assert area_of([[(0, 0), (4, 0), (4, 4), (0, 4)], hole]).shared_area(room) == pytest.approx(15)
     assert Area(4, 5, 0, 4).shared_area(room) == 0
+
+
+@pytest.mark.parametrize("outer", [1, -1])
+@pytest.mark.parametrize("inner", [1, -1])
+def test_outer_rings_turn_left_and_holes_right(outer: int, inner: int) -> None:
+    square = ((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0))
+    hole = tuple((x / 4 + 1, y / 4 + 1) for x, y in square)
+    area = Area(0.0, 4.0, 0.0, 4.0, outline=(square[::outer], hole[::inner]))
+    around, within = (LinearRing(ring) for ring in area.oriented_rings)
+    assert around.is_ccw and not within.is_ccw

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from mapping.objects.absence import Absence
-from mapping.persistence import departed, listed_half_life
+from mapping.persistence import departed, holds, learned_half_life, listed_half_life
 
 DAY = 86400.0
 
@@ -80,3 +82,19 @@ def test_what_is_carried_leaves_sooner_than_what_is_fixed():
     cup, sink = listed_half_life("cup"), listed_half_life("sink")
     assert departed(sink, 0) < departed(cup, 0) == pytest.approx(0.02)
     assert departed(sink, DAY) < 0.01 < 0.1 < departed(cup, DAY) < 0.2
+
+
+@given(st.floats(1, 1e9), st.floats(-1e9, 1e9), st.floats(0, 1e9))
+def test_what_was_just_seen_holds_and_half_of_it_after_a_half_life(half_life, age, more):
+    assert holds(half_life, half_life) == 0.5
+    assert holds(half_life, min(age, 0.0)) == 1.0  # seen later than now, by another clock
+    assert 0.0 <= holds(half_life, age + more) <= holds(half_life, age) <= 1.0
+
+
+@given(st.floats(1, 1e7), st.lists(st.floats(-1e9, 1e9), max_size=5))
+def test_a_stay_counts_up_to_twice_the_listed_half_life(listed, stays):
+    learned = learned_half_life(listed, stays)
+    assert listed * (1 - 1e-9) <= learned
+    assert learned <= listed * (1 + 2 * math.log(2) * len(stays)) * (1 + 1e-9)
+    assert learned == pytest.approx(learned_half_life(listed, [min(s, 2 * listed) for s in stays]))
+    assert learned_half_life(listed, [listed]) == pytest.approx(listed * (1 + math.log(2)))
