@@ -1,6 +1,6 @@
 // The SPARQL console: editor, shipped questions, and the answer as a table, on the map, or as a chart.
 import { enter } from "/files/entry.js";
-import { all, button, byId, element, status } from "/files/page-elements.js";
+import { all, button, byId, element, save, status } from "/files/page-elements.js";
 import { QueryEditor } from "/files/query-editor.js";
 import { QuestionList } from "/files/question-list.js";
 import { chartOf } from "/files/result-chart.js";
@@ -112,11 +112,7 @@ function offerDownloads(text, formats) {
 
 async function download(text, type, ending) {
   try {
-    const link = element("a"), address = URL.createObjectURL(await (await post(text, type)).blob());
-    link.href = address;
-    link.download = `answer.${ending}`;
-    link.click();
-    setTimeout(() => URL.revokeObjectURL(address), 60000);
+    save(`answer.${ending}`, await (await post(text, type)).blob());
   } catch (error) {
     status(error.message);
   }

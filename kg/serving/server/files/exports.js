@@ -1,5 +1,5 @@
 // What is shown, as files: a picture, a table, or shapes.
-import { button, byId, element, status } from "/files/page-elements.js";
+import { button, byId, save } from "/files/page-elements.js";
 
 const COLUMNS = ["iri", "name", "category", "x", "y", "z", "existence", "place", "lastSeen"];
 
@@ -13,15 +13,6 @@ export function offerExports(data, view, shown) {
     GeoJSON: ["map.geojson", () => new Blob([JSON.stringify(shapesOf(data, objects()))], { type: "application/geo+json" })],
   };
   byId("exports").replaceChildren(...Object.entries(files).map(([name, [file, make]]) => button(name, async () => save(file, await make()))));
-}
-
-function save(file, blob) {
-  if (!blob) { status("the picture cannot be made"); return; }
-  const link = element("a"), address = URL.createObjectURL(blob);
-  link.href = address;
-  link.download = file;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(address), 60000);
 }
 
 function recordOf(data, one) {

@@ -229,7 +229,8 @@ export class MapData extends EventTarget {
         if (!fact) continue;
         const [subject, predicate, value] = fact;
         back ||= !added && predicate === RDF_TYPE && value === `${HERE}DepartedObject`;
-        if (/\/(place|door|floor)\//.test(subject.slice(this.base.length - 1))) { around = true; continue; }
+        const path = subject.slice(this.base.length - 1);
+        if (/^\/(place|door|floor)\//.test(path) || (path === "/robot" && !this.robot)) { around = true; continue; }
         const field = FIELDS[predicate];
         if (!field) continue;
         const one = this._at(subject, added);

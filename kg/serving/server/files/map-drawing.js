@@ -1,5 +1,8 @@
 // Functions of drawing: colours, text, free space for text, points in polygons.
 
+const EDGE = 5, HIGH = 22; // [px] around a text, and of its picture
+const MAX_SPRITES = 2000;
+const sprites = new Map(); // pictures of texts
 const LINES = 12; // of a place in which space for its name is searched
 const WIDER = 1.5; // times its place a name may be, where nothing else is in the way
 
@@ -16,16 +19,29 @@ export function colourOf(label, dark) {
   return PALETTE[dark ? "dark" : "light"][((hash >>> 7) + hash) % 8];
 }
 
-/** Text with an outline in the colour of the background. */
+/** Text with an outline in the colour of the background; a picture of it is kept, since outlines of letters cost much. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
+  const ratio = c.getTransform().a, key = [text, c.font, colour, view.panel, ratio].join("|");
+  if (!sprites.has(key)) {
+    if (sprites.size > MAX_SPRITES) sprites.clear();
+    sprites.set(key, spriteOf(text, c, view.panel, colour, ratio));
+  }
+  const sprite = sprites.get(key), at = (value) => Math.round(value * ratio) / ratio;
   c.globalAlpha = alpha;
-  c.lineWidth = 4;
-  c.lineJoin = "round";
-  c.strokeStyle = view.panel;
-  c.strokeText(text, x, y);
-  c.fillStyle = colour;
-  c.fillText(text, x, y);
+  c.drawImage(sprite, at(x - EDGE), at(y - HIGH + EDGE), sprite.width / ratio, sprite.height / ratio);
   c.globalAlpha = 1;
+}
+
+function spriteOf(text, { font }, panel, colour, ratio) {
+  const canvas = document.createElement("canvas"), c = canvas.getContext("2d");
+  c.font = font;
+  canvas.width = Math.ceil((c.measureText(text).width + 2 * EDGE) * ratio);
+  canvas.height = Math.ceil(HIGH * ratio);
+  c.setTransform(ratio, 0, 0, ratio, 0, 0);
+  Object.assign(c, { font, lineWidth: 4, lineJoin: "round", strokeStyle: panel, fillStyle: colour });
+  c.strokeText(text, EDGE, HIGH - EDGE);
+  c.fillText(text, EDGE, HIGH - EDGE);
+  return canvas;
 }
 
 /** Occupied rectangles of the screen, in a grid of squares. */

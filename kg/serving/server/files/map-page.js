@@ -24,6 +24,7 @@ const changes = new ChangePanel(data, view, goToChange);
 const search = new AnswerPanel(data, view, { found, choose: goTo, asked: () => bringToFront("plan") });
 const address = new PageAddress({ data, view, changes, search });
 let listing = 0, hasState = false; // whether the map was read
+let connection = ["", "connecting …"]; // class and words of the feed's state
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -141,9 +142,10 @@ data.addEventListener("changed", refresh);
 byId("back").addEventListener("click", () => bringToFront("plan"));
 document.addEventListener("click", ({ target }) => closeMenus(target));
 document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closeMenus(null); });
-data.addEventListener("on", () => say("on", "live"));
-data.addEventListener("off", () => say("off", "not connected, so this may be old; trying again …"));
+data.addEventListener("on", () => say(...(connection = ["on", "live"])));
+data.addEventListener("off", () => say(...(connection = ["off", "not connected, so this may be old; trying again …"])));
 window.addEventListener("busy", () => say("off", "the server is busy; asking it again …"));
+window.addEventListener("answered", () => say(...connection));
 data.addEventListener("categories", () => { corrections.offerCategories(); refresh(); });
 data.addEventListener("transaction", (event) => showTransaction(/** @type {CustomEvent} */ (event).detail));
 window.addEventListener("hashchange", goToAddress);
@@ -172,7 +174,7 @@ async function read(pause = 1) {
 
 read().then(async () => {
   hasState = true;
-  say("", "connecting …");
+  say(...connection);
   byId("sequence").textContent = data.sequence;
   view.fit();
   showLists();

@@ -9,7 +9,6 @@ const MIN_SIDE = 0.03; // [m] of a box
 const BELOW = 0.06; // [m] from the floor of a surface down to the picture of the cells
 const LIFTED = 0.02; // [m] of the picture of a surface above the floor and places
 const GROUND = -2; // drawing order of the floor; places come next, then the things on the floor
-const SHADES = 5; // steps of existence, one mesh each
 const FADED = 0.12; // of what is not in focus
 const AROUND = 0.08; // [m] around a box in focus that keeps its colour
 const WIDER = 2.6; // sides of the square of a voxel in three dimensions: three.js leaves out the field of view of 45 degrees
@@ -27,7 +26,7 @@ export class MapScene {
     this._view = view;
     this.scene = new THREE.Scene();
     this.surface = new SurfaceReader(view);
-    this.boxes = []; // meshes; `things` of a mesh are the objects of its instances
+    this.boxes = []; // meshes; `things` of a mesh are the objects, each with so many `faces`
     this._points = this._dots = this._sized = null; // of the surface; of the objects: dots, boxes
     this._cutter = new THREE.Plane(new THREE.Vector3(0, 0, -1), 2);
     this._parts = new Map(); // name -> group
@@ -82,7 +81,7 @@ export class MapScene {
     const [seen] = this._points ? ray.intersectObject(this._points).filter(({ point }) => point.z < ground + this._view.cut) : [];
     const floor = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), -ground), new THREE.Vector3());
     const spot = seen?.point ?? hit?.point ?? floor;
-    return spot && { thing: hit?.object.things[hit.instanceId], point: [spot.x + left, spot.y + low, spot.z] };
+    return spot && { thing: hit?.object.things[Math.floor(hit.faceIndex / hit.object.faces)], point: [spot.x + left, spot.y + low, spot.z] };
   }
 
   _part(name, sources, fill) {
@@ -162,14 +161,30 @@ export class MapScene {
     if (walls.length) group.add(this._boxes(CUBE, walls, { color: dark ? "#7d8a96" : "#8a949e" }));
   }
 
-  /** Boxes {x, y, z, sides, colour?, yaw?} of one shape as one mesh; x, y, z [m] are the centre. */
+  /** Boxes {x, y, z, sides, colour?, alpha?, yaw?} of one shape as one mesh; x, y, z [m] are the centre.
+   *
+   * They are no instances, of which a machine that draws in software draws each on its own. */
   _boxes(shape, boxes, given) {
-    const mesh = new THREE.InstancedMesh(shape, new THREE.MeshLambertMaterial(given), boxes.length);
+    const [corners, normals] = ["position", "normal"].map((name) => shape.getAttribute(name).array), faces = shape.index.array, each = corners.length / 3;
+    const places = new Float32Array(boxes.length * corners.length), turned = places.slice(), colours = new Float32Array(4 * boxes.length * each);
+    const index = new Uint32Array(boxes.length * faces.length), tone = new THREE.Color();
     boxes.forEach((box, n) => {
-      mesh.setMatrixAt(n, this._placed(box));
-      if (box.colour) mesh.setColorAt(n, new THREE.Color(box.colour));
+      const middle = this.at(box.x, box.y, box.z), [a, b, c] = box.sides, [cos, sin] = [Math.cos(box.yaw ?? 0), Math.sin(box.yaw ?? 0)];
+      tone.set(box.colour ?? "#ffffff");
+      for (let k = 0; k < each; k++) {
+        const at = n * each + k, [x, y] = [corners[3 * k] * a, corners[3 * k + 1] * b], [p, q] = [normals[3 * k], normals[3 * k + 1]];
+        places.set([middle.x + x * cos - y * sin, middle.y + x * sin + y * cos, middle.z + corners[3 * k + 2] * c], 3 * at);
+        turned.set([p * cos - q * sin, p * sin + q * cos, normals[3 * k + 2]], 3 * at);
+        colours.set([tone.r, tone.g, tone.b, box.alpha ?? 1], 4 * at);
+      }
+      for (let k = 0; k < faces.length; k++) index[n * faces.length + k] = n * each + faces[k];
     });
-    return mesh;
+    const geometry = new THREE.BufferGeometry(), mesh = new THREE.Mesh(geometry, new THREE.MeshLambertMaterial({ ...given, vertexColors: true }));
+    geometry.setIndex(new THREE.BufferAttribute(index, 1));
+    geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+    geometry.setAttribute("normal", new THREE.BufferAttribute(turned, 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(colours, 4));
+    return Object.assign(mesh, { things: boxes.map(({ one }) => one), faces: faces.length / 3 });
   }
 
   _placed({ x, y, z, sides, yaw = 0 }) {
@@ -195,21 +210,15 @@ export class MapScene {
   /** The shown objects: boxes for both views, and dots for the flat one. */
   _addObjects(group) {
     const { drawn, camera: { isFlat } } = this._view, [shape, edges] = isFlat ? [SQUARE, SQUARE_EDGES] : [CUBE, CUBE_EDGES];
-    const opacity = FACES[isFlat ? "flat" : this._points ? "seen" : "solid"], shades = new Map(), sides = [], colours = [];
+    const opacity = FACES[isFlat ? "flat" : this._points ? "seen" : "solid"], boxes = [], sides = [], colours = [];
     for (const one of drawn) {
-      const strength = this._view.strengthOf(one), shade = strength < 0.2 ? strength : Math.round(strength * SHADES) / SHADES;
       const box = this._boxOf(one);
       if (!box) continue;
-      if (!shades.has(shade)) shades.set(shade, []);
-      shades.get(shade).push(box);
-      if (drawn.length <= MANY || one.iri === this._view.selected) this._addEdges(box, edges, shade, sides, colours);
+      boxes.push(box);
+      if (drawn.length <= MANY || one.iri === this._view.selected) this._addEdges(box, edges, sides, colours);
     }
     this._sized = new THREE.Group();
-    this.boxes = [...shades].map(([shade, boxes]) => {
-      const mesh = this._boxes(shape, boxes, { color: "#ffffff", transparent: true, opacity: opacity * shade, depthWrite: false, depthTest: !isFlat });
-      mesh.things = boxes.map(({ one }) => one);
-      return mesh;
-    });
+    this.boxes = [this._boxes(shape, boxes, { transparent: true, opacity, depthWrite: false, depthTest: !isFlat })];
     this._sized.add(...this.boxes, linesOf(sides, colours, !isFlat));
     this._dots = this._dotsOf(drawn);
     group.add(this._sized, this._dots);
@@ -220,16 +229,16 @@ export class MapScene {
     const { camera: { isFlat }, layers, selected } = this._view, isSized = layers.boxes && one.dx, grown = one.iri === selected && !isFlat ? 1.06 : 1;
     if (isFlat && !isSized) return null;
     const sides = isSized ? [one.dx, one.dy, one.dz].map((side) => grown * Math.max(side, MIN_SIDE)) : [SMALL, SMALL, SMALL];
-    return { one, x: one.x, y: one.y, z: one.z ?? 0, sides, yaw: one.yaw, colour: this._view.hexOfClass(one.class) };
+    return { one, x: one.x, y: one.y, z: one.z ?? 0, sides, yaw: one.yaw, colour: this._view.hexOfClass(one.class), alpha: this._view.strengthOf(one) };
   }
 
-  _addEdges(box, edges, shade, sides, colours) {
+  _addEdges(box, edges, sides, colours) {
     const isChosen = box.one.iri === this._view.selected, colour = new THREE.Color(isChosen ? hexOf(this._view.ink) : box.colour);
     const matrix = this._placed(box), corner = new THREE.Vector3();
     for (let n = 0; n < edges.count; n++) {
       corner.fromBufferAttribute(edges, n).applyMatrix4(matrix);
       sides.push(corner.x, corner.y, corner.z);
-      colours.push(colour.r, colour.g, colour.b, isChosen ? 1 : 0.5 + 0.5 * shade);
+      colours.push(colour.r, colour.g, colour.b, isChosen ? 1 : 0.5 + 0.5 * box.alpha);
     }
   }
 
@@ -310,7 +319,6 @@ function discard(scene, group) {
     if (one.geometry && one.geometry !== CUBE && one.geometry !== SQUARE) one.geometry.dispose();
     if (one.material?.map !== DISC) one.material?.map?.dispose();
     one.material?.dispose();
-    if (one.isInstancedMesh) one.dispose();
   });
 }
 

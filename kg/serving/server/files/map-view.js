@@ -288,7 +288,7 @@ export class MapView {
     if (this._isStale) this._update();
     this.clusters = clustersOf(this);
     if (this.hasGraphics) {
-      const ratio = devicePixelRatio || 1, wanted = smooth ? Math.max(ratio, SMOOTH) : ratio;
+      const ratio = devicePixelRatio || 1, wanted = smooth && this.drawn.length <= MANY ? Math.max(ratio, SMOOTH) : ratio;
       if (wanted !== this._renderer.getPixelRatio()) this._renderer.setPixelRatio(wanted);
       this._adjust();
       this.scene.adapt();

@@ -44,6 +44,16 @@ export function linkTo(iri, base, text) {
   return link;
 }
 
+/** Save data as a file; null, of a picture that could not be made, is told. */
+export function save(file, blob) {
+  if (!blob) { status("the picture cannot be made"); return; }
+  const link = element("a"), address = URL.createObjectURL(blob);
+  link.href = address;
+  link.download = file;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+}
+
 /** Show a message in the page's status line, which screen readers read out. */
 export function status(text) {
   byId("status").textContent = text;

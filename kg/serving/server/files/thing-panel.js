@@ -3,8 +3,6 @@ import { button, byId, element, linkTo, named } from "/files/page-elements.js";
 import { historyOf, percent, pictureOf, relationsOf, whyOf } from "/files/thing-details.js";
 import { clock } from "/files/time-axis.js";
 
-const NEAREST = 5;
-
 export class ThingPanel {
   /** `choose(iri)` selects another thing; `shown(thing)` is called when one is described.
    * @param {(thing: any) => void} shown */
@@ -57,15 +55,8 @@ export class ThingPanel {
         ["last seen", one.seen ? `${clock(one.seen)}, ${this._data.ago(one.seen)} before the map's last view${one.count ? `; ${one.count} times in all` : ""}` : "", "here:lastSeen"],
         ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`, "here:x"],
       ]),
-      ...this._end(one), slot("near", "Near it", element("ul", "", ...this._near(one))),
+      ...this._end(one),
     ];
-  }
-
-  _near(one) {
-    return [...this._data.objects.values()].filter((other) => other !== one && other.existence >= 0.5)
-      .map((other) => [Math.hypot(other.x - one.x, other.y - one.y), other])
-      .sort((a, b) => a[0] - b[0]).slice(0, NEAREST)
-      .map(([distance, other]) => element("li", "", this._link(other), ` ${distance.toFixed(1)} m`));
   }
 
   _place(place, least) {

@@ -38,7 +38,8 @@ _TOKEN_FORM: Final = (
 _ENTRY_FORM: Final = (
     '<form id="entry" class="panel"><label>This map is private. Token: '
     '<input id="entry-token" type="password" autocomplete="off" required></label> '
-    '<button type="submit">open</button> <span id="entry-outcome" role="status"></span></form>'
+    '<button type="submit" class="primary">open</button> '
+    '<span id="entry-outcome" role="status"></span></form>'
 )
 
 

@@ -37,6 +37,14 @@ def open_menu(page: Any, name: str) -> None:
     page.click(f"#{name} > summary")
 
 
+def show_layer(page: Any, name: str, is_shown: bool) -> None:
+    """Show or hide a layer of the map; its menu is closed again, and the pointer away."""
+    open_menu(page, "layers")
+    page.set_checked(f"[data-layer={name}]", is_shown)
+    page.keyboard.press("Escape")
+    page.mouse.move(1, 1)
+
+
 def is_fault(message: Any) -> bool:
     """Whether a line of the browser's console is an error; a refusal (4xx) is the server's word."""
     return message.type == "error" and "responded with a status of 4" not in message.text

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
+from kg.model.records import MapUpdate, RobotRecord
 from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import OpenPage, says
 
@@ -35,6 +37,14 @@ WRITTEN = """
     CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
         window.written.add(text);
         return write.call(this, text, ...more); };"""
+
+#: counts the arrows of robots that are drawn
+ARROWS = """
+    window.arrows = 0;
+    const close = CanvasRenderingContext2D.prototype.closePath;
+    CanvasRenderingContext2D.prototype.closePath = function () {
+        window.arrows++;
+        return close.call(this); };"""
 
 
 @pytest.fixture
@@ -121,3 +131,30 @@ def test_a_map_that_does_not_come_is_asked_for_again_in_words(open_page: OpenPag
     says(page, "#live", "no connection")
     says(page, "#live", "live")
     says(page, "#count", "2 of 2 objects")
+
+
+def test_a_busy_server_is_asked_again(open_page: OpenPage) -> None:
+    page = open_page(
+        script="""
+        const get = window.fetch;
+        let refusals = 2;
+        window.fetch = (address, ...more) => String(address).startsWith("/find") && refusals-- > 0
+            ? Promise.resolve(new Response("no time", { status: 503 })) : get(address, ...more);
+        window.told = [];
+        window.addEventListener("busy", () => setTimeout(() => {
+            window.told.push(document.getElementById("state").textContent); }));"""
+    )
+    ask(page, "what is in the kitchen?")
+    says(page, "#plan", "2 objects")
+    says(page, "#live", "live")
+    assert page.evaluate("window.told[0]").startswith("the server is busy")
+
+
+def test_a_robot_that_comes_later_is_drawn(served: Served, open_page: OpenPage) -> None:
+    page = open_page(script=ARROWS)
+    page.click("#fit")
+    page.wait_for_selector("#canvas[data-drawn=smoothly]")
+    assert page.evaluate("window.arrows") == 0
+    robot = RobotRecord(np.array([1.0, 1.0, 0.0]), 0.5, 1.7e9)
+    served.map.apply(MapUpdate(robot=robot))
+    page.wait_for_function("window.arrows > 0")

@@ -16,7 +16,14 @@ from kg.maps.surface.voxels import FrameVoxels, keys_of
 from kg.model.records import FREE, TALL, Evidence, FloorTile, MapUpdate, PlaceRecord, RobotRecord
 from kg.serving.opening import create_map
 from planner.search.plans.report import find_answer
-from tests.kg.serving.server.browser_pages import HOSTILE, OpenPage, faults, open_menu, says
+from tests.kg.serving.server.browser_pages import (
+    HOSTILE,
+    OpenPage,
+    faults,
+    open_menu,
+    says,
+    show_layer,
+)
 from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
@@ -125,6 +132,7 @@ def test_the_flat_map_comes_back(open_page: OpenPage) -> None:
     solid = drawn_otherwise(page, flat)
     assert page.get_attribute("#solid", "aria-pressed") == "true"
     page.click("#solid")
+    page.mouse.move(1, 1)
     assert drawn_otherwise(page, solid) == flat
     assert page.get_attribute("#solid", "aria-pressed") == "false"
 
@@ -235,8 +243,7 @@ def test_the_surface_is_drawn_from_above_and_in_three_dimensions(
     assert wait_for_violet(page, "#canvas")
     page.click("#solid")
     assert wait_for_violet(page, CANVAS)
-    open_menu(page, "layers")
-    page.uncheck("[data-layer=surface]")
+    show_layer(page, "surface", False)
     drawn_otherwise(page, None)
     assert not has_violet(page, CANVAS)
 
@@ -255,8 +262,7 @@ def test_the_selected_object_and_near_ones_have_their_picture(
     with on_disk(folder) as other:
         page = open_page(address, of=other)
         assert wait_for_violet(page, CANVAS)
-        open_menu(page, "layers")
-        page.uncheck("[data-layer=pictures]")
+        show_layer(page, "pictures", False)
         drawn_otherwise(page, None)
         assert has_violet(page, CANVAS) == (address == "#object/1")
         page.close()

@@ -15,7 +15,7 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.model import vocabulary as v
 from kg.model.records import SURFACE, Evidence, MapUpdate
 from kg.serving.opening import create_map
-from tests.kg.serving.server.browser_pages import OpenPage, open_menu, says
+from tests.kg.serving.server.browser_pages import OpenPage, says, show_layer
 from tests.kg.serving.server.conftest import BASE, TOKEN, thing
 
 if TYPE_CHECKING:
@@ -76,13 +76,12 @@ def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
         says(page, "#about h2", "unnamed thing")
         page.evaluate("location.hash = ''")
         says(page, "#about", "Nothing is selected")
-    open_menu(page, "layers")
+    page.mouse.move(1, 1)
     outlined = drawn(page)
-    page.uncheck("[data-layer=things]")
+    show_layer(page, "things", False)
     assert drawn(page) != outlined
-    page.check("[data-layer=things]")
+    show_layer(page, "things", True)
     assert drawn(page) == outlined
-    page.keyboard.press("Escape")
     click_the_middle(page)
     says(page, "#about h2", "unnamed thing")
     says(page, "#about dl", "20 cm high, turned by 23°")
