@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.oriented_boxes import along
+from mapping.frames.projection import bounds
 from mapping.things.view_parts import MAX_LENGTH, Part
 
 Floats = NDArray[np.float64]
@@ -71,7 +72,7 @@ class _Boxes:
 
 
 def _longest_ends(points: NDArray[np.float32], yaw: float) -> Floats:
-    low, high = np.percentile(along(points.astype(np.float64), yaw), (1, 99), axis=0)
+    low, high = bounds(along(points.astype(np.float64), yaw), 0.01)
     return np.stack([low - _AROUND, high + _AROUND])
 
 

@@ -69,8 +69,9 @@ def parts_of(image: DepthImage) -> list[Part]:
     sizes = np.diff(ends)
     free = ~_are_background(image, order[ends[0] :], ends[:-1] - ends[0], sizes)
     nodes = _unions(sizes.tolist(), *_contacts(image, pieces, free))
-    leaves, spans = _in_rows(nodes, sizes.tolist())
-    chosen = [spans[n] for n in np.flatnonzero(free & (sizes >= _MIN_PIXELS)).tolist()]
+    alone = np.flatnonzero(free & (sizes >= _MIN_PIXELS)).tolist()
+    leaves, spans = _in_rows(nodes, sizes.tolist(), alone)
+    chosen = [spans[n] for n in alone]
     chosen += [spans[len(sizes) + n] for n, (_, _, large) in enumerate(nodes) if large]
     if not chosen:
         return []
@@ -178,11 +179,10 @@ def _unions(
     size, version, nodes = [*sizes], [0] * len(sizes), list[Node]()
     number = {a: a for a in touching}
 
-    def entry(a: int, b: int, count: int) -> tuple[float, int, int, int, int]:
-        one, other = outline[a], outline[b]
-        return -count / ((one if one < other else other) or 1), a, b, version[a], version[b]
-
-    waiting = [entry(a, b, count) for (a, b), count in contacts.items()]
+    waiting = [
+        (-count / (min(outline[a], outline[b]) or 1), a, b, 0, 0)
+        for (a, b), count in contacts.items()
+    ]
     heapq.heapify(waiting)
     while waiting:
         _, a, b, first, second = heapq.heappop(waiting)
@@ -198,15 +198,23 @@ def _unions(
             del touching[c][b]
             if c != a:
                 mine[c] = touching[c][a] = mine.get(c, 0) + count
+        length, first = outline[a], version[a]
         for c, count in mine.items():
-            heapq.heappush(waiting, entry(a, c, count))
+            shorter = outline[c] if outline[c] < length else length
+            heapq.heappush(waiting, (-count / (shorter or 1), a, c, first, version[c]))
     return nodes
 
 
-def _in_rows(nodes: list[Node], sizes: list[int]) -> tuple[list[int], dict[int, tuple[int, int]]]:
-    """Pieces in an order in which each union is one stretch of pixels, and all these stretches."""
+def _in_rows(
+    nodes: list[Node], sizes: list[int], alone: list[int]
+) -> tuple[list[int], dict[int, tuple[int, int]]]:
+    """Pieces in an order in which each union is one stretch of pixels, and all these stretches.
+
+    Of the pieces that are in no union those `alone`.
+    """
     inside = {part for one, other, _ in nodes for part in (one, other)}
-    waiting = [n for n in reversed(range(len(sizes) + len(nodes))) if n not in inside]
+    every = (*range(len(sizes), len(sizes) + len(nodes)), *alone)
+    waiting = [n for n in every if n not in inside]
     leaves, spans, at = list[int](), dict[int, tuple[int, int]](), 0
     while waiting:
         n = waiting.pop()
