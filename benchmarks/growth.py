@@ -29,7 +29,6 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks import command_line
 from benchmarks.graph.building import Building
 from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import on_disk, resident
@@ -39,6 +38,7 @@ from hereabouts.cli.console import note, print_table, write_json
 from kg.history.replay.map_state import Categories, present_state
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import open_map
+from lab import command_line
 from planner.search.goals.status import status
 
 SIZES: Final = (1000, 10_000)  # objects

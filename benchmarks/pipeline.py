@@ -3,21 +3,29 @@
 Times each stage alone (reading; the detector, opened and run on frames in memory; the rest on
 frames and detections in memory) and the whole run, in turns, so that all meet the same machine.
 Prints Markdown rows of medians: a pipeline is at best as fast as its slowest stage.
+
+With `--rules` instead the processor time of `Mapper.add` a frame, of the default rules and of the
+thesis' own (`--mode reference`), on the same detections, without networks and with all that maps in
+folders have. Exits with 1 where the default rules take more than twice the time.
 """
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
-from kg.serving.opening import in_memory_map
+from kg.serving.opening import create_map, in_memory_map
 from lab.command_line import parser_of
+from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions, Mode
 from mapping.recording_mapper import map_recording
 from perception.frames import Detections, Detector, Frame, Recording, SceneClassifier
 from perception.inference.detector_pair import RememberingDetector
@@ -29,6 +37,11 @@ HEADER = (
     "| recording | frames | read | detect | rest: map | one after the other "
     "| whole run | slowest / run |\n|---|---|---|---|---|---|---|---|"
 )
+RULES_HEADER = (
+    "| recording | frames | default rules: ms a frame | the thesis' rules | ratio |\n"
+    "|---|---|---|---|---|"
+)
+MAX_RATIO = 2.0  # of the processor time of the default rules and of the thesis' own
 
 
 class FirstFrames:
@@ -79,6 +92,31 @@ def measured(path: Path, detector_name: str, count: int, rounds: int) -> str:
     return f"| {' | '.join(columns)} |"
 
 
+def by_rules(path: Path, detector_name: str, count: int, rounds: int) -> tuple[str, float]:
+    """The row of one recording by the default and by the thesis' rules, and their ratio."""
+    recording = FirstFrames(open_recording(path), count)
+    recording.kept = list(recording.frames())
+    seen = _detected(recording, open_detector(detector_name))
+    modes: tuple[Mode, ...] = ("bayes", "reference")
+    seconds = [[_added(recording, seen, mode) for mode in modes] for _ in range(rounds)]
+    ratio = statistics.median(ours / theirs for ours, theirs in seconds)
+    ms = [1000 * statistics.median(part) / len(seen) for part in zip(*seconds, strict=True)]
+    columns = [path.name, str(len(seen)), *(f"{x:.1f}" for x in ms), f"{ratio:.2f}"]
+    return f"| {' | '.join(columns)} |", ratio
+
+
+def _added(recording: FirstFrames, seen: list[Detections], mode: Mode) -> float:
+    """Seconds of processor time in which `Mapper.add` maps all frames into a new folder."""
+    seconds = 0.0
+    with tempfile.TemporaryDirectory() as folder, create_map(Path(folder) / "map") as semantic_map:
+        mapper = Mapper(semantic_map, MappingOptions(mode=mode), recording=recording.name)
+        for frame, detections in zip(recording.kept, seen, strict=True):
+            before = time.process_time()
+            mapper.add(frame, detections)
+            seconds += time.process_time() - before
+    return seconds
+
+
 def _detected(recording: FirstFrames, detector: Detector) -> list[Detections]:
     return [detector.detect(frame) for frame in recording.frames()]
 
@@ -88,19 +126,35 @@ def _mapped(recording: Recording, detector: Detector, scene: SceneClassifier) ->
         map_recording(recording, semantic_map, detector, scene)
 
 
-def main() -> None:
-    """Print a row for each recording."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print a row for each recording; returns 1 where the default rules take too long."""
     parser = parser_of("benchmarks.pipeline", __doc__)
     parser.add_argument("recording", nargs="+", type=Path)
     parser.add_argument("--detector", default="default")
     parser.add_argument("--frames", type=int, default=250, help="of each recording")
     parser.add_argument("--rounds", type=int, default=3)
-    given = parser.parse_args()
+    parser.add_argument("--rules", action="store_true", help="compare with the thesis' rules")
+    given = parser.parse_args(argv)
+    if given.rules:
+        return _compare_rules(given)
     sys.stdout.write(HEADER + "\n")
     for path in given.recording:
         sys.stdout.write(measured(path, given.detector, given.frames, given.rounds) + "\n")
         sys.stdout.flush()
+    return 0
+
+
+def _compare_rules(given: argparse.Namespace) -> int:
+    slow = list[str]()
+    sys.stdout.write(RULES_HEADER + "\n")
+    for path in given.recording:
+        row, ratio = by_rules(path, given.detector, given.frames, given.rounds)
+        sys.stdout.write(row + "\n")
+        if ratio > MAX_RATIO:
+            slow.append(f"{path.name}: {ratio:.2f} times the thesis' rules, at most {MAX_RATIO:g}")
+    sys.stdout.write("\n".join([f"- gate: {line}" for line in slow or ["passed"]]) + "\n")
+    return 1 if slow else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

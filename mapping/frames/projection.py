@@ -50,6 +50,21 @@ def map_points(frame: Frame, stride: int, max_depth: float = math.inf) -> Floats
     return to_map(frame.T_map_cam, back_project(rows * stride, columns * stride, depths, frame.K))
 
 
+def bounds(points: Floats, outside: float) -> tuple[Floats, Floats]:
+    """Corners (3,) of the box of points (n, 3) without this share of them on either side.
+
+    The same as two percentiles, in a tenth of `np.percentile`'s time.
+    """
+    last = len(points) - 1
+    first = int(outside * last)
+    second = min(first + 1, last)
+    share = outside * last - first
+    ordered = np.partition(points.T, sorted({first, second, last - first, last - second}))
+    low = ordered[:, first] + share * (ordered[:, second] - ordered[:, first])
+    high = ordered[:, last - first]
+    return low, high - share * (high - ordered[:, last - second])
+
+
 def robot_at(frame: Frame) -> RobotRecord:
     """Robot pose of a camera: its position, and the heading [rad] of its axis seen from above."""
     T = frame.T_map_cam

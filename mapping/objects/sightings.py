@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.frames.projection import back_project, to_map
+from mapping.frames.projection import back_project, bounds, to_map
 from mapping.frames.sighting import Box, Floats, Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.detections.detection_fates import DetectionFates
@@ -99,7 +99,7 @@ class SightingExtractor:
         depth = surface.depth
         p_map = to_map(frame.T_map_cam, surface.centre)
         points = to_map(frame.T_map_cam, surface.points)
-        low, high = np.percentile(points, [5, 95], axis=0)
+        low, high = bounds(points, 0.05)
         x1, y1, x2, y2 = box
         height, width = frame.depth.shape
         scores: dict[tuple[str, str], float] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from statistics import median
 
 import numpy as np
 
@@ -116,7 +117,7 @@ class TrackUpdater:
 
     def assess(self, track: Track) -> None:
         """Compute existence and absence anew, from the evidence, the size and the time."""
-        size = float(np.median(track.sizes)) if track.sizes else 0.0
+        size = median(track.sizes) if track.sizes else 0.0
         prior = {c: size_log_likelihood(size, self.usual_size(c)) for c in track.evidence}
         track.assess(prior, self.departed(track, self.stamp - track.last_seen))
 

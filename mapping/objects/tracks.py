@@ -6,6 +6,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from statistics import median
 from typing import Any, Final
 
 import numpy as np
@@ -155,7 +156,7 @@ class Track:
             return
         if not sighting.cut:
             self.sizes.append(sighting.size)
-            self.size = float(np.median(self.sizes))
+            self.size = median(self.sizes)
         elif not self.sizes:
             self.size = max(self.size, sighting.size)
         self.add_box(sighting.low, sighting.high)

@@ -26,7 +26,8 @@ from mapping.objects.extents.surface_growth import Walls
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.tracks import Viewpoint, viewpoint
 from mapping.places.place_registry import PlaceRegistry
-from mapping.things.view_parts import MAX_LENGTH, AgreedPart, SeenPart, agreed_parts, parts_of
+from mapping.things.agreement import AgreedPart, SeenPart, agreed_parts
+from mapping.things.view_parts import MAX_LENGTH, parts_of
 from perception.annotate import decode_jpeg, encode_jpeg, object_picture
 from perception.depth_image import DepthImage
 from perception.frames import Frame

@@ -10,17 +10,14 @@ from __future__ import annotations
 
 import heapq
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.areas import along
-from perception.binary_masks import connected_components
-from perception.depth_image import DepthImage
+from perception.binary_masks import connected_components, with_neighbours
+from perception.depth_image import DepthImage, Planes, dot
 
 MAX_LENGTH: Final = 1.0  # [m] longest side of a thing, at most
 _MIN_LENGTH: Final = 0.06  # [m] of a part that a view shows
@@ -38,14 +35,17 @@ _LOW: Final = 0.03  # [m] ... or this, in which the outline may touch what carri
 _LEVEL: Final = 0.05  # [m] ... whose height differs by so much at most ...
 _NEAR: Final = 0.15  # [m] ... and which is so near
 _KEPT: Final = 200  # points of a part
+_MEASURED: Final = 1500  # of its pixels, at most, that tell how long it is
 _OUTSIDE: Final = 0.01  # share of a part's points that lie outside of it, on either side
 _AXES: Final = np.array(
-    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5**0.5, 0.5**0.5, 0), (0.5**0.5, -(0.5**0.5), 0)]
-).T
+    [(1, 0, 0), (0, 1, 0), (0, 0, 1), (0.5**0.5, 0.5**0.5, 0), (0.5**0.5, -(0.5**0.5), 0)],
+    np.float32,
+)
 
 Floats = NDArray[np.float64]
-Labels = NDArray[np.int64]
-Members = NDArray[np.intp]  # of pixels, in rows
+Labels = NDArray[np.int32]
+Indices = NDArray[np.intp]  # of pixels, pieces or parts
+Node = tuple[int, int, bool]  # two pieces or unions, and whether both are as large as a part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,32 +59,41 @@ class Part:
 def parts_of(image: DepthImage) -> list[Part]:
     """Parts of a view that stand out and are as large as a thing."""
     pieces = _pieces(image)
-    outlines = _Outlines(image)
     flat = pieces.ravel()
-    order = np.argsort(flat, kind="stable")
-    ends = np.searchsorted(flat[order], np.arange(flat.max(initial=-1) + 2))
-    members = [order[start:end] for start, end in pairwise(ends)]
-    free = np.array([not _is_background(image, mine) for mine in members], np.bool_)
-    candidates = [mine for mine, is_free in zip(members, free, strict=True) if is_free]
-    candidates += _unions(members, *_contacts(image, pieces, free))
-    found = (outlines.part(mine) for mine in candidates if len(mine) >= _MIN_PIXELS)
-    return [part for part in found if part is not None]
+    count = int(flat.max(initial=-1)) + 1
+    if not count:
+        return []
+    small = flat.astype(np.int16) if count < 1 << 15 else flat  # is sorted several times as fast
+    order = np.argsort(small, kind="stable")
+    ends = np.searchsorted(flat[order], np.arange(count + 1))
+    sizes = np.diff(ends)
+    free = ~_are_background(image, order[ends[0] :], ends[:-1] - ends[0], sizes)
+    nodes = _unions(sizes.tolist(), *_contacts(image, pieces, free))
+    alone = np.flatnonzero(free & (sizes >= _MIN_PIXELS)).tolist()
+    leaves, spans = _in_rows(nodes, sizes.tolist(), alone)
+    chosen = [spans[n] for n in alone]
+    chosen += [spans[len(sizes) + n] for n, (_, _, large) in enumerate(nodes) if large]
+    if not chosen:
+        return []
+    pixels = np.concatenate([order[ends[leaf] : ends[leaf + 1]] for leaf in leaves])
+    starts = np.cumsum([0, *sizes[leaves]])
+    return _Stretches(image, flat, pixels, starts, np.array(chosen)).parts()
 
 
 def _pieces(image: DepthImage) -> Labels:
     """(h, w) number of the piece of each pixel, -1 where depth is unknown."""
     points, normals = image.points, image.normals
-    known = (normals != 0).any(-1)
+    known = dot(normals, normals) > 0
     edge = ~known
     for y, x in ((0, _REACH), (_REACH, 0), (_DIAGONAL, _DIAGONAL), (_DIAGONAL, -_DIAGONAL)):
         one, middle, other = _in_line(edge.shape, y, x)
-        between = points[other] - points[one]
-        off = (between * normals[one]).sum(-1), -(between * normals[other]).sum(-1)
-        in_front = np.maximum(*off) > image.apart[middle]
+        between = points[:, *other] - points[:, *one]
+        in_front = dot(between, normals[:, *one]) > image.apart[middle]
+        in_front |= -dot(between, normals[:, *other]) > image.apart[middle]
         edge[middle] |= known[one] & known[other] & in_front
-    pieces = connected_components(~edge)
+    pieces = connected_components(~edge).astype(np.int32)
     for _ in range(_REACH + 1):
-        pieces = _grown(image, pieces)
+        _grow(image, pieces)
     return pieces
 
 
@@ -97,253 +106,229 @@ def _in_line(shape: tuple[int, ...], y: int, x: int) -> tuple[tuple[slice, slice
     return tuple(found)
 
 
-def _grown(image: DepthImage, pieces: Labels) -> Labels:
-    """Pieces with the pixels beside them that have none and are about as deep."""
-    result, best = pieces.copy(), 2 * image.apart
-    for y, x in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-        beside, depth = np.roll(pieces, (y, x), (0, 1)), np.roll(image.depth, (y, x), (0, 1))
-        apart = np.abs(depth - image.depth)
-        taken = (pieces < 0) & (beside >= 0) & (image.depth > 0) & (apart < best)
-        result[taken], best[taken] = beside[taken], apart[taken]
-    return result
+def _grow(image: DepthImage, pieces: Labels) -> None:
+    """Add to pieces the pixels beside them that have none and are about as deep."""
+    flat, depth = pieces.ravel(), image.depth.ravel()  # unknown along the border of the image
+    free = np.flatnonzero(with_neighbours(pieces >= 0) & (pieces < 0) & (image.depth > 0))
+    here, best, found = depth[free], 2 * image.apart.ravel()[free], flat[free]
+    for step in (-1, 1, -pieces.shape[1], pieces.shape[1]):
+        beside, apart = flat[free + step], np.abs(depth[free + step] - here)
+        taken = (beside >= 0) & (apart < best)
+        found[taken], best[taken] = beside[taken], apart[taken]
+    flat[free] = found
 
 
-def _is_background(image: DepthImage, mine: Members) -> bool:
-    """Whether a piece is too long for a thing, or carries things."""
-    if len(mine) < _MIN_PIXELS:
-        return False
-    length = _length(image.points.reshape(-1, 3)[mine])
-    level = image.normals.reshape(-1, 3)[mine, 2].mean() > _UP
-    return length > MAX_LENGTH or bool(level and image.area.ravel()[mine].sum() > _CARRYING)
+def _are_background(
+    image: DepthImage, pixels: Indices, starts: Indices, sizes: Indices
+) -> NDArray[np.bool_]:
+    """Which pieces are too long for a thing, or carry things; from `starts` on of `pixels`."""
+    large = sizes >= _MIN_PIXELS
+    up = np.add.reduceat(image.normals[2].ravel()[pixels], starts, dtype=np.float64) / sizes
+    area = np.add.reduceat(image.area.ravel()[pixels], starts, dtype=np.float64)
+    found = large & (up > _UP) & (area > _CARRYING)
+    along = _AXES @ image.points.reshape(3, -1)[:, pixels]
+    ends = (edge.reduceat(along, starts, axis=1) for edge in (np.maximum, np.minimum))
+    longest = np.subtract(*ends).max(0)
+    for n in np.flatnonzero(large & ~found & (longest > MAX_LENGTH)):
+        low, high = _ends(along[:, starts[n] : starts[n] + sizes[n]])
+        found[n] = (high - low).max() > MAX_LENGTH
+    return found
 
 
-def _length(points: Floats) -> float:
-    """Longest side [m] of the box around points (n, 3), along x, y and z or between x and y."""
-    low, high = _ends(points @ _AXES)
-    return float((high - low).max())
-
-
-def _ends(values: Floats) -> Floats:
-    """The lowest and the highest of values (n, ...), without the _OUTSIDE share of them."""
-    low = int(_OUTSIDE * len(values))
-    ends = (low, len(values) - 1 - low)
-    return np.partition(values, ends, axis=0)[list(ends)]
+def _ends(values: Planes) -> tuple[Planes, Planes]:
+    """The lowest and the highest of values (..., n), without the _OUTSIDE share of them."""
+    low = int(_OUTSIDE * values.shape[-1])
+    high = values.shape[-1] - 1 - low
+    if low == 0:
+        return values.min(-1), values.max(-1)
+    ends = np.partition(values, (low, high))
+    return ends[..., low], ends[..., high]
 
 
 def _contacts(
     image: DepthImage, pieces: Labels, free: NDArray[np.bool_]
 ) -> tuple[dict[tuple[int, int], int], list[int]]:
     """Pixels in which free pieces touch, by their numbers, and the outline of each piece."""
-    found, outline = defaultdict[tuple[int, int], int](int), np.zeros(len(free), np.int64)
-    for one, other in (
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[:-1], np.s_[1:]),
-    ):
-        a, b = pieces[one].ravel(), pieces[other].ravel()
-        apart = np.abs(image.depth[one] - image.depth[other]).ravel()
-        differ = a != b
+    n, outline, found = len(free), np.zeros(len(free), np.int64), list[Indices]()
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        differ = np.flatnonzero(pieces[one] != pieces[other])
+        a, b = pieces[one].ravel()[differ], pieces[other].ravel()[differ]
         for side in (a, b):
-            outline += np.bincount(side[differ & (side >= 0)], minlength=len(free))
-        touch = differ & (a >= 0) & (b >= 0) & (apart < 2 * image.apart[one].ravel())
-        pairs = np.sort(np.stack([a[touch], b[touch]], 1), axis=1)
-        pairs = pairs[free[pairs].all(1)]
-        for (low, high), count in zip(*_counted(pairs), strict=True):
-            found[int(low), int(high)] += int(count)
-    return dict(found), outline.tolist()
-
-
-def _counted(pairs: Labels) -> tuple[Labels, NDArray[np.intp]]:
-    different, counts = np.unique(pairs, axis=0, return_counts=True)
-    return different, counts
+            outline += np.bincount(side[side >= 0], minlength=n)
+        apart = np.abs(image.depth[one] - image.depth[other]).ravel()[differ]
+        touch = (a >= 0) & (b >= 0) & (apart < 2 * image.apart[one].ravel()[differ])
+        touch &= free[a] & free[b]
+        a, b = a[touch].astype(np.intp), b[touch].astype(np.intp)
+        found.append(np.minimum(a, b) * n + np.maximum(a, b))
+    pairs, counts = np.unique(np.concatenate(found), return_counts=True)
+    a, b = np.divmod(pairs, n)
+    contacts = zip(zip(a.tolist(), b.tolist(), strict=True), counts.tolist(), strict=True)
+    return dict(contacts), outline.tolist()
 
 
 def _unions(
-    members: list[Members], contacts: dict[tuple[int, int], int], outline: list[int]
-) -> Iterator[Members]:
-    """Unions of touching pieces, those first that share most of the shorter outline."""
+    sizes: list[int], contacts: dict[tuple[int, int], int], outline: list[int]
+) -> list[Node]:
+    """Unions of touching pieces, those first that share most of the shorter outline.
+
+    They are numbered after the pieces, in the order in which they are made.
+    """
     touching = defaultdict[int, dict[int, int]](dict)
     for (a, b), count in contacts.items():
         touching[a][b] = touching[b][a] = count
-    parts, version = dict(enumerate(members)), [0] * len(members)
+    size, version, nodes = [*sizes], [0] * len(sizes), list[Node]()
+    number = {a: a for a in touching}
 
-    def entry(a: int, b: int) -> tuple[float, int, int, int, int]:
-        share = touching[a][b] / max(min(outline[a], outline[b]), 1)
-        return -share, a, b, version[a], version[b]
-
-    waiting = [entry(a, b) for a, b in contacts]
+    waiting = [
+        (-count / (min(outline[a], outline[b]) or 1), a, b, 0, 0)
+        for (a, b), count in contacts.items()
+    ]
     heapq.heapify(waiting)
     while waiting:
         _, a, b, first, second = heapq.heappop(waiting)
-        if a not in parts or b not in parts or (version[a], version[b]) != (first, second):
+        if a not in number or b not in number or version[a] != first or version[b] != second:
             continue
-        large = len(parts[b]) >= _MIN_PIXELS
-        parts[a] = np.concatenate([parts[a], parts.pop(b)])
+        nodes.append((number[a], number.pop(b), size[b] >= _MIN_PIXELS))
+        number[a] = len(sizes) + len(nodes) - 1
         outline[a] += outline[b] - 2 * touching[a][b]
+        size[a] += size[b]
         version[a] += 1
+        mine = touching[a]
         for c, count in touching.pop(b).items():
             del touching[c][b]
             if c != a:
-                touching[a][c] = touching[c][a] = touching[a].get(c, 0) + count
-        if large:
-            yield parts[a]
-        for c in touching[a]:
-            heapq.heappush(waiting, entry(a, c))
+                mine[c] = touching[c][a] = mine.get(c, 0) + count
+        length, first = outline[a], version[a]
+        for c, count in mine.items():
+            shorter = outline[c] if outline[c] < length else length
+            heapq.heappush(waiting, (-count / (shorter or 1), a, c, first, version[c]))
+    return nodes
 
 
-class _Outlines:
-    """Outlines of the parts of an image, and what lies beside them."""
+def _in_rows(
+    nodes: list[Node], sizes: list[int], alone: list[int]
+) -> tuple[list[int], dict[int, tuple[int, int]]]:
+    """Pieces in an order in which each union is one stretch of pixels, and all these stretches.
 
-    def __init__(self, image: DepthImage) -> None:
-        self._image, self._size = image, image.depth.shape
-        self._points = image.points.reshape(-1, 3)
-        self._normals = image.normals.reshape(-1, 3)
-        self._depth, self._apart = image.depth.ravel(), image.apart.ravel()
-        self._inside = np.zeros(image.depth.size, np.bool_)
-
-    def part(self, mine: Members) -> Part | None:
-        """The part of these pixels, if it stands out, is whole and as large as a thing."""
-        (height, width), far = self._size, _REACH + 1
-        rows, columns = np.divmod(mine, width)
-        if min(rows.min(), columns.min()) < far or rows.max() >= height - far:
-            return None
-        if columns.max() >= width - far or np.median(self._depth[mine]) > _MAX_DISTANCE:
-            return None
-        points = self._points[mine]
-        if not _MIN_LENGTH <= _length(points) <= MAX_LENGTH:
-            return None
-        low, high = _ends(points[:, 2])
-        self._inside[mine] = True
-        stands_out, carried = self._beside(mine, low, high)
-        self._inside[mine] = False
-        if stands_out < _STANDS_OUT:
-            return None
-        return Part(points[:: -(-len(mine) // _KEPT)].astype(np.float32), carried)
-
-    def _beside(self, mine: Members, low: float, high: float) -> tuple[float, float]:
-        """Shares of the outline that lies behind or carries the part, and of the lower one."""
-        width, far = self._size[1], _REACH + 1
-        pairs = [
-            (edge, edge + far * step)
-            for step in (1, -1, width, -width)
-            for edge in (mine[~self._inside[mine + step]],)
-        ]
-        here, there = (np.concatenate(some) for some in zip(*pairs, strict=True))
-        out = ~self._inside[there]
-        here, there = here[out], there[out]
-        lower = self._points[here, 2] < low + max(_LOW, _BOTTOM * (high - low))
-        below, known = int(lower.sum()), self._depth[there] > 0
-        here, there, lower = here[known], there[known], lower[known]
-        if len(here) < _OUTLINE:
-            return 0.0, 0.0
-        between, apart = self._points[there] - self._points[here], self._apart[here]
-        off = (between * self._normals[here]).sum(1)
-        deeper = self._depth[there] - self._depth[here]
-        normal, middle = self._normals[mine].mean(0), self._points[mine].mean(0)
-        front = (self._points[there] - middle) @ normal
-        behind = (front < -apart * np.linalg.norm(normal)) | (deeper > _STEP * apart)
-        level = self._normals[there, 2] > _UP
-        carries = ~behind & (off > apart) & level
-        level &= lower & (self._points[there, 2] < middle[2] - apart)
-        level &= np.abs(self._points[there, 2] - low) < _LEVEL + apart
-        level &= (between**2).sum(1) < _NEAR**2
-        return float((behind | carries).mean()), float(level.sum() / max(below, 1))
-
-
-_SAME: Final = 0.4  # overlap of boxes of one part in two views
-_VIEWS: Final = 2  # that show a thing, at least
-_CARRIED: Final = 0.1  # share of the lower outline that touches something level, on average
-_OTHER: Final = 0.3  # share of the smaller box that two things have in common, at most
-_AROUND: Final = 0.0125  # [m] around the points of a part; a thin one has a box, too
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeenPart:
-    """A part and the view that shows it."""
-
-    part: Part
-    view: int
-    stamp: float  # [s]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class AgreedPart:
-    """A part that views agree on, along axes turned as the walls."""
-
-    low: Floats  # (3,) [m] corners of its box
-    high: Floats
-    seen: tuple[SeenPart, ...]  # once in each view
-
-
-class _Boxes:
-    """Boxes of parts in order of their middles along x, and how they overlap."""
-
-    def __init__(self, seen: Sequence[SeenPart], yaw: float) -> None:
-        ends = [_longest_ends(one.part.points, yaw) for one in seen]
-        low, high = np.array(ends).reshape(-1, 2, 3).transpose(1, 0, 2)
-        self.order = np.argsort(low[:, 0] + high[:, 0], kind="stable")
-        self.low, self.high = low[self.order], high[self.order]
-        self.view = np.array([one.view for one in seen], np.int64)[self.order]
-        self.middle = (self.low[:, 0] + self.high[:, 0]) / 2
-        self.volume = (self.high - self.low).prod(1)
-        self.longest = (self.high - self.low).max(1)
-
-    def shared(self, one: int) -> tuple[NDArray[np.intp], Floats]:
-        """The boxes near one, and the volumes [m^3] that they have in common with it."""
-        reach = np.array([-1, 1]) * (MAX_LENGTH + 2 * _AROUND)
-        near = np.arange(*np.searchsorted(self.middle, self.middle[one] + reach))
-        sides = np.minimum(self.high[near], self.high[one])
-        sides = sides - np.maximum(self.low[near], self.low[one])
-        return near, np.maximum(sides, 0).prod(1)
-
-    def alike(self, one: int) -> tuple[NDArray[np.intp], Floats]:
-        """The boxes that may be the same part as one, most alike first, and the overlaps."""
-        near, shared = self.shared(one)
-        overlap = shared / (self.volume[near] + self.volume[one] - shared)
-        order = np.argsort(-overlap, kind="stable")
-        order = order[overlap[order] >= _SAME]
-        return near[order], overlap[order]
-
-
-def _longest_ends(points: NDArray[np.float32], yaw: float) -> Floats:
-    low, high = np.percentile(along(points.astype(np.float64), yaw), (1, 99), axis=0)
-    return np.stack([low - _AROUND, high + _AROUND])
-
-
-def agreed_parts(seen: Sequence[SeenPart], yaw: float) -> list[AgreedPart]:
-    """Parts that most views agree on, first those of more views and of more size.
-
-    Two that overlap are never both in the result. `yaw` [rad] turns their boxes.
+    Of the pieces that are in no union those `alone`.
     """
-    if not seen:
-        return []
-    boxes = _Boxes(seen, yaw)
-    alike, alive = [boxes.alike(one) for one in range(len(seen))], np.ones(len(seen), np.bool_)
-
-    def agreeing(one: int) -> tuple[float, NDArray[np.intp]]:
-        others, overlap = alike[one]
-        kept = alive[others]
-        others, overlap = others[kept], overlap[kept]
-        first = np.unique(boxes.view[others], return_index=True)[1]
-        return -float(overlap[first].sum() * boxes.longest[one] ** 0.5), others[first]
-
-    waiting, found = [(agreeing(one)[0], one) for one in range(len(seen))], list[AgreedPart]()
-    heapq.heapify(waiting)
+    inside = {part for one, other, _ in nodes for part in (one, other)}
+    every = (*range(len(sizes), len(sizes) + len(nodes)), *alone)
+    waiting = [n for n in every if n not in inside]
+    leaves, spans, at = list[int](), dict[int, tuple[int, int]](), 0
     while waiting:
-        before, one = heapq.heappop(waiting)
-        if not alive[one]:
-            continue
-        worth, others = agreeing(one)
-        if worth > before + 1e-9:
-            heapq.heappush(waiting, (worth, one))
-            continue
-        members = tuple(seen[boxes.order[other]] for other in others)
-        carried = np.mean([member.part.carried for member in members])
-        if len(members) < _VIEWS or carried < _CARRIED:
-            alive[one] = False
-            continue
-        low, high = np.median(boxes.low[others], axis=0), np.median(boxes.high[others], axis=0)
-        found.append(AgreedPart(low, high, members))
-        near, shared = boxes.shared(one)
-        alive[near[shared > _OTHER * np.minimum(boxes.volume[near], boxes.volume[one])]] = False
-        alive[one] = False
-    return found
+        n = waiting.pop()
+        if n < len(sizes):
+            spans[n] = at, at + sizes[n]
+            at += sizes[n]
+            leaves.append(n)
+        else:
+            waiting += nodes[n - len(sizes)][1::-1]
+    for n, (one, other, _) in enumerate(nodes, len(sizes)):
+        spans[n] = spans[one][0], spans[other][1]
+    return leaves, spans
+
+
+class _Stretches:
+    """Candidates for parts: from `spans[:, 0]` to `spans[:, 1]` of `pixels` of an image.
+
+    `pieces` has the number of each pixel's piece, `starts` where in `pixels` each piece begins.
+    """
+
+    def __init__(
+        self, image: DepthImage, pieces: Labels, pixels: Indices, starts: Indices, spans: Indices
+    ) -> None:
+        self._image, self._pieces, self._pixels = image, pieces, pixels
+        self._starts, self._spans = starts, spans
+        self._points = image.points.reshape(3, -1)
+        self._normals = image.normals.reshape(3, -1)
+        self._depth, self._apart = image.depth.ravel(), image.apart.ravel()
+        (height, width), far = image.depth.shape, _REACH + 1
+        margin = np.ones((height, width), np.bool_)
+        margin[far : height - far, far : width - far] = False
+        self._margin = margin.ravel()
+
+    def parts(self) -> list[Part]:
+        """Those that stand out, are whole and as large as a thing."""
+        low, high = self._whole()
+        if not len(low):
+            return []
+        stands_out, carried = self._beside(low, high)
+        right = np.flatnonzero(stands_out >= _STANDS_OUT)
+        some = [np.arange(s, e, -(-(e - s) // _KEPT)) for s, e in self._spans[right].tolist()]
+        return [
+            Part(np.ascontiguousarray(self._points[:, self._pixels[at]].T), float(share))
+            for at, share in zip(some, carried[right], strict=True)
+        ]
+
+    def _sums(self, values: NDArray[Any]) -> Floats:
+        """Sums of values (..., n) of all pixels, of each candidate."""
+        sums = np.add.reduceat(values, self._starts[:-1], axis=-1, dtype=np.float64)
+        sums = np.concatenate([np.zeros((*values.shape[:-1], 1)), sums], axis=-1).cumsum(-1)
+        first, last = np.searchsorted(self._starts, self._spans).T
+        return np.asarray(sums[..., last] - sums[..., first])
+
+    def _whole(self) -> tuple[Floats, Floats]:
+        """Keep the whole ones that are as large as a thing; returns lowest and highest z [m]."""
+        cut, far = self._margin[self._pixels], self._depth[self._pixels] > _MAX_DISTANCE
+        good = (self._sums(cut) == 0) & (self._sums(far) * 2 <= np.diff(self._spans)[:, 0])
+        self._spans = self._spans[good]
+        along = _AXES @ self._points[:, self._pixels]
+        ends = [_ends(along[:, s : e : 1 + (e - s) // _MEASURED]) for s, e in self._spans.tolist()]
+        low, high = np.array(ends, np.float64).reshape(-1, 2, len(_AXES)).transpose(1, 0, 2)
+        length = (high - low).max(1)
+        good = (length >= _MIN_LENGTH) & (length <= MAX_LENGTH)
+        self._spans = self._spans[good]
+        return low[good, 2], high[good, 2]
+
+    def _outline(self) -> tuple[Indices, Indices, Indices, Indices]:
+        """Pixels in outlines, those beyond them, and pairs: which of these, of which candidate."""
+        far, width = _REACH + 1, self._image.depth.shape[1]
+        rank = np.full(self._depth.size, -1)
+        rank[self._pixels] = np.arange(len(self._pixels))
+        inner = self._pixels[~self._margin[self._pixels]]
+        edges = list[tuple[Indices, Indices, Indices]]()
+        for step in (1, -1, width, -width):
+            edge = inner[self._pieces[inner] != self._pieces[inner + step]]
+            edges.append((edge, rank[edge + step], edge + far * step))
+        here, beside, there = map(np.concatenate, zip(*edges, strict=True))
+        order = np.argsort(rank[here], kind="stable")
+        here, beside, there = here[order], beside[order], there[order]
+        first, last = np.searchsorted(rank[here], self._spans).T
+        of = np.repeat(np.arange(len(first)), last - first)
+        pair = np.arange(len(of)) - np.repeat(np.cumsum(last - first) - last, last - first)
+        low, high = self._spans[of].T
+        outside = (beside[pair] < low) | (beside[pair] >= high)
+        pair, of, low, high = pair[outside], of[outside], low[outside], high[outside]
+        beyond = rank[there][pair]
+        outside = (beyond < low) | (beyond >= high)
+        return here, there, pair[outside], of[outside]
+
+    def _beside(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """Shares of outlines that lie behind or carry a part, and of the lower ones."""
+        here, there, pair, of = self._outline()
+        n, points = len(low), self._points[:, there]
+        between, apart = points - self._points[:, here], self._apart[here]
+        known = self._depth[there] > 0
+        off = dot(between, self._normals[:, here]) > apart
+        deeper = self._depth[there] - self._depth[here] > np.float32(_STEP) * apart
+        level = self._normals[2, there] > _UP
+        near = level & (dot(between, between) < _NEAR**2)
+        lower = self._points[2, here][pair] < (low + np.maximum(_LOW, _BOTTOM * (high - low)))[of]
+        below = np.bincount(of[lower], minlength=n)
+        pair, of, lower = (part[known[pair]] for part in (pair, of, lower))
+        count, apart = np.bincount(of, minlength=n), apart[pair]
+        middle, normal = (
+            self._sums(some[:, self._pixels]) / np.diff(self._spans)[:, 0]
+            for some in (self._points, self._normals)
+        )
+        ahead = sum(points[k][pair] * normal[k].astype(np.float32)[of] for k in range(3))
+        ahead = ahead - (middle * normal).sum(0).astype(np.float32)[of]
+        behind = ahead < -apart * np.sqrt((normal**2).sum(0)).astype(np.float32)[of]
+        behind |= deeper[pair] | (off & level)[pair]
+        z = points[2][pair]
+        carrying = lower & near[pair] & (z < middle[2][of] - apart)
+        carrying &= np.abs(z - low[of]) < _LEVEL + apart
+        stands_out = np.bincount(of[behind], minlength=n) / np.maximum(count, 1)
+        stands_out[count < _OUTLINE] = 0
+        return stands_out, np.bincount(of[carrying], minlength=n) / np.maximum(below, 1)

@@ -10,12 +10,13 @@ depth is the same as a wrong length of the motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from perception.camera.poses import motion_of
+from perception.camera.poses import cross, motion_of
 
 Floats = NDArray[np.float64]
 
@@ -159,24 +160,19 @@ def plane_residuals(
     None with too few points nearer than `gate` [m] to the plane that the camera shows there.
     """
     seen, rows, columns = nearest_pixels(a, points)
-    z = a.depth[rows, columns]
-    target = np.column_stack(
-        [
-            (columns - a.K[0, 2]) * z / a.K[0, 0],
-            (rows - a.K[1, 2]) * z / a.K[1, 1],
-            z,
-        ]
-    )
-    p, n = points[seen], normals[rows, columns]
+    z, p, n = a.depth[rows, columns], points[seen], normals[rows, columns]
     with np.errstate(invalid="ignore"):
-        off = np.einsum("ij,ij->i", target - p, n)
-        used = np.abs(off) < gate  # nan compares false
-    if used.sum() < MIN_POINTS:
+        off = ((columns - a.K[0, 2]) * z / a.K[0, 0] - p[:, 0]) * n[:, 0]
+        off += ((rows - a.K[1, 2]) * z / a.K[1, 1] - p[:, 1]) * n[:, 1]
+        off += (z - p[:, 2]) * n[:, 2]
+        used = np.flatnonzero(np.abs(off) < gate)  # nan compares false
+    if len(used) < MIN_POINTS:
         return None
-    p, n, off = p[used], n[used], off[used]
-    return np.hstack([np.cross(p, n), n]), off, p[:, 2]
+    p, n = p[used], n[used]
+    return np.hstack([cross(p, n), n]), off[used], p[:, 2]
 
 
+@lru_cache(maxsize=2)
 def surface_normals(camera: DepthSamples) -> Floats:
     """Unit normals (h, w, 3) by central differences; nan at edges and borders."""
     height, width = camera.depth.shape
@@ -184,7 +180,7 @@ def surface_normals(camera: DepthSamples) -> Floats:
     z, K = camera.depth, camera.K
     p = np.stack([(columns - K[0, 2]) * z / K[0, 0], (rows - K[1, 2]) * z / K[1, 1], z], axis=2)
     found = np.full(p.shape, np.nan)
-    n = np.cross(p[2:, 1:-1] - p[:-2, 1:-1], p[1:-1, 2:] - p[1:-1, :-2])
+    n = cross(p[2:, 1:-1] - p[:-2, 1:-1], p[1:-1, 2:] - p[1:-1, :-2])
     with np.errstate(invalid="ignore", divide="ignore"):
-        found[1:-1, 1:-1] = n / np.linalg.norm(n, axis=2, keepdims=True)
+        found[1:-1, 1:-1] = n / np.sqrt((n * n) @ np.ones((3, 1)))
     return found

@@ -31,6 +31,7 @@ _EDGE: Final = 0.05  # relative change of depth around a corner that lies on an 
 _MIN_AROUND: Final = 6  # of 9 pixels around a corner that have depth
 _CORNERS: Final = 12  # grey levels by which a corner differs from its surroundings
 _CONTRAST: Final = 0.015  # of a corner of SIFT
+_NO_IMAGE: Final = np.zeros((0, 0), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,13 +71,18 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    def strongest(self, count: int) -> Features:
+        """The first ones, without the image."""
+        pixels, points, descriptors = self.pixels[:count], self.points[:count], self.descriptors
+        return Features(_NO_IMAGE, self.samples, pixels, points, descriptors[:count])
+
     @classmethod
     def none(cls) -> Features:
         """No features, and no image."""
         grid = np.zeros((0, 0), np.float32)
         samples = DepthSamples(grid, np.eye(3), np.zeros((0, 3), np.float32))
         return cls(
-            np.zeros((0, 0), np.uint8),
+            _NO_IMAGE,
             samples,
             np.zeros((0, 2)),
             np.zeros((0, 3)),
@@ -89,11 +95,14 @@ class FeatureDetector:
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(MAX_FEATURES, 1.2, 8, fastThreshold=_CORNERS)
+        self._last: tuple[Image, Features] | None = None
 
     def features(self, image: Image) -> Features:
-        """Features of an image."""
-        corners, descriptors = self._orb.detectAndCompute(image.grey, None)
-        return _with_depth(image, corners, np.asarray(descriptors))
+        """Features of an image; those of the last one are kept."""
+        if self._last is None or self._last[0] is not image:
+            corners, descriptors = self._orb.detectAndCompute(image.grey, None)
+            self._last = image, _with_depth(image, corners, np.asarray(descriptors))
+        return self._last[1]
 
 
 class ScaleFeatureDetector:

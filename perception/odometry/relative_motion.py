@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import Agreement, agreement, plane_residuals, surface_normals
-from perception.camera.poses import Pose, inverse, logarithms, motion_of, rigid, skew
+from perception.camera.poses import Pose, cross, inverse, logarithms, motion_of, rigid
 from perception.odometry.features import Features, Image, depth_at, matched
 
 Floats = NDArray[np.float64]
@@ -24,6 +24,7 @@ MIN_COARSE: Final = 10  # inliers of a motion that flow is to refine
 REPROJECTION: Final = 3.0  # [px] of an inlier
 BASELINE: Final = 40.0  # [px m] focal length times the baseline of the stereo camera stood for
 MAX_FLOW_POINTS: Final = 200
+MAX_MATCHED: Final = 500  # strongest features of an image whose looks are compared
 _MAX_FLOW: Final = 4.0  # [px] from a guess to where a corner is found, on the top of the pyramid
 _WINDOW: Final = 15  # [px] that are compared around a corner
 _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)  # [px]
@@ -53,7 +54,7 @@ def motion_by_features(first: Features, second: Features, image: Image) -> Relat
     Where the motion that most features show is not that of the image, since they are on something
     that moves with the camera, that of the others is tried.
     """
-    a, b = matched(first, second)
+    a, b = matched(first.strongest(MAX_MATCHED), second.strongest(MAX_MATCHED))
     for _ in range(_ATTEMPTS):
         coarse, inliers = _coarse(first, second, a, b, image.K)
         if not len(inliers):
@@ -144,18 +145,22 @@ def refined(
     """
     for _ in range(_ITERATIONS):
         residuals, J = linearised(points, pixels, z, K, T)
-        norm = np.linalg.norm(residuals, axis=1)
+        norm = np.sqrt((residuals * residuals) @ np.ones(3))
         weight = np.where(norm < _HUBER, 1.0, _HUBER / np.maximum(norm, 1e-9)) * (norm < _CUT)
-        weighted = J * weight[:, None, None]
-        H = np.tensordot(weighted, J, ((0, 1), (0, 1)))
-        g = np.tensordot(weighted, residuals, ((0, 1), (0, 1)))
-        if not np.isfinite(H).all() or np.linalg.cond(H) > 1e12:
+        rows = J.reshape(-1, 6)
+        weighted = rows * np.repeat(weight, 3)[:, None]
+        H, g = weighted.T @ rows, weighted.T @ residuals.ravel()
+        if not np.isfinite(H).all():
+            return None
+        lengths = np.linalg.eigvalsh(H)
+        if not lengths[0] * 1e12 > lengths[-1]:
             return None
         step = -np.linalg.solve(H, g)
         T = motion_of(step) @ T
         if np.abs(step).max() < 1e-5:
             break
-    norm = np.linalg.norm(linearised(points, pixels, z, K, T)[0], axis=1)
+    residuals = linearised(points, pixels, z, K, T)[0]
+    norm = np.sqrt((residuals * residuals) @ np.ones(3))
     inliers = int((norm < REPROJECTION).sum())
     if inliers < least:
         return None
@@ -172,13 +177,17 @@ def linearised(
     x, y = p[:, 0] / depth, p[:, 1] / depth
     known = np.isfinite(z)
     disparity = np.where(known, BASELINE * (1 / depth - 1 / np.where(known, z, 1.0)), 0.0)
-    u, v = fx * x + K[0, 2] - pixels[:, 0], fy * y + K[1, 2] - pixels[:, 1]
-    to_p = np.zeros((len(p), 3, 3))
-    to_p[:, 0, 0], to_p[:, 0, 2] = fx / depth, -fx * x / depth
-    to_p[:, 1, 1], to_p[:, 1, 2] = fy / depth, -fy * y / depth
-    to_p[:, 2, 2] = np.where(known, -BASELINE / depth**2, 0.0)
-    moved = np.concatenate([-skew(p), np.broadcast_to(np.eye(3), (len(p), 3, 3))], axis=2)
-    return np.stack([u, v, disparity], axis=1), to_p @ moved
+    residuals, J = np.empty((len(p), 3)), np.zeros((len(p), 3, 6))
+    residuals[:, 0], residuals[:, 1] = (
+        fx * x + K[0, 2] - pixels[:, 0],
+        fy * y + K[1, 2] - pixels[:, 1],
+    )
+    residuals[:, 2] = disparity
+    J[:, 0, 3], J[:, 0, 5] = fx / depth, -fx * x / depth
+    J[:, 1, 4], J[:, 1, 5] = fy / depth, -fy * y / depth
+    J[:, 2, 5] = np.where(known, -BASELINE / depth**2, 0.0)
+    J[:, :, :3] = cross(p[:, None], J[:, :, 3:])  # by a small rotation
+    return residuals, J
 
 
 def with_depth(measured: RelativeMotion, first: Features, second: Image) -> RelativeMotion:

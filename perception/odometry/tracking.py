@@ -155,11 +155,11 @@ class Odometry:
                 measured = None
         if measured is not None and self._is_near(measured):
             return self._track(last, last.key, measured)
+        if measured is None and not self._lost:
+            last = self._promoted(last)  # the features of the last image may be at hand
         features = self._detector.features(image)
         number = last.key
         if measured is None:
-            if not self._lost:
-                last = self._promoted(last)
             found = self._matched(features, image, last) or self._far(image, last)
             if found is None:
                 return None
