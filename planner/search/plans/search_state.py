@@ -104,10 +104,10 @@ class PlanningState:
     def _with_doubt(self, views: CandidateViews) -> CandidateViews:
         """`views`, of which those from floor that nobody saw take longer: there may be none."""
         seen, space = self._planning_map.seen, views.space
-        known = [] if seen is None else np.flatnonzero(seen & space.free)
-        if not len(known):
+        if seen is None or not (seen & space.free).any():
             return views
-        known, stands = space.centres(known), space.centres(views.viewpoints)
+        known = space.centres(np.flatnonzero(seen & space.free))
+        stands = space.centres(views.viewpoints)
         metres = np.array([np.hypot(*(known - stand).T).min() for stand in stands])
         late = (self.settings.unseen - 1) * metres / views.motion.speed
         return replace(views, seconds=views.seconds + late[views.viewpoint])
