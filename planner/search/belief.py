@@ -169,7 +169,7 @@ def build_target_belief(
 def _moved(known: Candidate, probability: float) -> Candidate:
     """A remembered object that is no longer where it was, with `probability`."""
     away = f"{known.label} has been moved since with probability {probability:.2f}"
-    facts = (known.facts[0], f"{away}, perhaps within its room")
+    facts = (*known.facts[:1], f"{away}, perhaps within its room")
     return replace(known, kind="moved", probability=probability, facts=facts)
 
 
