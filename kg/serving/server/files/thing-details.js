@@ -17,10 +17,10 @@ export async function relationsOf(data, iri, choose) {
   const { rows } = await select(`SELECT ?kind ?other ?chance ?turned WHERE { GRAPH graph:map {
       { <${iri}> here:hasRelation ?r . ?r here:relatedTo ?other . BIND(false AS ?turned) }
       UNION { ?other here:hasRelation ?r . ?r here:relatedTo <${iri}> . BIND(true AS ?turned) }
-      ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) LIMIT 12`, data.past);
+      ?r here:ofRelation ?kind ; here:relationProbability ?chance } } ORDER BY DESC(?chance) LIMIT 8`, data.past);
   const told = new Set();
   return rows.flatMap(({ kind: relation, other, chance, turned }) => {
-    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || kind, one = data.objects.get(other);
+    const kind = relation.replace(/.*#/, ""), words = (turned === "true" && TURNED[kind]) || kind, one = data.thingAt(other);
     if (told.has(`${words} ${other}`) || !told.add(`${words} ${other}`)) return [];
     const link = button("", () => choose(other));
     link.className = "link";

@@ -30,14 +30,16 @@ FAMILIES = {
     "which rooms are there?": "1 place",
     "something to sit on": "chair",
 }
-#: keeps the words that the map's names are drawn with
+#: keeps the words that the map's names are drawn with; pictures of them are drawn again and again
 WRITTEN = """
     window.written = new Set();
-    const write = CanvasRenderingContext2D.prototype.fillText;
+    const { fillText, drawImage } = CanvasRenderingContext2D.prototype;
     CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
-        window.written.add(text);
-        return write.call(this, text, ...more); };"""
-
+        this.canvas.words = text;
+        return fillText.call(this, text, ...more); };
+    CanvasRenderingContext2D.prototype.drawImage = function (picture, ...more) {
+        window.written.add(picture.words);
+        return drawImage.call(this, picture, ...more); };"""
 #: counts the arrows of robots that are drawn
 ARROWS = """
     window.arrows = 0;
@@ -157,4 +159,4 @@ def test_a_robot_that_comes_later_is_drawn(served: Served, open_page: OpenPage) 
     assert page.evaluate("window.arrows") == 0
     robot = RobotRecord(np.array([1.0, 1.0, 0.0]), 0.5, 1.7e9)
     served.map.apply(MapUpdate(robot=robot))
-    page.wait_for_function("window.arrows > 0")
+    page.wait_for_function("() => window.arrows > 0")
