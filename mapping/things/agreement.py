@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import along
+from kg.model.areas import along
 from mapping.frames.projection import bounds
 from mapping.things.view_parts import MAX_LENGTH, Part
 
