@@ -31,7 +31,6 @@ _EDGE: Final = 0.05  # relative change of depth around a corner that lies on an 
 _MIN_AROUND: Final = 6  # of 9 pixels around a corner that have depth
 _CORNERS: Final = 12  # grey levels by which a corner differs from its surroundings
 _CONTRAST: Final = 0.015  # of a corner of SIFT
-_NO_IMAGE: Final = np.zeros((0, 0), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,18 +70,13 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def strongest(self, count: int) -> Features:
-        """The first ones, without the image."""
-        pixels, points, descriptors = self.pixels[:count], self.points[:count], self.descriptors
-        return Features(_NO_IMAGE, self.samples, pixels, points, descriptors[:count])
-
     @classmethod
     def none(cls) -> Features:
         """No features, and no image."""
         grid = np.zeros((0, 0), np.float32)
         samples = DepthSamples(grid, np.eye(3), np.zeros((0, 3), np.float32))
         return cls(
-            _NO_IMAGE,
+            np.zeros((0, 0), np.uint8),
             samples,
             np.zeros((0, 2)),
             np.zeros((0, 3)),

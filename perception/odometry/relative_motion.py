@@ -24,7 +24,6 @@ MIN_COARSE: Final = 10  # inliers of a motion that flow is to refine
 REPROJECTION: Final = 3.0  # [px] of an inlier
 BASELINE: Final = 40.0  # [px m] focal length times the baseline of the stereo camera stood for
 MAX_FLOW_POINTS: Final = 200
-MAX_MATCHED: Final = 500  # strongest features of an image whose looks are compared
 _MAX_FLOW: Final = 4.0  # [px] from a guess to where a corner is found, on the top of the pyramid
 _WINDOW: Final = 15  # [px] that are compared around a corner
 _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 12, 0.03)  # [px]
@@ -54,7 +53,7 @@ def motion_by_features(first: Features, second: Features, image: Image) -> Relat
     Where the motion that most features show is not that of the image, since they are on something
     that moves with the camera, that of the others is tried.
     """
-    a, b = matched(first.strongest(MAX_MATCHED), second.strongest(MAX_MATCHED))
+    a, b = matched(first, second)
     for _ in range(_ATTEMPTS):
         coarse, inliers = _coarse(first, second, a, b, image.K)
         if not len(inliers):
