@@ -31,13 +31,14 @@ from kg.store.disk_space import disk_full, has_room, reopened, write_error
 from kg.store.flushing import Flusher
 from kg.store.folder import check_is_map, check_vacant, locked, made_folder, remove_abandoned
 from kg.store.journal import Journal
-from kg.store.sparql_backend import SparqlBackend, graph_blocks
+from kg.store.sparql_backend import SparqlBackend
 from kg.store.transaction_quads import (
     check_blank_nodes,
     check_texts,
     published_sequence,
     sequence_quad,
     stored_sequence,
+    update_text,
 )
 from kg.store.type_inference import complete_types, inferred_changes, is_inferred
 from kg.store.write_limit import check_facts
@@ -336,7 +337,7 @@ class TransactionalStore:
         """
         self.check_writable()
         with self._committing:
-            self._update(f"CLEAR GRAPH {graph};\nINSERT DATA {{\n{graph_blocks(quads)}}}")
+            self._update(f"CLEAR GRAPH {graph};\n{update_text((), quads)}")
 
     def _update(self, sparql: str) -> None:
         try:
@@ -377,12 +378,7 @@ class TransactionalStore:
             added += whole.added
         if self.sequence:
             removed.append(sequence_quad(self.sequence))
-        text = ";\n".join(
-            f"{verb} DATA {{\n{graph_blocks(quads)}}}"
-            for verb, quads in (("DELETE", removed), ("INSERT", added))
-            if quads
-        )
-        self._update(text)
+        self._update(update_text(removed, added))
         self._loaded = None
 
     def _load(self, change: ChangeSet) -> None:
@@ -400,7 +396,7 @@ class TransactionalStore:
     def _unload(self) -> None:
         """Remove the facts of a transaction that was not completed."""
         if self._loaded is not None:
-            self._update(f"DELETE DATA {{\n{graph_blocks(self._loaded.added)}}}")
+            self._update(update_text(self._loaded.added, ()))
             if self.journal is not None:
                 self.journal.withdraw(self._loaded.sequence)
             self._loaded = None

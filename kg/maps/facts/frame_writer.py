@@ -49,6 +49,7 @@ from kg.store.writer_priority import writing
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts of an object
+_PARTS = {v.HAS_LABEL_BELIEF, v.HAS_RELATION, *OF_OBJECT}
 _NEXT = NamedNode(v.NEXT_OBJECT)
 _STRUCTURAL = {
     *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
@@ -299,6 +300,8 @@ class FrameWriter:
     def _with_parts(self, node: NamedNode, record: ObjectRecord) -> dict[Quad, None]:
         """Stored facts that `record` replaces: of the object, its relations and alternatives."""
         before = self._recent.of(node)
+        if _PARTS.isdisjoint([quad.predicate.value for quad in before]):
+            return before
         if record.relations is None:
             before = {quad: None for quad in before if quad.predicate.value not in OF_OBJECT}
         for quad in tuple(before):

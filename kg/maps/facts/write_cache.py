@@ -24,7 +24,7 @@ class WriteCache:
     def __init__(self, store: TransactionalStore, owns: Callable[[Quad], bool]) -> None:
         self._store = store
         self._owns = owns
-        self._cached: dict[NamedNode, dict[Quad, None]] = {}
+        self._cached: dict[object, dict[Quad, None]] = {}
         self._at: int | None = None  # the transaction whose state is cached
 
     def catch_up(self) -> int:
@@ -54,14 +54,11 @@ class WriteCache:
             self._at = None
             return
         for quad in change.removed:
-            if (cached := self._cached_of(quad)) is not None:
+            cached = self._cached.get(quad.subject)
+            if cached is not None:
                 cached.pop(quad, None)
         for quad in change.added:
-            if (cached := self._cached_of(quad)) is not None and self._owns(quad):
+            cached = self._cached.get(quad.subject)
+            if cached is not None and quad.graph_name == v.MAP_GRAPH and self._owns(quad):
                 cached[quad] = None
         self._at = change.sequence
-
-    def _cached_of(self, quad: Quad) -> dict[Quad, None] | None:
-        if quad.graph_name != v.MAP_GRAPH or not isinstance(quad.subject, NamedNode):
-            return None
-        return self._cached.get(quad.subject)

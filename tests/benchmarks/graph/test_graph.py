@@ -26,13 +26,16 @@ def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_every_question_is_measured(prints: Callable[..., str]) -> None:
-    words = ("--sizes", "40,200", "--seconds", "0.3", "--frames", "40")
+    words = ("--sizes", "40,200", "--seconds", "0.3", "--frames", "40", "--rivals-up-to", "40")
     result = json.loads(prints("benchmarks.graph", *words, "--json"))
-    measured = {(t["operation"], t["objects"]) for t in result["timings"]}
+    measured = {(t["operation"], t["store"], t["objects"]) for t in result["timings"]}
     for size in (40, 200):
-        asked = {name for name, n in measured if n == size}
-        assert asked >= {"update by a frame", "export as N-Triples"}
+        asked = {name for name, store, n in measured if (store, n) == ("hereabouts on disk", size)}
+        assert asked >= {"update by a frame", "export as N-Triples", "a class", "a cell"}
         assert asked >= {question.name for question in shipped_queries()} - {"graph-sizes"}
+    beside = {(store, n) for _, store, n in measured if store != "hereabouts on disk"}
+    stores = "pyoxigraph on disk", "rdflib in memory", "owlready2 on disk"
+    assert beside == {(store, 40) for store in stores}
     assert all(t["milliseconds"]["median"] > 0 for t in result["timings"])
     for run in ("live", "leaping"):
         assert result[run]["frames"] == 9
