@@ -26,9 +26,9 @@ from pathlib import Path
 
 import numpy as np
 
+from kg.knowledge.conceptnet.edges import LOCATED, NEAR, probability_of
 from kg.knowledge.conceptnet.importing import import_conceptnet
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.conceptnet.strength import LOCATED, NEAR, probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.model import vocabulary as v

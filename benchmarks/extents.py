@@ -23,7 +23,7 @@ from benchmarks.command_line import run
 from benchmarks.rooms.houses import Tour, toured
 from benchmarks.rooms.measuring import each
 from hereabouts.cli.arguments import count, whole
-from kg.model.oriented_boxes import OrientedBox
+from kg.model.areas import OrientedBox
 from kg.model.records import ObjectRecord
 from kg.serving.opening import in_memory_map
 from lab.maps.truth_matching import MappedObject, TruthMatcher

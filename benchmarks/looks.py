@@ -28,10 +28,10 @@ from mapping.frames.projection import to_map
 from mapping.looks.known_things import MIN_DISTINCT, MIN_LIKENESS
 from mapping.looks.object_looks import Looks, likeness
 from mapping.looks.word_looks import MIN_RATIO, imagenet_classes, ratio
+from perception.annotate import object_picture
 from perception.frames import Frame
 from perception.inference.detector import load_detector
 from perception.inference.model_zoo import bundled_pair
-from perception.object_picture import object_picture
 from perception.sources.recording import open_recording
 
 MIN_SIDE: Final = 20  # [px] of a box in a photograph

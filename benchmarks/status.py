@@ -37,9 +37,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
-from lab.recordings.depth_sensor import KINECT
 from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
-from lab.recordings.simulated_recording import DAY
+from lab.recordings.simulated_recording import DAY, KINECT
 from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame

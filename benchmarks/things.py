@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from benchmarks.command_line import run
 from benchmarks.rooms.recordings import TRUTH, room_folders
 from kg.maps.surface.voxels import Surface
+from kg.model.areas import along
 from kg.model.errors import RecordingError
-from kg.model.oriented_boxes import along
 from kg.model.records import ObjectRecord
 from kg.serving.opening import create_map, open_map
 from lab.houses.random_house import random_house

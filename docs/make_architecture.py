@@ -33,7 +33,7 @@ WALKS: Final = {
         "mapping.recording_mapper",
         "mapping.frames.read_ahead",
         "perception.sources.recording",
-        "perception.camera.rectification",
+        "perception.camera.intrinsics",
         "perception.frames",
         "perception.inference.detector",
         "perception.inference.session",

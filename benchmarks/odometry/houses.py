@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.houses.random_house import random_house
-from lab.recordings.depth_sensor import KINECT
+from lab.recordings.simulated_recording import KINECT
 from perception.frames import Frame
 from planner.simulation.houses.house import FloorGrid, House
 from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around

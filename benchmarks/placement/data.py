@@ -17,8 +17,7 @@ from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence, room_counts
 from kg.knowledge.placement.rooms import RoomType, room_types
-from kg.knowledge.placement.statistics_export import room_type_quads
-from kg.knowledge.placement.statistics_import import read_rooms
+from kg.knowledge.placement.statistics import read_rooms, room_type_quads
 from kg.knowledge.placement.surveys import SurveyFeatures
 from kg.model import vocabulary as v
 

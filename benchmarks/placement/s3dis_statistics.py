@@ -17,7 +17,7 @@ from pathlib import Path
 from benchmarks.placement.buildings import load_s3dis
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.knowledge.placement.statistics_import import COLUMNS
+from kg.knowledge.placement.statistics import COLUMNS
 
 
 def main(table: Path, into: Path) -> None:

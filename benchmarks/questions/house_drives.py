@@ -18,8 +18,7 @@ import numpy as np
 from benchmarks.status import HouseTruth, Session, surfaces
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
-from lab.recordings.depth_sensor import KINECT
-from lab.recordings.simulated_recording import DAY
+from lab.recordings.simulated_recording import DAY, KINECT
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, write_text

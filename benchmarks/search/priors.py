@@ -19,9 +19,13 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.knowledge.ontology.relations import relations
 from kg.knowledge.placement.rooms import RoomType, room_types
-from kg.knowledge.placement.statistics import RoomStatistics, statistics_quads
-from kg.knowledge.placement.statistics_export import room_type_quads
-from kg.knowledge.placement.statistics_import import RoomTable, read_rooms
+from kg.knowledge.placement.statistics import (
+    RoomStatistics,
+    RoomTable,
+    read_rooms,
+    room_type_quads,
+    statistics_quads,
+)
 from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.model import vocabulary as v
 
@@ -38,7 +42,7 @@ class PriorKnowledge:
     """The shipped ontology, and statistics of rooms (CSV) where they are given.
 
     `apart` says that the statistics did not count the homes. Raises InvalidFactError for a CSV that
-    is none (`kg.knowledge.placement.statistics_import.read_rooms`).
+    is none (`kg.knowledge.placement.statistics.read_rooms`).
     """
 
     def __init__(self, homes: Sequence[Home], rooms: Path | None = None, *, apart: bool = False):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.scenarios import DATA, rows_of
-from lab.recordings.depth_sensor import KINECT, StructuredLightSensor
+from lab.recordings.simulated_recording import KINECT, StructuredLightSensor
 from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import localise
 from mapping.reference.settings import Estimator, ReferenceSettings

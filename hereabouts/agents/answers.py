@@ -2,7 +2,7 @@
 
 Fields named ``untrusted_...`` hold what people, detectors or other programs wrote. Their types
 escape and cut it (`hereabouts.agents.untrusted_text`), whoever fills them.
-`hereabouts.agents.pages` writes an answer without empty fields, and cuts it to its greatest length.
+`hereabouts.agents.lean_tool` writes an answer without empty fields, and cuts it to its greatest length.
 """
 
 from __future__ import annotations

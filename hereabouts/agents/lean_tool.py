@@ -1,4 +1,8 @@
-"""A tool of the package `mcp` with a short schema, short answers, and errors in one line."""
+"""A tool of the package `mcp` with a short schema, short answers, and errors in one line.
+
+An error names the argument, the limit and a short form of the value. An answer is one line of JSON
+without empty fields, of bounded length, page by page.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,143 @@ from mcp.server.mcpserver.exceptions import ToolError
 from mcp.server.mcpserver.tools import Tool
 from mcp_types import CallToolResult, ContentBlock, TextContent, ToolAnnotations
 from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
 
-from hereabouts.agents.answers import Answer
-from hereabouts.agents.argument_errors import argument_error
-from hereabouts.agents.pages import document_of, text_of
-from hereabouts.agents.untrusted_text import in_one_line
-from kg.model.errors import HereaboutsError
+from hereabouts.agents.answers import Answer, Page
+from hereabouts.agents.untrusted_text import escaped, in_one_line
+from kg.model.errors import HereaboutsError, QueryParameterError
+
+_SHOWN: Final = 40  # characters of a value
+
+#: kind of error of pydantic -> the limit in words
+_WORDS: Final = {
+    "string_too_long": "should have at most {max_length:,} characters",
+    "string_too_short": "should have at least {min_length:,} character",
+    "too_long": "should have at most {max_length:,} entries",
+    "too_short": "should have {min_length:,} or more entries",
+    "less_than_equal": "should be less than or equal to {le:,.12g}",
+    "less_than": "should be less than {lt:,.12g}",
+    "greater_than_equal": "should be greater than or equal to {ge:,.12g}",
+    "greater_than": "should be greater than {gt:,.12g}",
+    "finite_number": "should be a finite number",
+    "string_type": "should be a text",
+    "list_type": "should be a list",
+    "dict_type": "should be an object",
+    "bool_type": "should be true or false",
+    "bool_parsing": "should be true or false",
+    "int_type": "should be a whole number",
+    "int_parsing": "should be a whole number",
+    "int_parsing_size": "should be a whole number",
+    "int_from_float": "should be a whole number",
+    "float_type": "should be a number",
+    "float_parsing": "should be a number",
+    "literal_error": "should be {expected}",
+    "missing": "is missing",
+}
+
+
+def argument_error(error: ValidationError) -> str:
+    """``what should have at most 100 characters, got 5,000``: one wrong argument, in one line."""
+    details = error.errors(include_url=False)
+    first = details[0]
+    name = _name(first["loc"])
+    same = [one for one in details if one["loc"][:1] == first["loc"][:1]]  # an error for each type
+    words = list(dict.fromkeys(map(_limit, same)))
+    limit = " or ".join([words[0], *(word.removeprefix("should be ") for word in words[1:])])
+    return f"{name} {limit}" if first["type"] == "missing" else f"{name} {limit}, got {_got(first)}"
+
+
+def _name(path: tuple[int | str, ...]) -> str:
+    """``what``, or ``entry 2 of what``; names of types, which follow, are left out."""
+    entry = path[1] if len(path) > 1 else None
+    argument = str(path[0]) if path else "the argument"
+    return f"entry {entry + 1} of {argument}" if isinstance(entry, int) else argument
+
+
+def _limit(one: ErrorDetails) -> str:
+    kind = one["type"]
+    if kind == "too_long" and isinstance(one["input"], str):
+        kind = "string_too_long"
+    return _WORDS.get(kind, "should have another form").format(**one.get("ctx", {}))
+
+
+def _got(one: ErrorDetails) -> str:
+    """A short value as it is; of a long one its length."""
+    value, kind = one["input"], one["type"]
+    if kind.endswith("too_long"):
+        return f"{len(value):,}"
+    shown = repr(value)
+    return shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]} ..."
+
+
+#: maximum characters of an answer: 1,500 tokens of four characters with what the protocol adds. An
+#: answer is sent twice, as text, in which quotes are escaped, and as structured content.
+MAX_CHARACTERS: Final = 5_800
+SHORT: Final = 80  # characters of each text where there is no room for whole ones
+
+
+def document_of(answer: Answer, base: str) -> dict[str, Any]:
+    """An answer as plain values: without empty fields, and with IRIs relative to `base`.
+
+    A list that is too long is cut; `more` is then the `skip` of the next page. Raises
+    QueryParameterError if a single entry is too long, even with texts of `SHORT` characters.
+    """
+    document: dict[str, Any] = _lean_fields(answer.model_dump(mode="json"), base)
+    if _length(document) > MAX_CHARACTERS and not isinstance(answer, Page):
+        shorter: dict[str, Any] = _shortened(document)
+        return shorter
+    if not isinstance(answer, Page):
+        return document
+    entries = document.setdefault(answer.listed, [])
+    document.pop("skip", None)
+    while True:
+        if (more := answer.skip + len(entries)) < answer.total and entries:
+            document["more"] = more
+        if _length(document) <= MAX_CHARACTERS:
+            return document
+        if len(entries) > 1:
+            entries.pop()
+            continue
+        document = _shortened(document)
+        if _length(document) <= MAX_CHARACTERS:
+            return document
+        raise QueryParameterError(
+            "an entry of this answer is too long; ask for less of it, such as fewer columns"
+        )
+
+
+def _shortened(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _shortened(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_shortened(item) for item in value]
+    return escaped(value, SHORT) if isinstance(value, str) else value
+
+
+def _length(document: dict[str, Any]) -> int:
+    text = text_of(document)
+    return len(text) + len(json.dumps(text, ensure_ascii=False))
+
+
+def text_of(document: dict[str, Any]) -> str:
+    """The JSON of an answer in one line."""
+    return json.dumps(document, ensure_ascii=False, separators=(",", ":"))
+
+
+def _lean_fields(value: Any, base: str, *, marked: bool = False) -> Any:
+    """`value` without None and "" in its objects; texts that are not `marked` lose `base`."""
+    if isinstance(value, dict):
+        return {
+            key: _lean_fields(item, base, marked=key.startswith("untrusted_") or key == "base")
+            for key, item in value.items()
+            if item is not None and item != ""
+        }
+    if isinstance(value, list):
+        return [_lean_fields(item, base, marked=marked) for item in value]
+    if isinstance(value, str) and not marked:
+        return value.removeprefix(base) or value
+    return value
+
 
 Method = Callable[..., Any]
 
@@ -27,7 +162,7 @@ _LEFT_OUT: Final = frozenset(
 
 
 class LeanTool(Tool):
-    """A method as a tool; its answers are those of `hereabouts.agents.pages`."""
+    """A method as a tool; its answers are those of `hereabouts.agents.lean_tool`."""
 
     base: str = Field("", exclude=True)  # of the map
 

@@ -1,4 +1,4 @@
-"""Tools that read a map: its objects, places, status and explanations."""
+"""Tools that read a map: objects, places, status, explanations, answers to plain questions."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from pydantic import Field
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from hereabouts.agents.map_context import MapContext, clock, state_of, time_or_none
+from hereabouts.agents.untrusted_text import for_agents
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import PlaceRecord, likeliest
 from kg.serving.workers.local_evaluation import LimitedQueries
 from planner.freespace.planning_map import Row, plain_place
+from planner.questions.answers import answer_question
 from planner.questions.patterns import Question
 from planner.questions.rooms import about_rooms
+from planner.questions.wording import MAX_LENGTH
 from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import KnownObject, known_object, known_objects
 from planner.search.goals.place_names import (
@@ -316,3 +319,18 @@ def _plain(cell: object, base: str) -> str | float | int | bool | None:
     if isinstance(cell, str):
         return cell.removeprefix(base) or cell
     return time_or_none(cell) if isinstance(cell, datetime) else str(cell)
+
+
+class QuestionTools:
+    """The tool on questions in English; its docstring is what agents read."""
+
+    def __init__(self, context: MapContext) -> None:
+        self._context = context
+
+    def ask(
+        self, question: Annotated[str, Field(min_length=1, max_length=MAX_LENGTH)]
+    ) -> a.PlainAnswer:
+        """A question in sentences: "where is the cup?", "how many chairs are in the kitchen?" """
+        state = self._context.state()
+        found = answer_question(self._context.semantic_map, question)
+        return a.PlainAnswer(map=state, kind=found.kind, untrusted_answer=for_agents(found.lines))

@@ -19,8 +19,7 @@ from hereabouts.agents.change_tools import ChangeTools
 from hereabouts.agents.lean_tool import LeanTool, Method
 from hereabouts.agents.list_tools import ListTools
 from hereabouts.agents.map_context import MapContext
-from hereabouts.agents.map_tools import MapTools
-from hereabouts.agents.question_tools import QuestionTools
+from hereabouts.agents.map_tools import MapTools, QuestionTools
 from hereabouts.agents.route_tools import RouteTools
 from hereabouts.agents.search_tools import SearchTools
 from hereabouts.agents.watching import Watching

@@ -23,9 +23,9 @@ from mcp.server.subscriptions import InMemorySubscriptionBus, ResourceUpdated
 from mcp_types import INVALID_PARAMS
 
 from hereabouts.agents import answers as a
+from hereabouts.agents.lean_tool import document_of, text_of
 from hereabouts.agents.map_context import MapContext, state_of
 from hereabouts.agents.map_tools import known_thing, one_thing
-from hereabouts.agents.pages import document_of, text_of
 from hereabouts.agents.untrusted_text import in_one_line
 from kg.model.errors import HereaboutsError
 from planner.search.goals.known_objects import known_objects

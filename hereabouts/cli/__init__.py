@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from hereabouts.cli.arguments import join_signed
-from hereabouts.cli.text_table import printable
+from hereabouts.cli.console import printable
 from kg.model.errors import ExtensionError, HereaboutsError, MapNotFoundError, did_you_mean
 
 #: command modules, in the order `hereabouts --help` lists them

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from hereabouts.cli.console import counted, heading, note, print_table, write, write_json
-from hereabouts.cli.text_table import printable
+from hereabouts.cli.console import counted, heading, note, print_table, printable, write, write_json
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
 from mapping.objects.detections.detection_report import (

@@ -37,8 +37,7 @@ def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.knowledge.ontology.catalogue import Catalogue
     from kg.knowledge.ontology.loading import load_ontologies
-    from kg.knowledge.placement.statistics_export import write_rooms
-    from kg.knowledge.placement.statistics_import import SHIPPED, read_rooms
+    from kg.knowledge.placement.statistics import SHIPPED, read_rooms, write_rooms
     from kg.maps.room_statistics import import_rooms
     from kg.serving.opening import open_or_create_map
 

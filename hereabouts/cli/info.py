@@ -14,13 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hereabouts.cli.arguments import add_json
-from hereabouts.cli.console import print_table, write, write_json
+from hereabouts.cli.console import print_table, printable, write, write_json
 from hereabouts.cli.recording_options import (
     add_recording_arguments,
     opened_recording,
     recording_options,
 )
-from hereabouts.cli.text_table import printable
 from kg.model.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import add_json
-from hereabouts.cli.console import note, print_table, progress, write, write_json
-from hereabouts.cli.text_table import printable
+from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
 
 if TYPE_CHECKING:
     from perception.inference.model_zoo import ModelCard

@@ -6,9 +6,7 @@ from collections.abc import Collection
 
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.placement.settings import FITTED, PlacementParameters
-from kg.knowledge.placement.statistics import statistics, statistics_quads
-from kg.knowledge.placement.statistics_export import table_quads
-from kg.knowledge.placement.statistics_import import RoomTable
+from kg.knowledge.placement.statistics import RoomTable, statistics, statistics_quads, table_quads
 from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v

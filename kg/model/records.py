@@ -12,8 +12,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.areas import Area, Outline, Rectangle
-from kg.model.oriented_boxes import footprint
+from kg.model.areas import Area, Outline, Rectangle, footprint
 
 #: in place of a detector's name: the thing stands out of the mapped surface
 SURFACE: Final = "surface"

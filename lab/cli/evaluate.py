@@ -189,8 +189,8 @@ def _draw_reliability(scored: Sequence[tuple[Run, MapScores]], path: Path) -> No
 
 def _load(path: Path) -> AnyTruth:
     """Read a truth of either kind; raises RecordingError."""
-    from lab.maps.class_truth import load_truth
     from lab.maps.complete_truth import is_complete_truth, load_complete_truth
+    from lab.maps.truth_matching import load_truth
 
     return load_complete_truth(path) if is_complete_truth(path) else load_truth(path)
 

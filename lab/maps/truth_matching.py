@@ -1,4 +1,4 @@
-"""Matching of a map's objects to a complete truth.
+"""Matching of a map's objects to a complete truth, or to the truth of some classes.
 
 1. matched: an accepted label within reach of a true object, one to one, nearest pair first;
 2. of the rest: the same against ignored entries counts neither way;
@@ -11,15 +11,20 @@ Reach is `near` (0.5 m; large things 1.0 m) unless the entry has its own.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.errors import RecordingError
+from kg.model.regular_files import read_text
 from lab.maps.complete_truth import TrueObject
 from mapping.frames.projection import to_map
+from mapping.reference.class_scores import Truth
 
 LARGE: Final = ("bed", "couch", "dining table")
 FAR: Final = 1.0  # [m] reach of large things
@@ -174,3 +179,30 @@ class TruthMatcher:
         t = self.truth[i]
         extended = bool(t.extent) and t.label != _NOT_CENTRED
         return extended and self.distance(o, i) <= max(t.extent) / 2
+
+
+def load_truth(path: Path) -> Truth:
+    """Read {"objects": {NAME: {"cls", "position"}}, "complete_for": [...]}.
+
+    Raises RecordingError, naming file and entry, where that is not what is there.
+    """
+    try:
+        data: Any = json.loads(read_text(path))
+    except (OSError, ValueError, RecursionError) as error:
+        raise RecordingError(f"cannot read truth from {path}: {error}") from error
+    try:
+        objects = data["objects"]
+        positions = [entry["position"] for entry in objects.values()]
+        p_world = np.array(positions, dtype=np.float64).reshape(len(positions), 3)
+        labels = tuple(str(entry["cls"]) for entry in objects.values())
+        complete = data.get("complete_for", [])
+        if not isinstance(complete, list):
+            raise TypeError(f"complete_for must be a list of labels, not {complete!r}")
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f'{path} is no truth ({error!r}); {{"objects": {{NAME: {{"cls": LABEL, '
+            '"position": [x, y, z]}}} would work'
+        ) from error
+    if not np.all(np.isfinite(p_world)):
+        raise RecordingError(f"{path} holds a position that is not finite")
+    return Truth(tuple(objects), labels, p_world, tuple(map(str, complete)))

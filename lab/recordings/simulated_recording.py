@@ -1,21 +1,26 @@
-"""Simulated recordings on disk: images, poses, detections and truth of a random house."""
+"""Simulated recordings on disk: images, poses, detections and truth of a random house.
+
+Depth has the gaps and steps of a structured-light camera: steps follow the disparity's resolution
+(Khoshelham and Elberink, Sensors 2012), which makes them grow with z^2. Poses may drift away from
+the true ones, as those of odometry do.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from lab.houses.house_changes import HouseChange, carries, changed_house
 from lab.houses.random_house import random_house
-from lab.recordings.depth_sensor import KINECT
 from lab.recordings.object_truth import VisibilityRecord, object_truth
-from lab.recordings.odometry import with_drift
+from perception.camera.poses import rotation_angle
 from perception.frames import Detections
 from perception.inference.class_labels import read_labels
 from perception.inference.model_zoo import NETWORKS
@@ -23,8 +28,97 @@ from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, pose_line, write_text
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.sensing.camera import CameraModel, DepthSensor, SimulatedCamera
 from planner.simulation.sensing.sensors import SENSES, DetectorFaults, SimulatedDetector
+
+EDGE: Final = 0.06  # relative step of depth between neighbouring pixels that makes an edge
+
+
+@dataclass(frozen=True, slots=True)
+class StructuredLightSensor(DepthSensor):
+    """A depth camera that loses depth far off, along edges and on grazed surfaces."""
+
+    fading: float = 0.0  # [m] before `far` over which the share of pixels with depth falls
+    step: float = 0.0  # [m] resolution at a depth of 1 m; it grows with z^2
+    grazing: float = 0.0  # least cosine between ray and normal that gives depth
+    edge_loss: float = 0.0  # share of the pixels along edges of depth without depth
+
+    def measure(
+        self,
+        depth: NDArray[np.float32],
+        incidence: NDArray[np.float32],
+        returns: NDArray[np.bool_],
+        rng: np.random.Generator,
+    ) -> NDArray[np.float32]:
+        """Measured depth (H, W) [m], nan = no return."""
+        measured = DepthSensor.measure(self, depth, incidence, returns, rng)
+        if self.step:
+            disparity = 1 / np.maximum(measured, 0.1) / self.step
+            measured = (1 / np.maximum(np.round(disparity), 1) / self.step).astype(np.float32)
+        lost = np.zeros(depth.shape, np.bool_)
+        if self.grazing:
+            lost |= ~returns | (incidence < self.grazing)
+        if self.fading:
+            draw = rng.random(depth.shape, dtype=np.float32)
+            lost |= depth > self.far - self.fading * draw
+        if self.edge_loss:
+            draw = rng.random(depth.shape, dtype=np.float32)
+            lost |= _edges(depth) & (draw < self.edge_loss)
+        measured[lost] = np.nan
+        return measured
+
+
+#: A Kinect v1: 1/8 px of disparity, baseline 75 mm, focal length 580 px.
+KINECT: Final = StructuredLightSensor(
+    near=0.5, far=4.9, fading=0.6, step=0.00287, grazing=0.13, edge_loss=0.6
+)
+
+
+def _edges(depth: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(H, W) pixels next to a step of depth."""
+    edges = np.zeros(depth.shape, np.bool_)
+    across = np.abs(np.diff(depth, axis=1)) > EDGE * depth[:, 1:]
+    down = np.abs(np.diff(depth, axis=0)) > EDGE * depth[1:]
+    edges[:, 1:] |= across
+    edges[:, :-1] |= across
+    edges[1:] |= down
+    edges[:-1] |= down
+    return edges
+
+
+def with_drift(
+    poses: Iterable[NDArray[np.float64]], share: float, rng: np.random.Generator
+) -> Iterator[NDArray[np.float64]]:
+    """Poses T_world_cam (4, 4) estimated by odometry; the first one is true.
+
+    Each step has an error in position of `share` of its length (standard deviation, horizontal),
+    and in heading of `share` of its turn and `share` times 15 degrees a metre (Thrun, Burgard and
+    Fox, Probabilistic Robotics, section 5.4). A share of 0 gives the true poses.
+    """
+    previous: NDArray[np.float64] | None = None
+    estimate = np.eye(4)
+    for T in poses:
+        if previous is None:
+            estimate = T.copy()
+        else:
+            step = np.linalg.inv(previous) @ T
+            estimate = _disturbed(estimate @ step, step, share, rng)
+        previous = T
+        yield estimate.copy()
+
+
+def _disturbed(
+    T: NDArray[np.float64], step: NDArray[np.float64], share: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    distance = float(np.linalg.norm(step[:3, 3]))
+    turn = rotation_angle(step[:3, :3])
+    angle = share * np.hypot(turn, np.deg2rad(15.0) * distance) * rng.standard_normal()
+    out = T.copy()
+    c, s = np.cos(angle), np.sin(angle)
+    out[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ T[:3, :3]
+    out[:2, 3] += share * distance * rng.standard_normal(2)
+    return out
+
 
 TRUTH: Final = "objects_full_gt.json"
 DETECTIONS: Final = "detections.json"

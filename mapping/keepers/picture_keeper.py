@@ -14,8 +14,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, ModelError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
 from mapping.looks.known_things import MovedLooks, NamedObject, recognise, remember_named
+from perception.annotate import object_picture
 from perception.frames import Detections, Frame
-from perception.object_picture import object_picture
 
 Image = NDArray[np.uint8]  # (H, W, 3)
 Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]

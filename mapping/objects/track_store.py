@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
-from kg.model.oriented_boxes import OrientedBox
+from kg.model.areas import OrientedBox
 from kg.model.records import Evidence, ObjectRecord
 from kg.model.sqlite_files import open_sqlite, remove_sqlite, unreadable
 from mapping.frames.sighting import ThingSighting

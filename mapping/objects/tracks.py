@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.maps.facts.label_beliefs import STEP
-from kg.model.oriented_boxes import OrientedBox, upright_bounds
+from kg.maps.facts.observations import STEP
+from kg.model.areas import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence

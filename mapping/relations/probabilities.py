@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import along, upright_bounds
+from kg.model.areas import along, upright_bounds
 from kg.model.records import ObjectRecord
 
 SHOWN = 0.5  # existence from which on an object takes part in relations

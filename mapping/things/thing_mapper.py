@@ -18,8 +18,8 @@ from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface, keys_of
 from kg.model import vocabulary as v
+from kg.model.areas import OrientedBox, along, along_nearest_axes
 from kg.model.errors import GraphError
-from kg.model.oriented_boxes import OrientedBox, along, along_nearest_axes
 from kg.model.records import SURFACE, Evidence, ObjectRecord
 from mapping.frames.projection import to_camera
 from mapping.objects.extents.surface_growth import Walls
@@ -27,10 +27,9 @@ from mapping.objects.object_mapper import ObjectChanges
 from mapping.objects.tracks import Viewpoint, viewpoint
 from mapping.places.place_registry import PlaceRegistry
 from mapping.things.view_parts import MAX_LENGTH, AgreedPart, SeenPart, agreed_parts, parts_of
-from perception.annotate import decode_jpeg, encode_jpeg
+from perception.annotate import decode_jpeg, encode_jpeg, object_picture
 from perception.depth_image import DepthImage
 from perception.frames import Frame
-from perception.object_picture import object_picture
 
 MAX_VIEWS: Final = 300  # that are kept; the oldest are dropped
 _STEP: Final = 8  # [px] between kept values of depth

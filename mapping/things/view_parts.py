@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import along
+from kg.model.areas import along
 from perception.binary_masks import connected_components
 from perception.depth_image import DepthImage
 

@@ -1,16 +1,25 @@
-"""Camera intrinsics with OpenCV distortion: read, checked against the images, scaled."""
+"""Camera intrinsics with OpenCV distortion: read, checked against the images, scaled, turned.
+
+Rectification undoes the lens distortion, and resamples or registers depth to the image of colour.
+Images of a camera that is mounted or held on its side are turned upright by quarter turns.
+"""
 
 from __future__ import annotations
 
+import itertools
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Final
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
+from perception.camera.poses import Pose
 from perception.number_tables import all_numbers
 
 JSON_NAMES = (
@@ -186,3 +195,138 @@ def find_intrinsics(folder: Path) -> Intrinsics | None:
         if (folder / name).is_file():
             return load_intrinsics(folder / name)
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class Rectifier:
+    """Rectification of one camera's colour and depth onto colour's undistorted pixel grid.
+
+    Depth of another size than colour is resampled to colour's (nearest, since averaging across an
+    edge invents points in mid air); the two must have one aspect, as registered images have.
+    """
+
+    camera: Intrinsics  # fitted to the colour image
+    maps: tuple[NDArray[np.float32], NDArray[np.float32]] | None  # (H, W) source column and row
+
+    @classmethod
+    def for_camera(cls, camera: Intrinsics) -> Rectifier:
+        """A rectifier for intrinsics fitted to the colour image."""
+        if not camera.distorted:
+            return cls(camera, None)
+        model = cv2.fisheye if camera.fisheye else cv2
+        columns, lines = model.initUndistortRectifyMap(
+            camera.K, np.array(camera.dist), np.eye(3), camera.K, camera.size, cv2.CV_32FC1
+        )
+        return cls(camera, (columns.astype(np.float32), lines.astype(np.float32)))
+
+    def colour(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W, 3) with distortion undone, bilinear; black where the camera saw nothing."""
+        if self.maps is None:
+            return rgb
+        return cv2.remap(rgb, *self.maps, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
+
+    def depth(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(H, W) [m] at the colour image's size with distortion undone, nearest."""
+        size = self.camera.size
+        if depth.shape[::-1] != size:
+            depth = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT).astype(
+                np.float32, copy=False
+            )
+        if self.maps is None:
+            return depth
+        return cv2.remap(
+            depth, *self.maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan
+        ).astype(np.float32, copy=False)
+
+
+def register_depth(
+    depth: NDArray[np.float32],
+    K_depth: NDArray[np.float64],
+    K_colour: NDArray[np.float64],
+    T_colour_depth: NDArray[np.float64],
+    size: tuple[int, int],
+) -> NDArray[np.float32]:
+    """Depth as the colour camera sees it, (H, W) [m], nan = no return.
+
+    `depth` (h, w) [m] of the depth camera, `T_colour_depth` (4, 4) takes its coordinates to the
+    colour camera's, `size` is (W, H) [px] of the colour image. Where two surfaces fall on one pixel
+    the nearer wins; each point covers the pixels its own pixel spreads over (2 x 2 at most).
+    """
+    M = K_colour @ T_colour_depth[:3, :3] @ np.linalg.inv(K_depth)
+    b = K_colour @ T_colour_depth[:3, 3]
+    v, u = np.nonzero(depth > 0)
+    z = depth[v, u].astype(np.float64)
+    x, y, z = (z * (m[0] * u + m[1] * v + m[2]) + t for m, t in zip(M, b, strict=True))
+    ahead = z > 0
+    column, row, z = x[ahead] / z[ahead], y[ahead] / z[ahead], z[ahead].astype(np.float32)
+    magnified = np.linalg.norm(K_colour[0, 0]) > K_depth[0, 0]  # one pixel covers several
+    steps: Sequence[np.ufunc] = (np.floor, np.ceil) if magnified else (np.rint,)
+    columns, rows = (
+        [np.clip(step(at), -1, end).astype(np.int32) for step in steps]
+        for at, end in zip((column, row), size, strict=True)
+    )
+    seen = np.full(size[0] * size[1], np.inf, np.float32)
+    for c, r in itertools.product(columns, rows):
+        inside = (c >= 0) & (c < size[0]) & (r >= 0) & (r < size[1])
+        np.minimum.at(seen, (r * size[0] + c)[inside], z[inside])
+    seen[np.isinf(seen)] = np.nan
+    return seen.reshape(size[1], size[0])
+
+
+#: takes coordinates of a camera turned by a quarter (counter-clockwise) to those of the camera
+QUARTER: Final = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+CLEAR: Final = 0.8  # share of the images, by how much of up they show, that must agree
+ASIDE: Final = 1.5  # times that the axis down must turn more than that to the right
+TURNED: Final = 0.15  # mean turn [rad] of a camera that looked around
+SHOWN: Final = 0.3  # mean length of up in the image's plane; less where cameras look down
+
+
+def upright_turns(poses: Sequence[Pose], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights (4,) of the quarters, counter-clockwise, that bring `up` to the top of images."""
+    shown = np.array([T[:3, :3].T @ up for T in poses])  # (n, 3) in the cameras
+    quarters = np.round(np.arctan2(shown[:, 0], -shown[:, 1]) / (np.pi / 2)).astype(int) % 4
+    return np.bincount(quarters, np.hypot(shown[:, 0], shown[:, 1]), 4).astype(np.float64)
+
+
+def clear_turns(poses: Sequence[Pose], up: NDArray[np.float64]) -> int:
+    """Quarters that turn the images upright; 0 where the images do not agree on it."""
+    weights = upright_turns(poses, up)
+    best = int(weights.argmax())
+    clear = weights[best] >= CLEAR * weights.sum() and weights.sum() >= SHOWN * len(poses)
+    return best if clear else 0
+
+
+def side_up(poses: Sequence[Pose]) -> NDArray[np.float64] | None:
+    """Up (3,), or down, of a world in which the camera seems to be held on its side; else None.
+
+    A camera that looks around a room turns about the vertical, so of the axes of its image the
+    level one turns most. Held upright that is the axis to the right, held on its side the axis
+    down. Where a camera hardly turns, neither does by `ASIDE`.
+    """
+    right, down = (np.array([T[:3, axis] for T in poses]) for axis in (0, 1))
+    across, _ = np.linalg.eigh(right.T @ right / len(poses))  # squared spreads, ascending
+    along, directions = np.linalg.eigh(down.T @ down / len(poses))
+    if along[1] < max(ASIDE**2 * across[1], TURNED**2):
+        return None
+    vertical: NDArray[np.float64] = directions[:, 0]
+    return vertical
+
+
+def turned_poses(T: Pose, turns: int) -> Pose:
+    """Pose of the turned camera."""
+    turned: Pose = T @ np.linalg.matrix_power(QUARTER, turns)
+    return turned
+
+
+def turned_image(image: NDArray[Any], turns: int) -> NDArray[Any]:
+    """An image turned counter-clockwise by quarters."""
+    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
+
+
+def turned_camera(camera: Intrinsics, turns: int) -> Intrinsics:
+    """Intrinsics of the turned images of a camera without distortion, of known size."""
+    (width, height), fx, fy, cx, cy = camera.size, camera.fx, camera.fy, camera.cx, camera.cy
+    for _ in range(turns):
+        fx, fy, cx, cy = fy, fx, cy, width - 1 - cx
+        width, height = height, width
+    return replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)

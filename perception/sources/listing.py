@@ -1,18 +1,44 @@
-"""Recording listing: a folder's image pairs with camera poses, as a format's reader finds them."""
+"""Recording listing: a folder's image pairs with camera poses, as a format's reader finds them.
+
+Two streams are associated by their stamps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics
-from perception.sources.association import TOLERANCE
+
+TOLERANCE: Final = 0.02  # [s] within which two stamps are taken for one moment
+
+
+def nearest_pairs(
+    a: NDArray[np.float64], b: NDArray[np.float64], tolerance: float
+) -> list[tuple[int, int]]:
+    """Pairs (i, j) with |a[i] - b[j]| <= `tolerance` [s], nearest pair first, each used once."""
+    order = np.argsort(b, kind="stable")
+    sorted_b = b[order]
+    first = np.searchsorted(sorted_b, a - tolerance, "left")
+    last = np.searchsorted(sorted_b, a + tolerance, "right")
+    counts = last - first
+    i = np.repeat(np.arange(len(a)), counts)
+    within = np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts)
+    j = order[np.repeat(first, counts) + within]
+    pairs: list[tuple[int, int]] = []
+    used_a, used_b = np.zeros(len(a), bool), np.zeros(len(b), bool)
+    for k in np.lexsort((j, i, np.abs(a[i] - b[j]))):
+        if not used_a[i[k]] and not used_b[j[k]]:
+            used_a[i[k]] = used_b[j[k]] = True
+            pairs.append((int(i[k]), int(j[k])))
+    return pairs
+
 
 FRAME_RATE = 30.0  # [Hz] of formats that number their frames and have no times
 

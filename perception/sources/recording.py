@@ -19,16 +19,18 @@ from perception.camera.gravity_alignment import (
     parse_up,
     read_gravity,
 )
-from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics
-from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
-from perception.camera.rectification import Rectifier, register_depth
-from perception.camera.turns import (
+from perception.camera.intrinsics import (
+    ASPECT_TOLERANCE,
+    Intrinsics,
+    Rectifier,
     clear_turns,
+    register_depth,
     side_up,
     turned_camera,
     turned_image,
     turned_poses,
 )
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
 from perception.frames import Frame
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from kg.serving.opening import create_map
-from lab.maps.class_truth import load_truth
+from lab.maps.truth_matching import load_truth
 from mapping.alignment.recording_fit import load_transform
 from mapping.recording_mapper import map_recording
 from mapping.reference.class_scores import score_map

@@ -1,7 +1,11 @@
-"""Edges of ConceptNet: parsed assertions, independent of the file format."""
+"""Edges of ConceptNet, independent of the file format, and the strength of their evidence.
+
+Votes and ConceptNet's weight give a probability.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -108,3 +112,30 @@ def clean(text: str) -> str:
     """`text` on one line, truncated, without characters that UTF-8 cannot encode."""
     line = " ".join(text[: 4 * MAX_TEXT_LENGTH].split())[:MAX_TEXT_LENGTH]
     return line.encode("utf-8", "replace").decode("utf-8")
+
+
+#: Log-odds without evidence, and for each unit of ln(1 + weight): of an object in a place of the
+#: category, and near another object; fitted as docs/how-to/statistics.md describes.
+LOCATED: Final = (-3.65, 2.10)
+NEAR: Final = (-2.08, 1.74)
+
+
+def weight_of(votes: float) -> float:
+    """ConceptNet 5's weight for n votes: 2 sqrt(max(n - 1, 1)) + min(n, 2) - 2."""
+    return 2 * math.sqrt(max(votes - 1, 1)) + min(votes, 2) - 2
+
+
+def votes_of(weight: float) -> float:
+    """The votes for a weight: the inverse of `weight_of`, exact for weights above 0."""
+    return weight if weight <= 2 else (weight / 2) ** 2 + 1
+
+
+def probability_of(weight: float, log_odds: tuple[float, float] = LOCATED) -> float:
+    """p = 1 / (1 + exp(-base - slope ln(1 + w))): the base rate at weight 0, rising towards 1.
+
+    Args:
+        weight: total weight for, less the weight against; below 0 counts as 0.
+        log_odds: base and slope.
+    """
+    base, slope = log_odds
+    return 1 / (1 + math.exp(-base - slope * math.log1p(max(weight, 0.0))))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from kg.knowledge.conceptnet.collecting import DOUBTFUL_SHARE, EdgeCollection, Key, TermRelation
+from kg.knowledge.conceptnet.edges import LOCATED, NEAR, probability_of, weight_of
 from kg.knowledge.conceptnet.names import TermMatcher, reduced
 from kg.knowledge.conceptnet.senses import PLAIN, SenseFilter
-from kg.knowledge.conceptnet.strength import LOCATED, NEAR, probability_of, weight_of
 from kg.model import vocabulary as v
 
 #: Votes from which two things without a common place are near each other.

@@ -19,8 +19,8 @@ from kg.knowledge.conceptnet.edges import (
     number_of,
     parse_node,
     parse_relation,
+    votes_of,
 )
-from kg.knowledge.conceptnet.strength import votes_of
 
 _COLUMNS: Final = 5
 _MAX_WEIGHT: Final = 1e6

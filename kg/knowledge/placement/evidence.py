@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from pyoxigraph import Quad
 
-from kg.knowledge.conceptnet.strength import probability_of
+from kg.knowledge.conceptnet.edges import probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import superclasses
 from kg.knowledge.ontology.relations import CategoryRelation, RelationEvidence, relations

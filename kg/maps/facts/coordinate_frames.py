@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
+from kg.model.areas import along_nearest_axes
 from kg.model.errors import GraphError, InvalidFactError, QueryParameterError, did_you_mean
-from kg.model.oriented_boxes import along_nearest_axes
 from kg.rdf.literals import by_subject, cell_of, first, iri_node, subject_quads
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text

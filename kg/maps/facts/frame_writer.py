@@ -27,10 +27,10 @@ from kg.maps.facts.departed_objects import OWN as OWN_OF_DEPARTED
 from kg.maps.facts.departed_objects import departed_quads
 from kg.maps.facts.doors import OWN as OWN_OF_DOORS
 from kg.maps.facts.doors import facts_of_door
-from kg.maps.facts.label_beliefs import OWN as OWN_OF_LABELS
-from kg.maps.facts.label_beliefs import label_nodes
 from kg.maps.facts.object_relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.observations import OWN as OWN_OF_LABELS
+from kg.maps.facts.observations import label_nodes
 from kg.maps.facts.occupancy import OWN as OWN_OF_TILES
 from kg.maps.facts.occupancy import facts_of_tile, iri_of
 from kg.maps.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads

@@ -14,10 +14,15 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.maps.facts.label_beliefs import label_quads, labels_of
 from kg.maps.facts.object_relations import relation_quads, relations_of
-from kg.maps.facts.observations import evidence_of, observation_quads
-from kg.maps.facts.place_views import facts_of_views, views_of
+from kg.maps.facts.observations import (
+    evidence_of,
+    facts_of_views,
+    label_quads,
+    labels_of,
+    observation_quads,
+    views_of,
+)
 from kg.model import vocabulary as v
 from kg.model.areas import Area, Outline, area_of
 from kg.model.errors import InvalidFactError

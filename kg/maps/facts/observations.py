@@ -1,26 +1,38 @@
-"""Facts of an object's best observation (sosa:Observation)."""
+"""What was seen of a thing or a place, as facts and back: best observation, classes, views.
+
+An object has a best observation (sosa:Observation) and alternative classes, each a node with a
+probability: that a thing of that class is there, as `here:existence` is for the object's own class.
+The probabilities of all classes and of no object at all add up to 1. Views of a place are the
+viewed share of its floor and the time of the last view.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+from urllib.parse import quote
 
-from pyoxigraph import Literal, Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.robot_and_recordings import recording_iri, recording_name
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri
-from kg.model.records import Evidence
+from kg.model.records import Evidence, PlaceViews
 from kg.rdf.literals import (
     Properties,
     first,
     iri_node,
     known_iri,
+    number_literal,
+    quantised,
     share_literal,
     stamp_of,
     subject_quads,
     time_literal,
 )
+from kg.rdf.quad_store import QuadStore
 
 
 def observation_quads(iri: str, evidence: Evidence, base: str) -> list[Quad]:
@@ -57,3 +69,79 @@ def evidence_of(properties: Properties, base: str) -> Evidence:
         score=float(first(properties, v.SCORE, "1")),
         model=first(properties, v.MODEL, ""),
     )
+
+
+STEP: Final = 0.05  # of quantised probabilities; less probable alternatives are not stored
+MAX_ALTERNATIVES: Final = 3  # alternatives of one object
+#: Predicates of the nodes, and of an object that links them.
+OWN: Final = frozenset((v.HAS_LABEL_BELIEF, v.LABEL_PROBABILITY))
+
+_HAS: Final = NamedNode(v.HAS_LABEL_BELIEF)
+
+
+def label_quads(iri: str, labels: Mapping[str, float]) -> list[Quad]:
+    """Facts of the alternatives of the object `iri`, which are categories of objects.
+
+    The most probable ones are stored, from 0.05 on. Raises InvalidFactError for probabilities that
+    are not finite or out of range.
+    """
+    what, thing = f"label belief of {iri}", iri_node(iri, "object")
+    quads = list[Quad]()
+    for category, probability in stored_labels(labels, what).items():
+        node = known_iri(f"{iri}/label/{quote(category.removeprefix(v.HERE), safe='')}")
+        quads += [
+            Quad(thing, _HAS, node, v.MAP_GRAPH),
+            Quad(node, v.RDF_TYPE, known_iri(v.LABEL_BELIEF), v.MAP_GRAPH),
+            Quad(node, known_iri(v.OF_CATEGORY), iri_node(category, what), v.MAP_GRAPH),
+            Quad(node, known_iri(v.LABEL_PROBABILITY), Literal(probability), v.MAP_GRAPH),
+        ]
+    return quads
+
+
+def stored_labels(labels: Mapping[str, float], what: str) -> dict[str, float]:
+    """Alternatives as they are stored: quantised, the most probable ones first."""
+    for probability in labels.values():
+        number_literal(probability, what, minimum=0.0, maximum=1.0)
+    steps = {category: quantised(p / STEP, what, 0) * STEP for category, p in labels.items()}
+    likely = sorted(labels, key=lambda category: (-labels[category], category))[:MAX_ALTERNATIVES]
+    return {c: round(steps[c], 2) for c in likely if labels[c] >= STEP}
+
+
+def label_nodes(store: QuadStore, iri: str) -> Iterator[NamedNode]:
+    """Nodes of an object's alternatives."""
+    for quad in store.quads_for_pattern(iri_node(iri, "object"), _HAS, None, v.MAP_GRAPH):
+        if isinstance(quad.object, NamedNode):
+            yield quad.object
+
+
+def labels_of(properties: Properties, subjects: Mapping[str, Properties]) -> dict[str, float]:
+    """Alternatives of an object with `properties`, whose nodes are among `subjects`."""
+    found = dict[str, float]()
+    for iri in properties.get(v.HAS_LABEL_BELIEF, ()):
+        node = subjects.get(iri, {})
+        if v.OF_CATEGORY in node and v.LABEL_PROBABILITY in node:
+            found[first(node, v.OF_CATEGORY, "")] = float(first(node, v.LABEL_PROBABILITY, "0"))
+    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+
+
+def facts_of_views(viewed: PlaceViews | None, what: str) -> Iterator[tuple[str, Literal]]:
+    """Predicates and values; raises InvalidFactError, which names `what`, for invalid shares."""
+    if viewed is None:
+        return
+    if not 0 <= viewed.close_share <= viewed.share <= 1:
+        raise InvalidFactError(
+            f"{what}: shares viewed must lie between 0 and 1, got {viewed.share:g} and, from close "
+            f"by, {viewed.close_share:g}"
+        )
+    yield v.VIEWED_SHARE, number_literal(viewed.share, f"{what}: share viewed")
+    yield v.CLOSELY_VIEWED_SHARE, number_literal(viewed.close_share, f"{what}: share viewed")
+    yield v.LAST_VIEWED, time_literal(viewed.last, f"{what}: last viewed")
+
+
+def views_of(properties: Properties) -> PlaceViews | None:
+    """The views that a place's properties state; None without them."""
+    if v.VIEWED_SHARE not in properties or v.LAST_VIEWED not in properties:
+        return None
+    share = float(first(properties, v.VIEWED_SHARE, "0"))
+    close = float(first(properties, v.CLOSELY_VIEWED_SHARE, "0"))
+    return PlaceViews(share, min(close, share), stamp_of(properties, v.LAST_VIEWED))

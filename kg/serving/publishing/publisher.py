@@ -19,8 +19,7 @@ from kg.model.errors import GraphError, HistoryError, RemoteError, UnreachableEr
 from kg.model.transactions import ChangeSet
 from kg.serving.client.remote_map import RemoteMap
 from kg.serving.opening import open_map
-from kg.serving.publishing.sources import snapshot_of
-from kg.serving.publishing.target import PublishTarget
+from kg.serving.publishing.target import PublishTarget, snapshot_of
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import complete_types
 

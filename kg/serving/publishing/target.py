@@ -1,4 +1,4 @@
-"""Target of a mirror: a SPARQL 1.1 server that holds the published maps in one set of graphs.
+"""Source and target of a mirror: a state of a map, and a SPARQL 1.1 server of published maps.
 
 Graphs have the same names as in a map. The last published transaction of each map is a fact of
 graph:published (``<map> here:sequence 254``), written in the same update as the transaction. Things
@@ -10,21 +10,53 @@ are added, and a change of any map's ontology changes that copy.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import Final
 
-from pyoxigraph import Literal, NamedNode, Quad, Store
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Store, parse
 
 from kg.history.storage.log import BACKGROUND
 from kg.maps.facts.coordinate_frames import MapFrame, apart_from
+from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, RemoteError
 from kg.model.transactions import ChangeSet
 from kg.rdf.skolem import named
-from kg.serving.publishing.sources import SourceSnapshot
+from kg.serving.client.remote_map import RemoteMap
 from kg.store.sparql_backend import SparqlBackend, graph_blocks
 from kg.store.sparql_client import Solutions
 from kg.store.type_inference import inferred_changes
 from kg.store.virtuoso import MAX_QUADS
+
+DUMP_WITHIN: Final = 600.0  # [s] to read a served map
+MAX_DUMP: Final = 8 << 30  # [bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSnapshot:
+    """Quads of a map after transaction `sequence`, without blank nodes and the number."""
+
+    sequence: int
+    quads: tuple[Quad, ...]
+
+
+def snapshot_of(semantic_map: SemanticMap) -> SourceSnapshot:
+    """The current state of a map; raises RemoteError if its server breaks off."""
+    sequence, quads = 0, []
+    for quad in _stored(semantic_map):
+        if quad.predicate.value == v.SEQUENCE and isinstance(quad.object, Literal):
+            sequence = int(quad.object.value)
+        else:
+            quads.append(quad)
+    return SourceSnapshot(sequence, tuple(named(quads)))
+
+
+def _stored(semantic_map: SemanticMap) -> Iterable[Quad]:
+    if not isinstance(semantic_map, RemoteMap):
+        return semantic_map.engine
+    dump = semantic_map.dump(seconds=DUMP_WITHIN, max_bytes=MAX_DUMP)
+    return parse(dump, format=RdfFormat.N_QUADS)
+
 
 CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
 CHUNK_OF_VIRTUOSO: Final = 10 * MAX_QUADS

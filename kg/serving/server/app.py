@@ -22,7 +22,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import HereaboutsError, ServerError
-from kg.serving.server.app_state import AppState, Planner, Status
+from kg.serving.server.app_state import AppState, Planner, RunningCounts, Status
 from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.endpoints.feed_endpoints import changes, subscribe
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
@@ -48,7 +48,6 @@ from kg.serving.server.linked_data.memento import timegate, timemap
 from kg.serving.server.linked_data.pages import console_page, root_page
 from kg.serving.server.linked_data.resource_pages import resource, skolem, thing_at_path
 from kg.serving.server.metrics import MEDIA_TYPE, Reading
-from kg.serving.server.running_counts import RunningCounts
 from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.pool import QueryPool
 

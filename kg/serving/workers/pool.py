@@ -1,4 +1,7 @@
-"""Query pool: evaluates untrusted queries in worker processes on snapshots of a live map."""
+"""Query pool: evaluates untrusted queries in worker processes, on snapshots of a live map.
+
+Workers read the history of the map as a file.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import asyncio
 import contextlib
 import threading
 import time
+import uuid
 import weakref
 from collections.abc import Collection
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self, Unpack
 
+from kg.history.storage.log import HistoryLog
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     EngineFailureError,
@@ -22,10 +27,10 @@ from kg.model.errors import (
     QueryError,
     WorkerDiedError,
 )
+from kg.model.sqlite_files import connect
 from kg.rdf.sparql.vetting import check_length, has_allowed_service
 from kg.serving.workers.admission import FairQueue, Lane, Turn
 from kg.serving.workers.dumps import Dump
-from kg.serving.workers.history_file import HistoryFile
 from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, settings_of
@@ -33,6 +38,39 @@ from kg.serving.workers.request import ANYONE, Asker, QueryCall, QueryOptions, r
 from kg.serving.workers.worker_set import WorkerSet, all_busy
 from kg.store.snapshots import Snapshots
 from kg.store.transactional import TransactionalStore
+
+
+class HistoryFile:
+    """The history file of a map, or a copy in `home` of a history in memory.
+
+    Safe from any thread.
+    """
+
+    def __init__(self, log: HistoryLog, base: str, home: Path | None) -> None:
+        self._log, self._base, self._home = log, base, home
+        self._guard = threading.Lock()
+        self._copy: Path | None = None
+        self._copied = -1  # the last transaction in the copy
+
+    def request(self) -> dict[str, str]:
+        """Path of the history and base of the map, as a part of a request."""
+        return {"log": str(self._path()), "base": self._base}
+
+    def _path(self) -> Path:
+        if self._log.file is not None:
+            return self._log.file.resolve()
+        with self._guard, self._log.lock:
+            if self._copy is None:
+                assert self._home is not None, "a map in memory has a folder for snapshots"
+                self._copy = self._home / "history.sqlite"
+            if self._copied != self._log.last:
+                fresh = self._copy.with_name(f"{uuid.uuid4()}.sqlite")
+                with closing(connect(fresh)) as copy:
+                    self._log.db.backup(copy)
+                fresh.replace(self._copy)  # readers of the old file keep it open
+                self._copied = self._log.last
+            return self._copy
+
 
 DUMPS = 2  # at once
 DUMP_SECONDS = 600.0  # to wait for a dump, and again to write it

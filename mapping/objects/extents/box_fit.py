@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import OrientedBox, along, along_nearest_axes
+from kg.model.areas import OrientedBox, along, along_nearest_axes
 from mapping.frames.sighting import ThingSighting
 from perception.frames import Frame
 

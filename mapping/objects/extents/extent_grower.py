@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import OrientedBox
+from kg.model.areas import OrientedBox
 from kg.model.records import ObjectRecord
 from mapping.objects.extents.box_fit import BoxViews, fitted_box
 from mapping.objects.extents.surface_growth import REACH, Voxels, Walls, grown_box

@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.oriented_boxes import OrientedBox, along
+from kg.model.areas import OrientedBox, along
 from mapping.objects.extents.box_fit import BoxViews
 from perception.binary_masks import connected_components
 

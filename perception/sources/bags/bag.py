@@ -18,7 +18,6 @@ from kg.model.errors import RecordingError
 from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import Pose, checked_pose
-from perception.sources.association import nearest_pairs
 from perception.sources.bags.bag_file import bag_path
 from perception.sources.bags.bag_images import MessageSource, frame_id, images_of
 from perception.sources.bags.bag_index import BagIndex, Stream, read_index
@@ -36,6 +35,7 @@ from perception.sources.listing import (
     FrameEntry,
     RecordingListing,
     Streams,
+    nearest_pairs,
 )
 from perception.sources.ros.image_messages import NANOSECONDS, intrinsics_of, is_calibrated, view_of
 from perception.sources.ros.transform_tree import TransformTree

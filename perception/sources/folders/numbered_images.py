@@ -29,7 +29,6 @@ import numpy as np
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
 from perception.camera.poses import Pose, read_found_pose, read_pose_log, read_pose_rows
-from perception.sources.association import TOLERANCE, nearest_pairs
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
     DEPTH_SUFFIXES,
@@ -37,10 +36,12 @@ from perception.sources.folders.image_files import (
     images_by_number,
 )
 from perception.sources.listing import (
+    TOLERANCE,
     Format,
     FrameEntry,
     RecordingListing,
     Streams,
+    nearest_pairs,
     stamp_of_number,
     subfolder,
 )

@@ -27,9 +27,14 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
 from perception.camera.image_decoding import MILLIMETRES, decode_image, metres
-from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
+from perception.camera.intrinsics import (
+    Intrinsics,
+    intrinsics_from_matrix,
+    turned_camera,
+    turned_poses,
+    upright_turns,
+)
 from perception.camera.poses import CONVENTIONS, Pose, pose_from_quaternion
-from perception.camera.turns import turned_camera, turned_poses, upright_turns
 from perception.sources.folders.stray_scanner import UNSURE, UP, TurnedImage
 from perception.sources.listing import FRAME_RATE, Format, FrameEntry, RecordingListing, Streams
 

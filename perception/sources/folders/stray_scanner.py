@@ -20,9 +20,16 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
-from perception.camera.intrinsics import Intrinsics, find_intrinsics, intrinsics_from_matrix
+from perception.camera.intrinsics import (
+    Intrinsics,
+    find_intrinsics,
+    intrinsics_from_matrix,
+    turned_camera,
+    turned_image,
+    turned_poses,
+    upright_turns,
+)
 from perception.camera.poses import Pose, pose_from_quaternion
-from perception.camera.turns import turned_camera, turned_image, turned_poses, upright_turns
 from perception.number_tables import all_numbers, floats
 from perception.sources.folders.image_files import ImageFile, decoded, images_by_number
 from perception.sources.folders.video import Video, VideoFrame

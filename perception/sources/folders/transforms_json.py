@@ -18,9 +18,14 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
-from perception.camera.intrinsics import FISHEYE_COEFFICIENTS, Intrinsics
+from perception.camera.intrinsics import (
+    FISHEYE_COEFFICIENTS,
+    Intrinsics,
+    turned_camera,
+    turned_poses,
+    upright_turns,
+)
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose
-from perception.camera.turns import turned_camera, turned_poses, upright_turns
 from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile
 from perception.sources.folders.stray_scanner import UP, TurnedImage
 from perception.sources.listing import (

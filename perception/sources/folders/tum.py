@@ -19,14 +19,15 @@ from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import Pose, read_trajectory
 from perception.number_tables import floats, rows
-from perception.sources.association import TOLERANCE, nearest_pairs
 from perception.sources.folders.image_files import ImageFile
 from perception.sources.folders.numbered_images import COLOUR_FOLDERS, pairs_by_stamp
 from perception.sources.listing import (
+    TOLERANCE,
     Format,
     FrameEntry,
     RecordingListing,
     Streams,
+    nearest_pairs,
     subfolder,
 )
 

@@ -16,9 +16,8 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import FRAMES, Up, gravity_aligned_transform
-from perception.camera.intrinsics import Intrinsics
+from perception.camera.intrinsics import Intrinsics, Rectifier
 from perception.camera.poses import Pose
-from perception.camera.rectification import Rectifier
 from perception.frames import Frame
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import check_depth, depth_findings

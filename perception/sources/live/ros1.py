@@ -1,27 +1,79 @@
 """ROS 1: topics of a master, without ROS.
 
-The master's XML-RPC API names the nodes that publish a topic; each node is asked for a TCPROS
-connection. The subscription is not registered with the master, so that nothing has to be served;
-publishers see it.
+The master's XML-RPC API (wiki.ros.org: Master_API, Slave_API) names the nodes that publish a topic;
+each node is asked for a TCPROS connection. The subscription is not registered with the master, so
+that nothing has to be served; publishers see it.
 """
 
 from __future__ import annotations
 
+import http.client
 import os
 import socket
 import threading
 import time
+import xmlrpc.client
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 from urllib.parse import urlsplit
+from xml.parsers.expat import ExpatError
 
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live.connection import Inbox, Retry, max_size
-from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE, ask
 from perception.sources.live.tcpros import TcprosConnection
 from perception.sources.ros.foxglove_schemas import ros_type
+
+CALLER: Final = "/hereabouts"
+PATIENCE: Final = 5.0  # [s] for an answer
+MAX_ANSWER: Final = 1 << 24  # [bytes] of the master or a node
+
+#: errors of a request to a master, a node, or another program at its address
+FAILURES: Final = (
+    OSError,
+    xmlrpc.client.Error,
+    http.client.HTTPException,
+    ExpatError,
+    RecordingError,
+    ValueError,  # among them those of wrong types and encodings
+    TypeError,
+    LookupError,
+    OverflowError,
+)
+
+
+def ask(uri: str, method: str, *arguments: Any, caller: str) -> Any:
+    """Answer of a master or a node; raises one of FAILURES."""
+    with xmlrpc.client.ServerProxy(uri, transport=_Transport()) as proxy:
+        answer = getattr(proxy, method)(caller, *arguments)
+    if not (isinstance(answer, list) and len(answer) == 3):
+        raise RecordingError(f"{method}: answered by what is no ROS 1 master or node")
+    code, said, value = answer
+    if code != 1:
+        raise RecordingError(f"{method} failed: {said}")
+    return value
+
+
+class _Transport(xmlrpc.client.Transport):
+    """HTTP with a time limit, and answers of limited size."""
+
+    accept_gzip_encoding = False
+
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = http.client.HTTPConnection(str(host), timeout=PATIENCE)
+        self._connection = host, connection  # what `close` closes
+        return connection
+
+    def parse_response(self, response: Any) -> Any:
+        data = response.read(MAX_ANSWER + 1)
+        if len(data) > MAX_ANSWER:
+            raise RecordingError(f"an answer of more than {MAX_ANSWER} bytes")
+        parser, unmarshaller = self.getparser()
+        parser.feed(data)
+        parser.close()
+        return unmarshaller.close()
+
 
 PORT: Final = 11311
 POLL: Final = 0.2  # [s] between two requests to the master

@@ -20,8 +20,7 @@ from typing import Any, Final
 
 from perception.sources.bags.bag_file import message_types
 from perception.sources.live.connection import Retry
-from perception.sources.live.ros1 import Ros1Master
-from perception.sources.live.ros1_api import CALLER, FAILURES, PATIENCE
+from perception.sources.live.ros1 import CALLER, FAILURES, PATIENCE, Ros1Master
 from perception.sources.live.tcpros import TcprosConnection, block
 
 CHECK_INTERVAL: Final = 1.0  # [s] between two checks that the master still knows the node

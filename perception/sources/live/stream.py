@@ -21,11 +21,9 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import parse_up
 from perception.camera.image_decoding import MILLIMETRES
+from perception.camera.intrinsics import Rectifier, clear_turns, turned_poses
 from perception.camera.poses import CONVENTIONS, Pose, gridded_pose
-from perception.camera.rectification import Rectifier
-from perception.camera.turns import clear_turns, turned_poses
 from perception.frames import Frame
-from perception.sources.association import nearest_pairs
 from perception.sources.bags.bag import (
     Choice,
     camera_of,
@@ -45,7 +43,7 @@ from perception.sources.bags.bag_index import (
     stamp_of,
 )
 from perception.sources.bags.bag_poses import IMU, Reading, add_poses, up_by_imu
-from perception.sources.listing import FrameEntry, RecordingListing
+from perception.sources.listing import FrameEntry, RecordingListing, nearest_pairs
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
 from perception.sources.live.stream_counts import StreamCounts
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording

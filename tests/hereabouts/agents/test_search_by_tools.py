@@ -13,7 +13,7 @@ from mcp import Client
 from mcp.server import MCPServer
 
 from hereabouts.agents.map_context import MapContext
-from hereabouts.agents.open_searches import MAX_SEARCHES, OpenSearch, OpenSearches
+from hereabouts.agents.search_tools import MAX_SEARCHES, OpenSearch, OpenSearches
 from hereabouts.agents.tool_server import tool_server
 from hereabouts.demo.house_demo import HIDDEN, layout_of
 from kg.maps.semantic_map import SemanticMap

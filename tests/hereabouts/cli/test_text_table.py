@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hereabouts.cli import main
-from hereabouts.cli.console import note
-from hereabouts.cli.text_table import text_table
+from hereabouts.cli.console import note, text_table
 
 
 def test_numbers_are_set_to_the_right_under_a_ruled_header() -> None:

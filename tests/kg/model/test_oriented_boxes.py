@@ -10,7 +10,7 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.model.oriented_boxes import along_nearest_axes, footprint, upright_bounds
+from kg.model.areas import along_nearest_axes, footprint, upright_bounds
 
 sides = st.floats(0.02, 5)
 yaws = st.floats(-2 * math.pi, 2 * math.pi)

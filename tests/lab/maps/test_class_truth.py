@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from kg.model.errors import RecordingError
-from lab.maps.class_truth import load_truth
+from lab.maps.truth_matching import load_truth
 
 
 def test_hand_made_truth_of_the_kitchen_is_read(shared):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lab.recordings.depth_sensor import KINECT
+from lab.recordings.simulated_recording import KINECT
 from planner.simulation.sensing.camera import DepthSensor
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from kg.model.errors import RecordingError
 from lab.maps.complete_truth import is_complete_truth, load_complete_truth
-from lab.recordings.odometry import with_drift
-from lab.recordings.simulated_recording import SimulationOptions, simulate_house
+from lab.recordings.simulated_recording import SimulationOptions, simulate_house, with_drift
 from mapping.places.layout import load_layout
 from perception.camera.poses import read_trajectory
 from perception.inference.recorded_detections import load_recorded_detections

@@ -12,8 +12,8 @@ from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.keepers.picture_keeper import PictureKeeper
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
+from perception.annotate import MAX_SIDE, object_picture
 from perception.frames import Frame
-from perception.object_picture import MAX_SIDE, object_picture
 
 BOX = (20.0, 14.0, 44.0, 34.0)
 RED = (200, 30, 30)

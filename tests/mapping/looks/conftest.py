@@ -11,7 +11,7 @@ import pytest
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.model.records import Evidence, MapUpdate
 from kg.serving.opening import create_map
-from perception.object_picture import object_picture
+from perception.annotate import object_picture
 
 #: photograph of COCO val2017, and a box (xyxy) [px]
 SHOWN = {

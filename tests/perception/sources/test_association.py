@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.sources.association import nearest_pairs
+from perception.sources.listing import nearest_pairs
 
 stamps = st.lists(st.integers(0, 40), max_size=8).map(lambda n: np.array(n, float) / 8)
 

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kg.knowledge.conceptnet.edges import probability_of, votes_of, weight_of
 from kg.knowledge.conceptnet.importing import ConceptNetImport, import_conceptnet
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.conceptnet.strength import probability_of, votes_of, weight_of
 from kg.model import vocabulary as v
 
 Shared = Callable[[str], Path]

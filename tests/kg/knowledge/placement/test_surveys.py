@@ -11,7 +11,7 @@ from kg.knowledge.placement.belief_model import posterior_belief
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence
 from kg.knowledge.placement.rooms import room_types
 from kg.knowledge.placement.settings import FITTED
-from kg.knowledge.placement.statistics_export import room_type_quads
+from kg.knowledge.placement.statistics import room_type_quads
 from kg.knowledge.placement.surveys import survey_features
 from kg.model import vocabulary as v
 

@@ -12,9 +12,14 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.import_digest import mark_of
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.knowledge.placement.statistics import RoomStatistics, statistics, statistics_quads
-from kg.knowledge.placement.statistics_export import table_quads
-from kg.knowledge.placement.statistics_import import SHIPPED, read_rooms
+from kg.knowledge.placement.statistics import (
+    SHIPPED,
+    RoomStatistics,
+    read_rooms,
+    statistics,
+    statistics_quads,
+    table_quads,
+)
 from kg.knowledge.placement.table import table_of
 from kg.maps.room_statistics import import_rooms, placement_table
 from kg.maps.semantic_map import SemanticMap

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.oriented_boxes import OrientedBox
+from kg.model.areas import OrientedBox
 from kg.serving.opening import in_memory_map
 from lab.houses.random_house import random_house
 from mapping.mapper import Mapper

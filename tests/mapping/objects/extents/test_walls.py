@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from kg.model.oriented_boxes import OrientedBox
+from kg.model.areas import OrientedBox
 from mapping.objects.extents.box_fit import BoxViews
 from mapping.objects.extents.surface_growth import Walls, grown_box
 from tests.mapping.objects.extents.test_grown_boxes import (

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rosbags")
 from perception.sources.bags.bag_file import RawMessage, decoded, message_types
 from perception.sources.live import connection, ros1, ros1_publisher, tcpros
-from perception.sources.live.ros1_api import ask
+from perception.sources.live.ros1 import ask
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.tcpros import TcprosConnection
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
