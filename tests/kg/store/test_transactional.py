@@ -1,19 +1,25 @@
-"""The store on disk: who may open it, what a failed open leaves behind, when it is whole."""
+"""Transactions, on a full disk too, and the memory of the process."""
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from pathlib import Path
 
 import pytest
 from pyoxigraph import Literal, NamedNode, Quad
 
+from benchmarks.graph.ours import resident
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
 from kg.model.transactions import Cause
+from kg.serving.opening import create_map, open_map
 from kg.store import flushing
+from kg.store.process_memory import gc_frozen, trim_heap
 from kg.store.transaction_quads import sequence_quad
 from kg.store.transactional import TransactionalStore
 
@@ -178,3 +184,80 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(GraphError, match="cannot create") as caught:
         TransactionalStore.create(tmp_path / "file" / "map", [])
     assert "\n" not in str(caught.value)
+
+
+FILL = """
+import resource, sys
+from kg.model.errors import GraphError
+from kg.serving.opening import open_map
+errors = []
+try:
+    with open_map(sys.argv[1]) as semantic_map:
+        # no file may grow any more, and the kernel says so as it does on a full disk
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 17, resource.RLIM_INFINITY))
+        for number in range(3000):
+            text = f"INSERT DATA {{ <urn:n:{number}> rdfs:comment '{'x' * 500}' }}"
+            try:
+                semantic_map.update(text)
+                print(number, flush=True)
+            except GraphError as error:
+                errors.append(error)
+                if len(errors) == 3:
+                    break
+except GraphError as error:
+    errors.append(error)
+assert len(errors) >= 3, errors
+assert all("cannot write" in str(error) for error in errors), errors
+"""
+
+
+def test_what_cannot_be_written_is_an_error_and_what_was_acknowledged_stays(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "full.map"
+    create_map(path).close()
+    root = Path(__file__).resolve().parents[3]
+    words = [sys.executable, "-c", FILL, str(path)]
+    ran = subprocess.run(words, cwd=root, capture_output=True, text=True, check=False)
+    assert (ran.returncode, ran.stderr) == (0, "")
+    acknowledged = [int(line) for line in ran.stdout.split()]
+    assert len(acknowledged) > 10
+    with open_map(path) as semantic_map:
+        kept = semantic_map.query("SELECT ?s { ?s rdfs:comment ?x }").rows
+        assert {f"urn:n:{number}" for number in acknowledged} <= {row[0] for row in kept}
+        semantic_map.update("INSERT DATA { <urn:n:last> rdfs:comment 'room again' }")
+
+
+def test_existing_objects_are_exempt_for_the_length_of_the_block() -> None:
+    before = gc.get_freeze_count()
+    mine = [[]]
+    with pytest.raises(KeyError), gc_frozen():
+        assert gc.get_freeze_count() > before
+        assert all(found is not mine for found in gc.get_objects())
+        raise KeyError
+    assert any(found is mine for found in gc.get_objects())
+
+
+def test_cycles_that_are_made_later_are_collected() -> None:
+    with gc_frozen():
+        last = weakref.ref(_Cycle())
+        gc.collect()
+        assert last() is None
+
+
+class _Cycle:
+    def __init__(self) -> None:
+        self.me = self
+
+
+@pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "malloc_trim"), reason="only glibc can be asked to"
+)
+def test_free_memory_between_used_blocks_is_returned() -> None:
+    pieces = [bytes(1000 + number % 5000) for number in range(40_000)]  # 140 MB
+    kept = pieces[::7]
+    del pieces
+    before = resident()
+    assert trim_heap()
+    assert len(kept) == 5715
+    assert resident() < before - 50e6

@@ -1,4 +1,4 @@
-"""Average precision: equal to pycocotools, on made-up and on real detections."""
+"""Evaluation of networks."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -18,7 +19,12 @@ from kg.model.errors import ModelError
 from lab.networks.average_precision import AveragePrecision
 from lab.networks.coco_dataset import TrueBoxes, load_coco
 from lab.networks.detector_evaluation import THRESHOLD, evaluate_detector
+from lab.networks.repeated_frames import RememberingSceneClassifier
+from lab.networks.scene_evaluation import evaluate_scenes
+from perception.frames import Detections, Frame, SceneScores
 from perception.inference.detector import load_detector
+from perception.inference.detector_pair import RememberingDetector
+from perception.inference.scene_classifier import load_scene_classifier
 
 CATEGORIES = {3: "cup", 7: "chair"}
 side = st.integers(0, 150)
@@ -161,3 +167,80 @@ def test_a_detector_of_other_classes_is_refused(tmp_path):
     other = write(tmp_path, categories=[{"id": 1, "name": "gizmo"}])
     with pytest.raises(ModelError, match="share no class: it has person, bicycle"):
         evaluate_detector(load_detector(), load_coco(other))
+
+
+def frame(name):
+    image = np.zeros((4, 4, 3), np.uint8)
+    return Frame(name, image, np.ones((4, 4), np.float32), np.eye(3), np.eye(4), 0.0)
+
+
+class Counting:
+    """Detector and scene classifier that says which of its calls each answer is of."""
+
+    name = "counting"
+
+    def __init__(self):
+        self.calls = 0
+
+    def detect(self, frame):
+        self.calls += 1
+        score = np.full(1, self.calls / 10, np.float32)
+        return Detections(np.zeros((1, 4), np.float32), score, (frame.id,))
+
+    def classify(self, frame):
+        self.calls += 1
+        return SceneScores({frame.id: self.calls / 10})
+
+
+def test_each_frame_goes_through_the_detector_once():
+    counting = Counting()
+    detector = RememberingDetector(counting)
+    first = [detector.detect(frame(name)) for name in "ab"]
+    again = [detector.detect(frame(name)) for name in "ba"]
+    assert counting.calls == 2 and detector.name == "counting"
+    assert [found.label for found in again] == [("b",), ("a",)]
+    assert again[1] is first[0]
+
+
+def test_each_frame_goes_through_the_scene_classifier_once():
+    counting = Counting()
+    classifier = RememberingSceneClassifier(counting)
+    assert classifier.classify(frame("a")) is classifier.classify(frame("a"))
+    assert counting.calls == 1 and classifier.name == "counting"
+
+
+@pytest.fixture
+def classifier(write_network):
+    path = write_network({"probs": np.array([[0.7, 0.2, 0.1]], np.float32)})
+    return load_scene_classifier(path, labels=["kitchen", "living_room", "hall"])
+
+
+def images(folder, **of_class):
+    for name, number in of_class.items():
+        (folder / name).mkdir(parents=True)
+        for i in range(number):
+            cv2.imwrite(str(folder / name / f"{i}.png"), np.zeros((30, 40, 3), np.uint8))
+    return folder
+
+
+def test_shares_confusion_and_calibration_by_hand(classifier, tmp_path):
+    folder = images(tmp_path / "rooms", **{"Living room": 1, "kitchen": 3, "office": 2})
+    found = evaluate_scenes(classifier, folder)
+    assert (found.images, found.top1, found.top5) == (4, 0.75, 1.0)
+    assert found.confusion == {"living_room": {"kitchen": 1}, "kitchen": {"kitchen": 3}}
+    assert found.calibration.ece == pytest.approx(0.05)
+    assert found.unknown == {"office": 2}
+
+
+def test_the_bundled_classifier_knows_four_of_five_photographs(shared):
+    found = evaluate_scenes(load_scene_classifier(), shared("data/images/places365_val120"))
+    assert found.images == 120
+    assert found.top1 > 0.82  # by the centre crop; stretched photographs give 0.81
+    assert found.top5 > 0.98
+
+
+@pytest.mark.parametrize("name", ["absent", "empty"])
+def test_folders_without_known_images_say_what_would_work(classifier, tmp_path, name):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(ModelError, match="a folder"):
+        evaluate_scenes(classifier, tmp_path / name)

@@ -1,7 +1,8 @@
-"""What cannot be right is refused in one line before the map changes; what is right, never."""
+"""Checks of frames and poses, and frames read ahead."""
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from kg.model.errors import FrameError, RecordingError
 from mapping.frames.frame_checks import MAX_PAIRS, FrameChecks
+from mapping.frames.pose_monitor import PoseMonitor
+from mapping.frames.read_ahead import read_ahead
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
@@ -275,3 +278,122 @@ def test_boxes_and_scores_of_another_form_are_refused_where_they_are_made(xyxy, 
 def test_one_label_for_all_boxes_is_refused():
     with pytest.raises(FrameError, match="texts, one a box"):
         Detections(np.zeros((3, 4), np.float32), np.zeros(3, np.float32), "cup")  # type: ignore[arg-type]
+
+
+def problems(frames):
+    monitor = PoseMonitor("room")
+    for frame in frames:
+        monitor.add(frame)
+    return monitor.problems
+
+
+def shifted(frame, x, y):
+    T = frame.T_map_cam.copy()
+    T[:2, 3] += x, y
+    return replace(frame, T_map_cam=T)
+
+
+def test_sound_poses_have_no_problems():
+    assert problems([room_frame(T, n) for n, T in enumerate(round_tour())]) == {}
+
+
+def test_a_jump_is_noticed_where_it_happens():
+    frames = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    jumped = [f if n < 17 else shifted(f, 0.35, -0.3) for n, f in enumerate(frames)]
+    found = problems(jumped)
+    assert list(found) == ["jump"]
+    assert "jump at frame frame-000017" in found["jump"]
+    assert "--poses FILE" in found["jump"]
+
+
+def test_drift_is_noticed_where_the_camera_comes_by_again():
+    t = np.linspace(0, 2 * np.pi, 60)
+    there = [pose(-1.2 + 0.8 * np.sin(s), -0.6 + 0.9 * np.sin(s), 0.5) for s in np.tile(t, 2)]
+    frames = [room_frame(T, n) for n, T in enumerate(there)]
+    assert problems(frames) == {}
+    drifting = [shifted(f, 0.004 * n, 0.003 * n) for n, f in enumerate(frames)]
+    assert "the poses drift" in problems(drifting)["drift"]
+
+
+def test_after_a_jump_what_was_seen_before_it_tells_no_drift():
+    t = np.tile(np.linspace(0, 2 * np.pi, 60), 3)
+    there = [pose(-1.2 + 0.8 * np.sin(s), -0.6 + 0.9 * np.sin(s), 0.5) for s in t]
+    frames = [room_frame(T, n) for n, T in enumerate(there)]
+    jumped = [f if n < 62 else shifted(f, 0.35, -0.3) for n, f in enumerate(frames)]
+    assert list(problems(jumped)) == ["jump"]
+
+
+def readers() -> int:
+    return sum(thread.name == "read-ahead" for thread in threading.enumerate())
+
+
+def test_items_come_in_their_order():
+    assert list(read_ahead(iter(range(100)))) == list(range(100))
+    assert readers() == 0
+
+
+def test_no_more_than_so_many_are_made_before_they_are_asked_for():
+    made, third = [], threading.Event()
+
+    def items():
+        for n in range(9):
+            made.append(n)
+            if n == 2:
+                third.set()
+            yield n
+
+    ahead = read_ahead(items(), count=2)
+    assert next(ahead) == 0
+    assert third.wait(10)
+    ahead.close()
+    # one was used, two wait, and one is in hand
+    assert made[-1] <= 3
+
+
+def test_an_error_comes_after_the_items_before_it():
+    def items():
+        yield 1
+        yield 2
+        raise ValueError("the third is broken")
+
+    ahead = read_ahead(items())
+    assert [next(ahead), next(ahead)] == [1, 2]
+    with pytest.raises(ValueError, match="the third is broken"):
+        next(ahead)
+    assert readers() == 0
+
+
+def test_closing_ends_the_thread_and_closes_the_source():
+    closed = []
+
+    def items():
+        try:
+            yield from range(1000)
+        finally:
+            closed.append(threading.current_thread().name)
+
+    with pytest.raises(KeyboardInterrupt):
+        for n in read_ahead(items()):
+            if n == 3:
+                raise KeyboardInterrupt
+    assert readers() == 0
+    assert closed == ["read-ahead"]
+
+
+def test_chained_stages_run_side_by_side():
+    """Each stage waits for the other to work on another item, so that one thread would hang."""
+    met = threading.Barrier(2, timeout=20)
+
+    def first():
+        for n in range(4):
+            if n > 0:
+                met.wait()
+            yield n
+
+    def second(items):
+        for n in items:
+            if n < 3:
+                met.wait()
+            yield n
+
+    assert list(read_ahead(second(read_ahead(first())))) == [0, 1, 2, 3]

@@ -1,4 +1,4 @@
-"""What a network's labels mean: the table of a person, the ontology, a provisional category."""
+"""Labels of detectors and the categories that they mean."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model.errors import LabelsError
-from mapping.labels.label_resolver import LabelTable, load_label_table
+from mapping.labels.label_resolver import LabelMeaning, LabelTable, check_labels, load_label_table
 from mapping.mapping_options import MappingOptions
 from mapping.objects.object_mapper import ReferenceObjectMapper
 from mapping.places.place_mapper import PlaceMapper
@@ -222,3 +223,17 @@ def test_any_text_is_a_table_or_a_clear_refusal(tmp_path_factory, text):
         assert load_label_table(path).names
     except LabelsError as error:
         assert "\n" not in str(error)
+
+
+def test_labels_are_told_with_the_category_that_they_get_and_what_is_missing() -> None:
+    labels = ["Chair", "coffee mug", "Armchair", "Kettle", "Windsor seat", "Chair"]
+    found = check_labels(labels, shipped_ontology().catalogue)
+    assert found.labels == (
+        LabelMeaning("Chair", "category", "chair"),
+        LabelMeaning("coffee mug", "name of a category", "cup"),
+        LabelMeaning("Armchair", "new class", "chair"),
+        LabelMeaning("Kettle", "new class", ""),
+        LabelMeaning("Windsor seat", "provisional class", ""),
+    )
+    assert "vase" in found.unseen
+    assert "cup" not in found.unseen

@@ -1,4 +1,8 @@
+"""Looks of objects: by words, and of moved ones."""
+
 from __future__ import annotations
+
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -6,8 +10,14 @@ import pytest
 
 from kg.maps.object_pictures import MAX_VIEWS, ObjectPictures
 from kg.model.errors import ModelError
-from kg.model.records import Evidence
+from kg.model.records import Evidence, MapUpdate
+from kg.model.vocabulary import UNNAMED_THING
+from kg.serving.opening import in_memory_map, open_map
+from mapping.looks.known_things import KnownThings, MovedLooks, recognise, taught
 from mapping.looks.object_looks import FILE, Looks, ObjectLooks
+from mapping.looks.word_looks import imagenet_classes, things_that_look_like
+from mapping.objects.settings import ObjectSettings
+from mapping.objects.tracks import track_of
 
 
 def encoded(rgb: np.ndarray) -> bytes:
@@ -88,3 +98,84 @@ def test_a_picture_of_nothing_has_no_looks(furnished):
     assert ObjectLooks(semantic_map.store.path).of(iris) == {}
     with pytest.raises(ModelError, match="shows nothing"):
         Looks.of_pictures([encoded(grey)])
+
+
+def test_things_are_ordered_by_what_a_word_means(furnished, cut_out):
+    semantic_map = furnished(
+        ("cup", cut_out("banana")), ("cup", cut_out("teddy bear")), ("cup", cut_out("cup"))
+    )
+    banana, bear, mug = (record.iri for record in semantic_map.objects())
+    for synset, iri in (("banana.n.02", banana), ("teddy.n.01", bear), ("coffee_mug.n.01", mug)):
+        assert things_that_look_like(semantic_map, synset)[0].iri == iri
+
+
+def test_nothing_looks_like_a_thing_that_is_not_there(furnished, cut_out):
+    semantic_map = furnished(("cup", cut_out("banana")), ("cup", cut_out("teddy bear")))
+    assert things_that_look_like(semantic_map, "printer.n.03") == ()
+    assert things_that_look_like(semantic_map, "no_such_word.n.01") is None
+
+
+def test_things_without_a_name_are_compared_too(furnished, cut_out):
+    semantic_map = furnished(("cup", cut_out("banana")))
+    (record,) = semantic_map.perceived.objects()
+    semantic_map.apply(MapUpdate((replace(record, category=UNNAMED_THING),)))
+    assert semantic_map.objects() == ()
+    (found,) = things_that_look_like(semantic_map, "banana.n.02")
+    assert found.iri == record.iri
+    KnownThings().with_thing(taught("my banana", [cut_out("banana", 4.0)])).save(
+        semantic_map.store.path
+    )
+    recognise(semantic_map)
+    (named,) = semantic_map.objects()
+    assert semantic_map.catalogue.label(named.category) == "my banana"
+    assert semantic_map.assertions.conflicts() == ()
+
+
+def test_a_map_in_memory_has_no_looks():
+    with in_memory_map(base="https://example.org/map/") as semantic_map:
+        assert things_that_look_like(semantic_map, "banana.n.02") is None
+
+
+def test_a_map_open_for_reading_can_be_asked(furnished, cut_out):
+    semantic_map = furnished(("cup", cut_out("banana")))
+    folder = semantic_map.store.path
+    semantic_map.close()
+    with open_map(folder, read_only=True) as reading:
+        assert len(things_that_look_like(reading, "banana.n.02")) == 1
+
+
+def test_every_class_is_one_of_the_thousand():
+    classes = imagenet_classes()
+    assert "wallet.n.01" in classes
+    assert all(0 <= number < 1000 for numbers in classes.values() for number in numbers)
+
+
+@pytest.fixture
+def tracks(furnished):
+    """Callable: (category, picture) ... -> looks of such a map, and tracks of its things."""
+
+    def tracked(*things):
+        semantic_map = furnished(*things)
+        looks = MovedLooks(semantic_map.store.path, lambda shown: None)
+        objects = semantic_map.objects()
+        return looks, [track_of(one, ObjectSettings(), lambda category: None) for one in objects]
+
+    return tracked
+
+
+def test_a_thing_that_looks_the_same_is_likelier_it_than_one_that_does_not(tracks, cut_out):
+    shown = [cut_out("banana"), cut_out("banana", 4.0), cut_out("other banana")]
+    looks, (old, same, other) = tracks(*(("banana", picture) for picture in shown))
+    assert looks.ratio(old, same, [other]) > 5 and looks.ratio(other, same, [old]) < 0.2
+
+
+def test_a_thing_as_alike_as_another_one_says_little(tracks, cut_out):
+    bears = [("teddy bear", cut_out("teddy bear", moved)) for moved in (0.0, 6.0, 12.0)]
+    looks, (old, new, rival) = tracks(*bears)
+    assert 1 / 3 < looks.ratio(old, new, [rival]) < 3
+
+
+def test_without_a_picture_or_another_thing_looks_say_nothing(tracks, cut_out):
+    looks, (old, new, other) = tracks(*[("cup", cut_out("cup"))] * 2, ("cup", b"damaged"))
+    assert looks.ratio(old, new, []) == looks.ratio(old, new, [other]) == 1.0
+    assert looks.ratio(old, other, [new]) == 1.0

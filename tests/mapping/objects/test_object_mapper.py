@@ -1,18 +1,23 @@
+"""The mapper of objects, its changes, and learnt categories."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyoxigraph import Literal, NamedNode, Quad
 
+from kg.model import vocabulary as v
 from kg.model.areas import Rectangle
-from kg.model.records import MapUpdate
+from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
-from mapping.objects.object_mapper import ReferenceObjectMapper
+from mapping.objects.object_mapper import ObjectChanges, ReferenceObjectMapper
 from mapping.places.layout import Layout, LayoutPlace
+from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
-from perception.frames import Detections, Frame
+from perception.frames import Detections, Frame, SceneScores
 
 MIDDLE = (30, 22, 34, 26)  # about the optical axis: map (depth, 0, 1)
 SETTINGS = ReferenceSettings()
@@ -191,3 +196,72 @@ def test_detection_too_far_to_register_does_not_suppress_one_that_is_near_enough
     mapper.add(make_frame(depth), seen)
     assert only(mapper).confidence == pytest.approx(0.4)
     assert only(mapper).p_map[0] == pytest.approx(4.5)
+
+
+def _record(iri: str, existence: float) -> ObjectRecord:
+    return ObjectRecord(
+        iri=iri,
+        category="cup",
+        p_map=np.zeros(3),
+        confidence=3 * existence,
+        existence=existence,
+        observations=1,
+        first_seen=0.0,
+        last_seen=0.0,
+    )
+
+
+def _departed(iri: str) -> DepartedRecord:
+    return DepartedRecord(iri, "cup", np.zeros(3), 0.9, 1, 0.0, 0.0, 1.0)
+
+
+def test_of_each_object_the_end_counts() -> None:
+    first = ObjectChanges(
+        (_record("a", 0.5), _record("b", 0.5)), ("c", "d"), departed=(_departed("c"),)
+    )
+    then = ObjectChanges((_record("a", 0.7), _record("c", 0.6)), ("b",), departed=(_departed("b"),))
+    both = first.followed_by(then)
+    assert {record.iri: record.existence for record in both.updated} == {"a": 0.7, "c": 0.6}
+    assert both.removed == ("b", "d")
+    assert [record.iri for record in both.departed] == ["b"]
+
+
+LEARNT_SETTINGS = ReferenceSettings(stride=1)
+LEARNT_MIDDLE = (30.0, 22.0, 34.0, 26.0)
+
+
+def learn(semantic_map, name, above, label):
+    said = {
+        v.RDF_TYPE.value: NamedNode(v.OWL_CLASS),
+        v.RDFS_SUB_CLASS_OF: NamedNode(above),
+        v.RDFS_LABEL: Literal(label),
+    }
+    learnt = [Quad(NamedNode(v.HERE + name), NamedNode(p), o) for p, o in said.items()]
+    semantic_map.ontology.replace([*semantic_map.ontology.quads(), *learnt])
+
+
+def test_an_object_category_learnt_meanwhile_is_mapped_from_the_next_frame_on(
+    semantic_map, make_frame, make_detections
+):
+    mapper = ReferenceObjectMapper(semantic_map, LEARNT_SETTINGS)
+    seen = make_detections(("flux capacitor", 0.9, LEARNT_MIDDLE))
+    mapper.add(make_frame(2.0), seen)
+    assert mapper.objects() == ()
+    learn(semantic_map, "Flux", v.OBJECT, "flux capacitor")
+    mapper.add(make_frame(2.0), seen)
+    (record,) = mapper.objects()
+    assert record.category == v.HERE + "Flux"
+
+
+@pytest.mark.parametrize("belief_filter", ["mean", "bayes"])
+def test_a_place_category_learnt_meanwhile_is_believed_from_the_next_view_on(
+    semantic_map, make_frame, belief_filter
+):
+    layout = Layout((LayoutPlace(1, "west", Rectangle(-9, 9, -9, 9)),))
+    chosen = ReferenceSettings(stride=1, belief_filter=belief_filter)
+    mapper = PlaceMapper(semantic_map, PlaceRegistry(semantic_map, layout), chosen)
+    scores = SceneScores({"kitchen": 0.2, "holodeck": 0.8})
+    iri = mapper.viewed_place(make_frame(2.0))
+    assert set(mapper.view(iri, make_frame(2.0), scores).beliefs) <= {v.HERE + "Kitchen"}
+    learn(semantic_map, "Holodeck", v.PLACE, "holodeck")
+    assert v.HERE + "Holodeck" in mapper.view(iri, make_frame(2.0), scores).beliefs

@@ -1,6 +1,8 @@
-"""Rooms of drawn floors: walls cut them, tables and unseen floor do not."""
+"""Rooms of a mapped floor."""
 
 from __future__ import annotations
+
+import json
 
 import numpy as np
 import pytest
@@ -8,10 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from kg.model.records import FREE, LOW, TALL, UNKNOWN
-from mapping.occupancy.mapped_floor import MappedFloor
+from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile, MapUpdate
+from kg.serving.opening import in_memory_map
+from mapping.alignment.recording_fit import load_transform
+from mapping.occupancy.mapped_floor import MappedFloor, mapped_floor
+from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.room_segmentation import Segmentation, segmented
 from perception.binary_masks import distance_to_walls
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
 
 CELL = 0.05
 
@@ -126,3 +133,167 @@ def test_any_floor_has_valid_outlines(states):
         cells = found.origin + (np.argwhere(found.rooms == number) + 0.5) * found.cell
         inside = area.contains_each(cells[:, 0], cells[:, 1])
         assert inside.mean() > 0.5
+
+
+def tile(
+    column: int = 0,
+    row: int = 0,
+    *,
+    free: int = 4,
+    storey: int = 0,
+    height: float = 0.0,
+    side: int = 4,
+    resolution: float = 0.1,
+) -> FloorTile:
+    """A tile with that many free cells along its first row."""
+    cells = np.full((side, side), UNKNOWN, np.uint8)
+    cells[0, :free] = FREE
+    return FloorTile(storey, column, row, height, resolution, cells, 1e9)
+
+
+def test_tiles_lie_at_their_numbers() -> None:
+    floor = mapped_floor([tile(-1, 0, free=1), tile(1, 2, free=2)])
+    assert floor is not None
+    assert floor.origin == pytest.approx([-0.4, 0.0])
+    assert floor.states.shape == (12, 12)
+    assert np.argwhere(floor.states == FREE).tolist() == [[0, 0], [8, 8], [8, 9]]
+    assert floor.bounds == pytest.approx(np.array([[-0.4, 0.0], [0.5, 1.0]]))
+    assert floor.span == pytest.approx(0.4)
+
+
+def test_a_cropped_floor_keeps_its_cells_in_place_with_unknown_ones_around() -> None:
+    floor = mapped_floor([tile(-1, 0, free=1), tile(1, 2, free=2)])
+    assert floor is not None
+    cropped = floor.cropped()
+    assert cropped.states.shape == (11, 12)
+    assert cropped.bounds == pytest.approx(floor.bounds)
+    assert (cropped.states[[0, -1]] == UNKNOWN).all()
+    assert (cropped.states[:, [0, -1]] == UNKNOWN).all()
+
+
+def test_free_and_occupied_areas() -> None:
+    states = np.array([[FREE, FREE, FREE], [LOW, TALL, UNKNOWN]], np.uint8)
+    assert MappedFloor(np.zeros(2), 0.5, states).areas == pytest.approx((0.75, 0.5))
+
+
+@pytest.mark.parametrize(
+    ("p_map", "number"),
+    [
+        ((3.2, 9.6), (1, 3)),
+        ((3.1999, -0.001), (0, -1)),
+        ((-3.2, 0.0), (-1, 0)),
+        ((67.2, 0), (21, 0)),
+    ],
+)
+def test_a_tile_holds_its_lower_edges(p_map: tuple[float, float], number: tuple[int, int]) -> None:
+    floor = MappedFloor(np.zeros(2), 0.05, np.full((1, 1), FREE, np.uint8))
+    assert floor.tile_at(np.array(p_map)) == number
+
+
+@pytest.mark.parametrize(
+    ("height", "storey"),
+    [
+        (None, 0),  # the largest
+        (1.2, 0),
+        (4.2, 1),  # the floor just below the camera
+        (2.4, 0),
+        (2.9, 0),  # too far above one, and below the other
+        (5.6, 0),
+        (5.3, 1),
+    ],
+)
+def test_the_storey_is_that_below_the_camera(height: float | None, storey: int) -> None:
+    tiles = [tile(), tile(storey=1, height=3.0, free=2), tile(storey=2, height=1.0, free=0)]
+    floor = mapped_floor(tiles, height)
+    assert floor is not None
+    assert floor.storey == storey
+
+
+def test_a_storey_may_be_named_and_needs_free_floor() -> None:
+    tiles = [tile(), tile(storey=1, height=3.0, free=2), tile(storey=2, free=0)]
+    floor = mapped_floor(tiles, storey=1)
+    assert floor is not None
+    assert floor.storey == 1
+    assert mapped_floor(tiles, storey=2) is None
+    assert mapped_floor([]) is None
+
+
+def test_tiles_of_another_cut_are_left_out_where_they_hold_less_free_floor() -> None:
+    others = [tile(3, 0, free=1, resolution=0.2), tile(4, 0, free=1, resolution=0.2)]
+    floor = mapped_floor([*others, tile(free=3)])
+    assert floor is not None
+    assert (floor.resolution, floor.states.shape) == (0.1, (4, 4))
+    floor = mapped_floor([*others, tile(free=1)])
+    assert floor is not None
+    assert (floor.resolution, floor.states.shape) == (0.2, (8, 4))
+
+
+def test_tiles_that_are_far_or_of_no_possible_size_are_left_out() -> None:
+    near = [tile(), tile(1024, 0)]  # of four cells each, so 4096 cells away
+    broken = [tile(1026, 0), tile(0, 10**9 + 1), tile(1, resolution=5e-4), tile(2, resolution=1.1)]
+    floor = mapped_floor([*near[:1], *broken, tile(1, 0)])
+    assert floor is not None
+    assert floor.states.shape == (8, 4)
+    floor = mapped_floor([tile(), tile(), *near])
+    assert floor is not None
+    assert floor.states.shape == (4 * 1025, 4)
+
+
+def floor_of(shared, sequence: str, every: int) -> tuple[MappedFloor, np.ndarray]:
+    """The floor of every so manieth frame, and the recording's T_map_world."""
+    T = load_transform(shared("data/rgbd/composite_building.json"), sequence)
+    recording = open_recording(shared(f"data/rgbd/{sequence}"), RecordingOptions(T_map_world=T))
+    with in_memory_map() as semantic_map:
+        book = OccupancyMap(semantic_map)
+        for index in range(0, len(recording), every):
+            book.add(next(iter(recording.frames(index))))
+        semantic_map.apply(MapUpdate(floor=book.take_rest()))
+        floor = mapped_floor(semantic_map.floor())
+    assert floor is not None
+    return floor, T
+
+
+def spots(floor: MappedFloor, *states: int) -> np.ndarray:
+    """(n, 2) [m] the cells with one of these states."""
+    at = np.argwhere(np.isin(floor.states, states))
+    return floor.origin + (at + 0.5) * floor.resolution
+
+
+def away(points: np.ndarray, p_map: np.ndarray) -> float:
+    """[m] from `p_map` to the nearest of the points."""
+    return float(np.linalg.norm(points - p_map[:2], axis=1).min())
+
+
+def test_the_real_kitchen_has_its_walls_table_and_chairs(shared):
+    floor, T = floor_of(shared, "redkitchen", 5)
+    truth = json.loads(shared("data/rgbd/redkitchen/objects_gt.json").read_text())["objects"]
+    wall, furniture = spots(floor, TALL), spots(floor, LOW)
+    for name, known in truth.items():
+        p_map = T @ np.append(known["position"], 1)
+        if known["cls"] in ("chair", "dining table", "cup"):
+            assert away(furniture, p_map) < 0.1, name
+        if known["cls"] == "tv":  # they hang on the walls
+            assert away(wall, p_map) < 0.25, name
+    along = [x for x in np.arange(-3.0, 2.0, 0.05) if (abs(wall[:, 0] - x) < 0.03).any()]
+    back = np.array([wall[abs(wall[:, 0] - x) < 0.03, 1].min() for x in along])
+    assert len(along) > 80  # nearly all of its five metres
+    assert (abs(back - np.median(back)) < 0.11).mean() > 0.95  # as straight as two cells
+    assert spots(floor, FREE)[:, 1].min() > np.median(back)
+    assert len(spots(floor, FREE)) * floor.resolution**2 > 1.5  # [m^2]
+
+
+def test_the_living_room_ends_at_a_slanted_wall(shared):
+    floor, _ = floor_of(shared, "icl_livingroom", 3)
+    wall, free = spots(floor, TALL), spots(floor, FREE)
+    rng, best, line = np.random.default_rng(0), 0, (wall[0], np.zeros(2))
+    for _ in range(300):  # the line that most of the wall lies on
+        a, b = wall[rng.integers(len(wall), size=2)]
+        if (length := float(np.linalg.norm(b - a))) < 1:
+            continue
+        normal = np.array([a[1] - b[1], b[0] - a[0]]) / length
+        if (count := int((abs((wall - a) @ normal) < floor.resolution).sum())) > best:
+            best, line = count, (a, normal)
+    assert best > 0.5 * len(wall)
+    side = (free - line[0]) @ line[1]
+    assert min((side > 0.1).sum(), (side < -0.1).sum()) == 0  # nothing behind it
+    assert len(free) * floor.resolution**2 > 2.0  # [m^2]

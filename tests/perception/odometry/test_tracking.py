@@ -1,4 +1,4 @@
-"""Tracking through a papered room: poses, loops, pieces and lost images."""
+"""Tracking: features, frozen images, still parts and sizes of frames."""
 
 from __future__ import annotations
 
@@ -9,8 +9,19 @@ import pytest
 
 from perception.camera.poses import motion
 from perception.frames import Frame
+from perception.odometry.features import (
+    MAX_SIDE,
+    FeatureDetector,
+    FrozenImages,
+    Image,
+    StillParts,
+    depth_at,
+    matched,
+    shrunk,
+)
 from perception.odometry.tracking import Odometry, tracked
-from tests.perception.box_room import papered_frame, pose
+from tests.perception.box_room import LARGE_K, papered_frame, pose
+from tests.perception.conftest import look_at, room_depth
 
 WAY = [pose(-1.6 + 0.05 * n, -1.0 + 0.02 * n, 0.5 * np.sin(0.15 * n)) for n in range(30)]
 
@@ -97,3 +108,175 @@ def test_poses_of_frames_are_not_read(frames):
     ):
         assert T is not None
         np.testing.assert_array_equal(T, U)
+
+
+FRAME = papered_frame(pose(-1.2, -0.8, 0.2), 0)
+
+
+@pytest.fixture(scope="module")
+def features():
+    return FeatureDetector().features(Image.of(FRAME))
+
+
+def test_points_are_where_the_corners_are(features):
+    back = (features.points @ LARGE_K.T)[:, :2] / features.points[:, 2:]
+    np.testing.assert_allclose(back, features.pixels, atol=1e-6)
+    column, row = np.rint(features.pixels).astype(int).T
+    near = np.abs(FRAME.depth[row, column] - features.points[:, 2])
+    assert np.percentile(near, 95) < 0.05
+    assert len(features) > 200
+
+
+def test_the_first_ones_are_spread_over_the_image(features):
+    cells = {tuple(cell) for cell in (features.pixels[:60] // (80, 80)).astype(int)}
+    assert len(cells) == 12, "all 4 x 3 parts of 80 px"
+
+
+def test_images_match_themselves(features):
+    a, b = matched(features, features)
+    np.testing.assert_array_equal(a, b)
+    assert len(set(a.tolist())) == len(a) > 100
+
+
+def test_exposure_hardly_matters(features):
+    dim = replace(FRAME, rgb=(FRAME.rgb * 0.4).astype(np.uint8))
+    a, b = matched(features, FeatureDetector().features(Image.of(dim)))
+    assert len(a) > 80
+    same = np.linalg.norm(
+        features.pixels[a] - FeatureDetector().features(Image.of(dim)).pixels[b], axis=1
+    )
+    assert np.median(same) < 1
+
+
+def test_depth_of_edges_and_holes_is_unknown():
+    depth = np.full((40, 40), 2.0, np.float32)
+    depth[:, 20:] = 3.0
+    depth[5:15, 5:15] = np.nan
+    depth[30, 5] = np.nan
+    z = depth_at(depth, np.array([[10.0, 30], [20, 30], [10, 10], [30, 20], [5, 30], [0, 0]]))
+    np.testing.assert_allclose(z, [2, np.nan, np.nan, 3, 2, 2])
+
+
+def test_depth_that_is_too_near_or_too_far_is_unknown():
+    for far in (0.05, 9.0):
+        assert np.isnan(depth_at(np.full((9, 9), far, np.float32), np.array([[4.0, 4.0]]))[0])
+
+
+def test_still_parts_have_no_corners():
+    still = np.zeros(FRAME.depth.shape, np.bool_)
+    still[:, :160] = True
+    found = FeatureDetector().features(Image.of(FRAME, still))
+    assert len(found) > 50
+    assert found.pixels[:, 0].min() >= 158
+
+
+T = look_at((0, 0, 1.4), (2, 0.5, 0.7))
+
+
+def frame(width: int, height: int) -> Frame:
+    K = np.array([[0.8 * width, 0, 0.51 * width], [0, 0.8 * width, 0.48 * height], [0, 0, 1.0]])
+    depth = room_depth(T, K, (width, height)).astype(np.float32)
+    rgb = np.repeat((depth * 50).astype(np.uint8)[..., None], 3, axis=2)
+    return Frame("1", rgb, depth, K, T, 0.0)
+
+
+@pytest.mark.parametrize("size", [(4001, 3001), (1921, 1080), (1080, 1921)])
+def test_shrunk_depth_is_that_of_the_shrunk_camera(size: tuple[int, int]) -> None:
+    small = shrunk(frame(*size))
+    assert max(small.depth.shape) <= MAX_SIDE < max(size)
+    assert small.rgb.shape[:2] == small.depth.shape
+    expected = room_depth(T, small.K, small.depth.shape[::-1])
+    assert np.median(np.abs(small.depth - expected)) < 0.002
+    assert np.abs(small.rgb[..., 0] - small.depth * 50).mean() < 2
+
+
+def test_images_of_usual_size_stay() -> None:
+    usual = frame(MAX_SIDE, 720)
+    assert shrunk(usual) is usual
+
+
+RANDOM = np.random.default_rng(0)
+
+
+def colour(bright: float) -> np.ndarray:
+    return np.clip(bright + RANDOM.normal(0, 5, (240, 320, 3)), 0, 255).astype(np.uint8)
+
+
+def depth(metres: float) -> np.ndarray:
+    """Depth with the noise of a sensor, and a part without return."""
+    made = (metres * RANDOM.normal(1, 0.01, (240, 320))).astype(np.float32)
+    made[:, :9] = np.nan
+    return made
+
+
+def known(rgb: list[np.ndarray], z: list[np.ndarray]) -> tuple[list[bool], int]:
+    frozen = FrozenImages()
+    frames = (Frame("1", a, b, np.eye(3), np.eye(4), 0.0) for a, b in zip(rgb, z, strict=True))
+    return [not frozen.add(frame) for frame in frames], frozen.count
+
+
+def test_frozen_depth_is_noticed_until_it_changes() -> None:
+    frozen = depth(1.5)
+    z = [frozen if n in (1, 2, 3) else depth(1 + n / 4) for n in range(6)]
+    rgb = [colour(20 * n) for n in range(6)]
+    assert known(rgb, z) == ([True, True, False, False, True, True], 2)
+
+
+def test_frozen_colour_is_noticed_until_it_changes() -> None:
+    frozen = colour(80)
+    rgb = [frozen if n in (1, 2, 3) else colour(20 * n) for n in range(6)]
+    z = [depth(1 + n / 4) for n in range(6)]
+    assert known(rgb, z) == ([True, True, False, False, True, True], 2)
+
+
+def test_a_camera_that_stands_still_is_not_frozen() -> None:
+    same, still = depth(1.5), colour(100)
+    assert known([colour(100) for _ in range(5)], [same] * 5) == ([True] * 5, 0)
+    assert known([still] * 5, [depth(1.5) for _ in range(5)]) == ([True] * 5, 0)
+    assert known([still] * 5, [same] * 5) == ([True] * 5, 0)
+
+
+#: in the hand: the floor's depth changes as the camera nods
+MOVING = [
+    papered_frame(pose(-1.5, -0.8, 0.1 * n, pitch=0.3 + 0.2 * np.sin(n)), n).depth
+    for n in range(16)
+]
+
+
+def found(depths: list[np.ndarray]) -> np.ndarray | None:
+    parts = StillParts()
+    for depth in depths:
+        parts.add(depth)
+    return parts.found(depths[0].shape)
+
+
+def with_gripper(depth: np.ndarray, off: float = 0.0) -> np.ndarray:
+    changed = depth.copy()
+    changed[160:, :120] = 0.4 + off
+    return changed
+
+
+def test_a_gripper_is_found_where_it_is():
+    still = found([with_gripper(depth, 0.002 * (n % 2)) for n, depth in enumerate(MOVING)])
+    assert still is not None
+    assert still.dtype == np.bool_
+    assert still[165:, :115].mean() > 0.95
+    assert still[:140].mean() < 0.05
+    assert still[165:, 150:].mean() < 0.05
+
+
+def test_a_moving_camera_alone_has_no_still_parts():
+    assert found(MOVING) is None
+
+
+def test_a_camera_that_stays_has_none_either():
+    assert found([MOVING[0]] * 16) is None
+
+
+def test_a_few_images_are_not_enough():
+    assert found([with_gripper(depth) for depth in MOVING[:3]]) is None
+
+
+def test_a_thing_that_comes_near_later_is_not_still():
+    late = [*MOVING[:8], *(with_gripper(depth) for depth in MOVING[8:])]
+    assert found(late) is None

@@ -1,16 +1,24 @@
-"""The web API over real HTTP: pages, limits, errors, and an import that goes on after a break."""
+"""ConceptNet's interface and names, and the thesis' table 6.1."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import requests
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from kg.knowledge.conceptnet.api import ApiClient, ResponseCache
 from kg.knowledge.conceptnet.importing import import_conceptnet
+from kg.knowledge.conceptnet.names import TermMatcher, reduced
+from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.loading import load_ontologies
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 
@@ -191,3 +199,84 @@ def test_an_import_that_broke_off_goes_on_and_comes_to_the_same(
 def test_no_address_and_no_file_is_one_line() -> None:
     with pytest.raises(ConceptNetError, match="is no http"):
         ApiClient("ftp://example.org")
+
+
+CATALOGUE = Catalogue.from_quads(load_ontologies().quads)
+NAMES = TermMatcher(CATALOGUE)
+
+
+@pytest.mark.parametrize(
+    ("term", "kind", "label"),
+    [
+        ("live room", "place", "living room"),
+        ("living_room", "place", "living room"),
+        ("livingroom", "place", "living room"),
+        ("living-room", "place", "living room"),
+        ("dine room", "place", "dining room"),
+        ("wait room", "place", "waiting room"),
+        ("office build", "place", "office building"),
+        ("office building", "place", "office building"),
+        ("your office", "place", "office"),
+        ("bathroom", "place", "shower"),
+        ("foyer", "place", "lobby"),
+        ("butcher shop", "place", "butchers shop"),
+        ("dine table", "object", "dining table"),
+        ("a cell phone", "object", "cell phone"),
+        ("cellphone", "object", "cell phone"),
+        ("scissor", "object", "scissors"),
+        ("wine glasses", "object", "wine glass"),
+        ("knives", "object", "knife"),
+        ("pot plant", "object", "potted plant"),
+        ("television", "object", "tv"),
+        ("notebook computer", "object", "laptop"),
+        ("fridges", "object", "refrigerator"),
+        ("foods", "supercategory", "food"),
+    ],
+)
+def test_a_term_finds_its_category(term: str, kind: str, label: str) -> None:
+    assert NAMES.get(term, kind) == CATALOGUE.find(label, kind).iri
+
+
+@pytest.mark.parametrize(
+    "term", ["bedding", "skiing", "bowling", "booking", "boating", "plan", "notebook", "", "the"]
+)
+def test_a_term_that_only_looks_alike_finds_none(term: str) -> None:
+    assert NAMES.get(term, "object") is None
+
+
+def test_notebook_is_a_doubtful_name_of_the_laptop() -> None:
+    laptop = CATALOGUE.find("laptop")
+    assert NAMES.doubtful("notebooks") == laptop.iri
+    assert "notebook" in NAMES.terms(laptop)
+
+
+def test_every_category_is_found_by_each_of_its_names_or_shares_it() -> None:
+    for kind, group in NAMES.groups.items():
+        for category in group:
+            assert NAMES.get(category.label, kind) == category.iri
+            for name in category.synonyms:
+                assert NAMES.get(name, kind) is not None, name
+
+
+@settings(deadline=None)
+@given(st.text())
+def test_reducing_what_is_reduced_again_needs_no_more_words(text: str) -> None:
+    # one character may stand for several words: a fraction for its two numbers
+    assert len(reduced(text).split()) <= len(unicodedata.normalize("NFKC", text))
+    NAMES.get(text, "object")
+
+
+ROOT = Path(__file__).resolve().parents[4]
+
+
+def test_the_table_in_the_documentation_is_the_one_computed(shared: Callable[[str], Path]) -> None:
+    graph = shared("data/conceptnet/conceptnet4_en.graph.gz")
+    done = subprocess.run(
+        [sys.executable, "-m", "benchmarks.conceptnet", "table", str(graph)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == (ROOT / "lab/research/table_6_1.md").read_text()
+    assert "bed in bedroom" in done.stdout.partition("here now")[2].partition("In the thesis")[0]

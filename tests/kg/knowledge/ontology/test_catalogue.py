@@ -1,20 +1,29 @@
-"""People's and networks' words find the category they mean."""
+"""Categories of a map, also provisional ones."""
 
 from __future__ import annotations
 
+import threading
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pyoxigraph
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 
-from kg.knowledge.ontology.catalogue import Catalogue, Category
+from kg.export.serialization import export_text
+from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.ontology.lint import check_map, check_quads
 from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.ontology.provisional_classes import clean, provisional_iri
+from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
+from kg.model.records import MapUpdate, ObjectRecord
+from kg.serving.opening import create_map, in_memory_map, open_map
 
 QUADS = load_ontologies().quads
 CATALOGUE = Catalogue.from_quads(QUADS)
@@ -125,3 +134,176 @@ def test_a_category_people_add_is_found_in_any_of_its_languages() -> None:
     assert (mug.iri, mug.label, mug.kind) == ("urn:mine:Mug", "mug with a handle", "object")
     assert catalogue.find("cup").kind == "object"
     assert catalogue.find("thing 7").iri == "urn:mine:Thing7"
+
+
+MODEL = "openimages_600"
+
+
+@pytest.fixture
+def home() -> Iterator[SemanticMap]:
+    with in_memory_map(base="https://example.org/home/") as semantic_map:
+        yield semantic_map
+
+
+def stand(semantic_map: SemanticMap, category: str) -> str:
+    """Have an object of a category stand in the map; its IRI."""
+    iri = semantic_map.new_object_iri()
+    at = np.array([1.0, 2.0, 0.5])
+    record = ObjectRecord(iri, category, at, 2.0, 0.6, 3, first_seen=5.0, last_seen=9.0)
+    semantic_map.apply(MapUpdate(objects=(record,)))
+    return iri
+
+
+def test_a_new_label_is_a_category_that_questions_know(home: SemanticMap) -> None:
+    made = home.ontology.learn(["espresso gizmo"], "object", model=MODEL)
+    stand(home, made["espresso gizmo"])
+    (found,) = home.objects("Espresso_Gizmos")
+    assert found.category == made["espresso gizmo"]
+    rows = home.query("objects-by-category", category="espresso gizmo").records()
+    assert [row["category"] for row in rows] == ["espresso gizmo"]
+    assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
+    assert check_quads(home.ontology.quads()) == []
+
+
+def test_labels_that_are_known_make_nothing(home: SemanticMap) -> None:
+    before = home.sequence
+    found = home.ontology.learn(["Coffee cup", "Television", "Houseplant"], "object", model=MODEL)
+    names = [home.catalogue.label(iri) for iri in found.values()]
+    assert names == ["cup", "tv", "potted plant"]
+    assert home.sequence == before
+
+
+def test_labels_alike_but_for_case_and_marks_are_one_category(home: SemanticMap) -> None:
+    made = home.ontology.learn(["espresso gizmo", "Espresso-Gizmo"], "object", model=MODEL)
+    again = home.ontology.learn(["ESPRESSO_GIZMO"], "object", model=MODEL)
+    assert len({*made.values(), *again.values()}) == 1
+    assert sum(c.provisional for c in home.catalogue.categories) == 1
+
+
+def test_what_a_label_means_does_not_depend_on_the_order_of_meeting(home: SemanticMap) -> None:
+    glass = home.ontology.learn(["Glass"], "object", model=MODEL)["Glass"]
+    assert home.ontology.learn(["Glasses"], "object", model=MODEL)["Glasses"] != glass
+
+
+def test_an_object_and_a_place_may_be_called_the_same(home: SemanticMap) -> None:
+    one = home.ontology.learn(["aviary"], "object", model=MODEL)["aviary"]
+    other = home.ontology.learn(["aviary"], "place", model=MODEL)["aviary"]
+    assert one != other
+    kinds = {home.catalogue.by_iri(iri).kind for iri in (one, other)}  # type: ignore[union-attr]
+    assert kinds == {"object", "place"}
+
+
+def test_a_label_that_is_a_supercategory_stands_below_it(home: SemanticMap) -> None:
+    stand(home, home.ontology.learn(["Food"], "object", model=MODEL)["Food"])
+    assert len(home.objects("food")) == 1
+    assert home.catalogue.find("food").kind == "supercategory"
+
+
+def test_labels_without_a_printable_character_mean_nothing(home: SemanticMap) -> None:
+    assert home.ontology.learn(["", " \t", "\x00\x07"], "object", model=MODEL) == {}
+
+
+def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
+    iri = home.ontology.learn(["espresso gizmo"], "object", model=MODEL)["espresso gizmo"]
+    told = home.history.explain(f"<{iri}> a")
+    texts = [step.text for reason in told for _, step in reason.walk()]
+    assert any(MODEL in text for text in texts)
+    with home.at(home.sequence - 1) as then:
+        assert then.catalogue.by_iri(iri) is None
+
+
+def test_it_is_there_when_the_map_is_opened_again(tmp_path: Path) -> None:
+    with create_map(tmp_path / "home.map") as semantic_map:
+        stand(
+            semantic_map,
+            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
+        )
+    with open_map(tmp_path / "home.map") as semantic_map:
+        assert len(semantic_map.objects("teawhisk")) == 1
+        assert semantic_map.catalogue.find("teawhisk").provisional
+
+
+def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teawhisk", "samovar"], "object", model=MODEL)
+    stand(home, made["teawhisk"])
+    home.ontology.replace(load_ontologies().quads)
+    assert home.catalogue.by_iri(made["teawhisk"]) is not None
+    assert home.catalogue.by_iri(made["samovar"]) is None
+    assert len(home.objects("teawhisk")) == 1
+    assert check_map(home.store.engine.quads_for_pattern(None, None, None, None)) == []
+
+
+def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"]
+    thing = stand(home, made)
+    vase = home.catalogue.find("vase").iri
+    graph = v.ONTOLOGY_GRAPH
+    below = Quad(NamedNode(made), NamedNode(v.RDFS_SUB_CLASS_OF), NamedNode(vase), graph)
+    home.ontology.replace([*home.ontology.quads(), below])
+    assert [record.iri for record in home.objects("vase")] == [thing]
+    assert home.catalogue.get("teawhisk") is not None
+
+
+def test_a_person_says_what_a_provisional_thing_really_is(home: SemanticMap) -> None:
+    made = home.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"]
+    thing = stand(home, made)
+    vase = home.catalogue.find("vase").iri
+    home.update(f"DELETE {{ ?o a <{made}> }} INSERT {{ ?o a <{vase}> }} WHERE {{ ?o a <{made}> }}")
+    home.ontology.replace(load_ontologies().quads)
+    assert [record.iri for record in home.objects("vase")] == [thing]
+    assert home.perceived.objects([thing])[0].category == made
+
+
+def test_a_synonym_written_by_a_person_beats_a_provisional_category(home: SemanticMap) -> None:
+    home.ontology.learn(["teawhisk"], "object", model=MODEL)
+    vase = home.catalogue.find("vase").iri
+    home.update(
+        f'INSERT DATA {{ GRAPH graph:ontology {{ <{vase}> skos:altLabel "teawhisk" }} }}',
+        allow=("ontology",),
+    )
+    assert home.catalogue.find("teawhisk").iri == vase
+    assert home.catalogue.for_label("teawhisk", "object").iri == vase  # type: ignore[union-attr]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.text(), min_size=1, max_size=4), st.sampled_from(("object", "place")))
+def test_any_text_makes_safe_names_and_well_made_ontologies(labels: list[str], kind: str) -> None:
+    for label in map(clean, labels):
+        if label:
+            iri = provisional_iri(label, kind)
+            assert NamedNode(iri).value == iri
+            assert iri.isascii()
+    keys = {name_key(label) for label in map(clean, labels) if label}
+    assert len({provisional_iri(clean(x), kind) for x in labels if clean(x)}) == len(keys)
+
+
+@settings(max_examples=5, deadline=None)
+@given(st.lists(st.text(min_size=1), min_size=1, max_size=3))
+def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
+    with in_memory_map(base="https://example.org/home/") as home:
+        made = home.ontology.learn(labels, "object", model="\x00net\n")
+        for iri in set(made.values()):
+            stand(home, iri)
+            label = home.catalogue.label(iri)
+            assert home.query("objects-by-category", category=iri).records()[0]["category"] == label
+        read = list(parse(export_text(home, "ttl").encode(), format=RdfFormat.TURTLE))
+        kinds = {q.object.value for q in read if q.predicate == v.RDF_TYPE}
+        assert set(made.values()) <= kinds
+        assert Catalogue.from_quads(home.ontology.quads()) == home.catalogue
+
+
+def test_two_threads_that_learn_the_same_make_one(home: SemanticMap) -> None:
+    threads = [
+        threading.Thread(
+            target=home.ontology.learn, args=(["teawhisk"], "object"), kwargs={"model": str(n)}
+        )
+        for n in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    iri = home.catalogue.find("teawhisk").iri
+    assert len([*home.engine.quads_for_pattern(NamedNode(iri), None, None, None)]) > 0
+    sources = home.engine.quads_for_pattern(NamedNode(iri), NamedNode(v.DCT_SOURCE), None, None)
+    assert len([*sources]) == 1

@@ -1,17 +1,25 @@
-"""Objects that left are facts of the map under their own IRIs, and no objects."""
+"""Objects that left or moved, and beliefs about labels."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.lint import check_map
+from kg.knowledge.ontology.loading import load_ontologies
+from kg.maps.facts.coordinate_frames import moved
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import InvalidFactError, QueryParameterError, ShapeError
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord
+from kg.model.transactions import ChangeSet
+from kg.serving.client.update_codec import update_from_json, update_to_json
 from kg.serving.opening import create_map
 from planner.search.goals.status import status
 
@@ -159,3 +167,134 @@ def test_restoring_brings_back_or_takes_away(tmp_path: Path, scope: tuple[str, .
         assert check_map(semantic_map.engine) == []
         semantic_map.restore(empty, only=scope)
         assert (semantic_map.objects(), semantic_map.departed()) == ((), ())
+
+
+MOVED_BASE = "http://example.org/lab/"
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 90, 145, -170])
+def test_a_box_turns_with_its_map(degrees: float) -> None:
+    facts = RecordCodec(MOVED_BASE, Catalogue.from_quads(load_ontologies().quads))
+    kind = facts.catalogue.find("dining table", "object").iri
+    where, extent = np.array([1.0, 2.0, 0.4]), np.array([1.2, 0.8, 0.8])
+    table = ObjectRecord(
+        MOVED_BASE + "object/1", kind, where, 1.0, 0.9, 3, 0.0, 1.0, extent=extent, yaw=0.3
+    )
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    T = np.array([[c, -s, 0, 4], [s, c, 0, -2], [0, 0, 1, 0], [0, 0, 0, 1]])
+    (seen,) = facts.objects_among(moved(facts.of_object(table), T, MOVED_BASE + "crs"))
+    assert table.footprint is not None and seen.footprint is not None
+    wanted = shapely.Polygon(table.footprint @ T[:2, :2].T + T[:2, 3])
+    assert wanted.symmetric_difference(shapely.Polygon(seen.footprint)).area < 0.01
+
+
+def iri(semantic_map: SemanticMap, label: str) -> str:
+    return semantic_map.catalogue.find(label).iri
+
+
+def write(semantic_map: SemanticMap, **labels: float) -> ChangeSet | None:
+    record = ObjectRecord(
+        iri=CUP,
+        category=iri(semantic_map, "cup"),
+        p_map=np.zeros(3),
+        confidence=1.0,
+        existence=0.6,
+        observations=1,
+        first_seen=10.0,
+        last_seen=10.0,
+        labels={iri(semantic_map, label): p for label, p in labels.items()},
+    )
+    return semantic_map.apply(MapUpdate(objects=(record,)))
+
+
+def labels(semantic_map: SemanticMap) -> dict[str, float]:
+    (record,) = semantic_map.perceived.objects((CUP,))
+    return {semantic_map.catalogue.label(category): p for category, p in record.labels.items()}
+
+
+def count(semantic_map: SemanticMap) -> int:
+    text = "SELECT ?n WHERE { ?n here:labelProbability ?p }"
+    return len(semantic_map.query(text).rows)
+
+
+def test_the_most_probable_alternatives_are_kept_in_steps(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.22, vase=0.11, bottle=0.07, book=0.06, knife=0.04)
+    assert labels(semantic_map) == {"bowl": 0.2, "vase": 0.1, "bottle": 0.05}
+    assert check_map(semantic_map.engine) == []
+
+
+def test_only_what_changes_is_written(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.21)
+    assert write(semantic_map, bowl=0.19) is None
+    assert len(write(semantic_map, bowl=0.26) or ()) == 2
+    assert len(write(semantic_map) or ()) == 4
+    assert count(semantic_map) == 0
+
+
+def test_an_object_that_leaves_takes_them_along(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.2)
+    semantic_map.apply(MapUpdate(removed=(CUP,)))
+    assert count(semantic_map) == 0
+    write(semantic_map, bowl=0.2)
+    semantic_map.update(f"DELETE WHERE {{ <{CUP}> ?p ?o }}", by="ann", confirmed=True)
+    assert count(semantic_map) == 0
+
+
+def test_people_are_right_about_the_class(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.3)
+    semantic_map.assertions.add(CUP, "category", "vase", by="ann")
+    write(semantic_map, bowl=0.3)
+    assert count(semantic_map) == 0
+    assert semantic_map.catalogue.label(semantic_map.objects()[0].category) == "vase"
+    semantic_map.assertions.retract(CUP, "category", by="ann")
+    write(semantic_map, bowl=0.3)
+    assert labels(semantic_map) == {"bowl": 0.3}
+
+
+def test_a_class_written_in_sparql_leaves_none(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.3)
+    semantic_map.update(
+        f"DELETE DATA {{ <{CUP}> a here:Cup }} ; INSERT DATA {{ <{CUP}> a here:Vase }}", by="ann"
+    )
+    assert count(semantic_map) == 0
+    assert check_map(semantic_map.engine) == []
+
+
+def test_they_travel_over_the_wire_and_through_the_past(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.3)
+    update = MapUpdate(objects=semantic_map.objects())
+    assert update_from_json(update_to_json(update)).objects[0].labels == update.objects[0].labels
+    before = semantic_map.sequence
+    write(semantic_map)
+    semantic_map.restore(before, only=("object/1",), by="ann")
+    assert labels(semantic_map) == {"bowl": 0.3}
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.2, float("nan")])
+def test_what_is_no_probability_is_refused(semantic_map: SemanticMap, share: float) -> None:
+    with pytest.raises(InvalidFactError, match="label belief"):
+        write(semantic_map, bowl=share)
+
+
+def test_what_is_no_kind_of_object_is_refused(semantic_map: SemanticMap) -> None:
+    with pytest.raises(InvalidFactError, match="places"):
+        write(semantic_map, kitchen=0.3)
+    write(semantic_map, bowl=0.3)
+    node = "<object/1/label/Bowl>"
+    with pytest.raises(ShapeError, match="labelProbability"):
+        semantic_map.update(
+            f"DELETE WHERE {{ {node} here:labelProbability ?p }}",
+            by="ann",
+        )
+
+
+def test_it_can_be_asked_for_and_explained(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.3, vase=0.1)
+    rows = [
+        (row["category"], row["other"], row["probability"])
+        for row in semantic_map.query("may-be").records()
+    ]
+    assert rows == [("cup", "bowl", 0.3), ("cup", "vase", 0.1)]
+    (reason,) = semantic_map.history.explain("object/1")
+    texts = [step.text for step in reason.because]
+    assert "may also be here:Bowl, probability 0.3" in texts

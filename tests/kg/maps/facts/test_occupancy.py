@@ -1,8 +1,9 @@
-"""The floor as facts: the same tiles come back, and what is no tile is none."""
+"""Floor, robot, recordings and searches in the map."""
 
 from __future__ import annotations
 
 import base64
+import math
 import zlib
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -12,12 +13,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from pyoxigraph import Quad, Store
 
 from kg.export.serialization import export_text
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.facts.occupancy import decoded, encoded, iri_of, tile_of, tiles_of_rows
+from kg.maps.facts.robot_and_recordings import recording_quads, recordings_in, robot_in, robot_quads
+from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, ShapeError
-from kg.model.records import FREE, LOW, FloorTile, MapUpdate
+from kg.model.records import (
+    FREE,
+    LOW,
+    FloorTile,
+    LookRecord,
+    MapUpdate,
+    ObstacleRecord,
+    RecordingRecord,
+    RobotRecord,
+    SearchRecord,
+)
 from kg.serving.opening import in_memory_map
 
 BASE = "https://example.org/map/"
@@ -206,3 +221,105 @@ def test_a_tile_beyond_all_measure_is_no_tile(semantic_map, x, size):
         'sosa:resultTime "2020-01-01T00:00:00Z"^^xsd:dateTime }'
     )
     assert semantic_map.floor() == ()
+
+
+ROBOT_BASE = "http://example.org/lab/"
+
+metres = st.floats(-1e4, 1e4)
+stamps = st.floats(0, 4e9)
+texts = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=20)
+
+
+def stored(quads: list[Quad]) -> Store:
+    store = Store()
+    store.extend(quads)
+    return store
+
+
+@given(metres, metres, st.floats(-math.pi, math.pi), stamps)
+def test_the_robot_comes_back(x: float, y: float, heading: float, stamp: float) -> None:
+    store = stored(robot_quads(RobotRecord(np.array([x, y, 1.0]), heading, stamp), ROBOT_BASE))
+    back = robot_in(store, ROBOT_BASE)
+    assert back is not None
+    np.testing.assert_allclose(back.p_map, [x, y, 1.0], atol=0.00501)
+    assert back.heading == pytest.approx(heading, abs=0.00501)
+    assert back.stamp == pytest.approx(stamp, abs=0.501)
+
+
+@given(texts, st.lists(st.floats(-1e9, 1e9), min_size=16, max_size=16))
+def test_a_recording_comes_back_with_its_transform_to_the_last_bit(
+    name: str, numbers: list[float]
+) -> None:
+    record = RecordingRecord(name, 57, "frame-000056", np.array(numbers).reshape(4, 4))
+    (back,) = recordings_in(stored(recording_quads(record, ROBOT_BASE)), ROBOT_BASE)
+    assert (back.name, back.frames_applied, back.last_frame) == (name, 57, "frame-000056")
+    np.testing.assert_array_equal(back.T_map_world, record.T_map_world)
+
+
+CUP, APPLE = v.HERE + "Cup", v.HERE + "Apple"
+SEARCH = SearchRecord(
+    iri=f"{BASE}search/1",
+    words=("apple", "something to drink from"),
+    categories=(APPLE, CUP),
+    state="found",
+    started=1e9,
+    ended=1e9 + 60,
+    seconds=58.5,
+    left=0.25,
+    found=(f"{BASE}object/3",),
+)
+LOOK = LookRecord(
+    iri=f"{BASE}search/1/look/1",
+    search=SEARCH.iri,
+    number=1,
+    stamp=1e9 + 5,
+    position=(1.25, -2.5),
+    heading=0.5,
+    extent=1.0123,
+    categories=(APPLE, CUP),
+    found=(f"{BASE}object/3",),
+    glimpses=((1.0, -2.0, 0.25), (1.25, -2.25, 0.5)),
+)
+OBSTACLE = ObstacleRecord(
+    f"{BASE}search/1/obstacle/1", SEARCH.iri, 1, 1e9 + 7, (3.5, 0.75), "a closed door"
+)
+
+
+def test_a_search_comes_back_as_it_was(semantic_map: SemanticMap) -> None:
+    second = replace(LOOK, iri=f"{SEARCH.iri}/look/2", number=2, found=(), glimpses=())
+    semantic_map.apply(MapUpdate(search=SEARCH, looks=(second, LOOK), obstacles=(OBSTACLE,)))
+    searches = semantic_map.searches
+    assert searches.all() == (SEARCH,)
+    assert searches.looks(SEARCH.iri) == (LOOK, second)
+    assert searches.obstacles(SEARCH.iri) == (OBSTACLE,)
+    assert searches.looks(f"{BASE}search/2") == searches.obstacles(f"{BASE}search/2") == ()
+    assert check_map(semantic_map.engine) == []
+
+
+def test_the_state_of_a_search_replaces_its_last_one(semantic_map: SemanticMap) -> None:
+    running = replace(SEARCH, state="running", ended=None, left=1.0, found=())
+    other = replace(running, iri=f"{BASE}search/10")
+    for search in (other, running, SEARCH):
+        semantic_map.apply(MapUpdate(search=search))
+    assert semantic_map.searches.all() == (SEARCH, other)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (MapUpdate(search=replace(SEARCH, left=1.01)), "left"),
+        (MapUpdate(search=replace(SEARCH, left=-0.01)), "left"),
+        (MapUpdate(search=replace(SEARCH, words=())), "needs .*words and"),
+        (MapUpdate(search=replace(SEARCH, categories=())), "needs .*words and"),
+        (MapUpdate(search=replace(SEARCH, state="lost")), "running, stopped, found"),  # type: ignore[arg-type]
+        (MapUpdate(looks=(replace(LOOK, glimpses=((0.0, math.nan, 0.0),)),)), "glimpses"),
+        (MapUpdate(looks=(replace(LOOK, position=(math.inf, 0.0)),)), "position"),
+    ],
+)
+def test_a_search_that_cannot_be_is_refused(
+    semantic_map: SemanticMap, wrong: MapUpdate, message: str
+) -> None:
+    before = semantic_map.sequence
+    with pytest.raises(InvalidFactError, match=message):
+        semantic_map.apply(wrong)
+    assert semantic_map.sequence == before

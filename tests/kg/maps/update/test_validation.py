@@ -1,4 +1,4 @@
-"""What an update from outside may write, and what is written with it."""
+"""Validation of updates, and the guard of deletions."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ from pyoxigraph import NamedNode, Store
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.update.change_draft import ChangeDraft
+from kg.maps.update.deletion_guard import DeletionLimit
 from kg.maps.update.execution import evaluate_update
 from kg.model import vocabulary as v
-from kg.model.errors import GraphError, ProtectedError, ShapeError
+from kg.model.errors import GraphError, ProtectedError, ShapeError, UnconfirmedDeletionError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 
@@ -270,3 +271,96 @@ def test_the_door_lets_in_just_what_the_whole_map_passes_with(text: str) -> None
             bare.remove(quad)
         bare.extend(pending.added)
         assert check_map(bare) != []
+
+
+EVERYTHING = "DELETE WHERE { ?s ?p ?o }"
+
+
+def fill_guarded(made: SemanticMap, objects: int, places: int = 1) -> None:
+    cup = made.catalogue.find("cup").iri
+    position = np.array([1.0, 1.0, 0.5])
+    records = tuple(
+        ObjectRecord(made.new_object_iri(), cup, position, 1.0, 0.5, 3, 10.0, 50.0)
+        for _ in range(objects)
+    )
+    rooms = tuple(
+        PlaceRecord(f"{BASE}place/{n}", f"place {n}", n, n + 1, 0, 5, 1) for n in range(places)
+    )
+    made.apply(MapUpdate(objects=records, places=rooms))
+
+
+@pytest.fixture
+def many() -> Iterator[SemanticMap]:
+    with in_memory_map(base=BASE) as made:
+        fill_guarded(made, 30, 2)
+        yield made
+
+
+def delete_objects(least: int, most: int) -> str:
+    names = " ".join(f"<object/{n}>" for n in range(least, most + 1))
+    return (
+        f"DELETE {{ ?s ?p ?o }} WHERE {{ VALUES ?s {{ {names} }} GRAPH graph:map {{ ?s ?p ?o }} }}"
+    )
+
+
+def test_an_update_that_empties_the_map_is_refused_and_says_what_would_have_worked(
+    many: SemanticMap,
+) -> None:
+    before, sequence = set(many.engine), many.sequence
+    with pytest.raises(UnconfirmedDeletionError) as refusal:
+        many.update(EVERYTHING, by="ann")
+    assert "32 of 32 objects and places" in str(refusal.value)
+    assert "--yes" in str(refusal.value) and "Here-Confirm: delete" in str(refusal.value)
+    assert (set(many.engine), many.sequence) == (before, sequence)
+
+
+def test_a_confirmed_deletion_is_carried_out(many: SemanticMap) -> None:
+    many.update(EVERYTHING, by="ann", confirmed=True)
+    assert not many.objects() and not many.places()
+
+
+def test_ten_things_go_without_a_question_and_eleven_of_thirty_do_not(many: SemanticMap) -> None:
+    many.update(delete_objects(1, 10))
+    assert len(many.objects()) == 20
+    with pytest.raises(UnconfirmedDeletionError, match="11 of 22 objects and places"):
+        many.update(delete_objects(11, 21))
+
+
+def test_a_small_share_of_a_large_map_goes_without_a_question() -> None:
+    with in_memory_map(base=BASE) as large:
+        fill_guarded(large, 150)
+        large.update(delete_objects(1, 15))
+        assert len(large.objects()) == 135
+
+
+def test_a_small_map_can_be_emptied_without_a_question() -> None:
+    with in_memory_map(base=BASE) as small:
+        fill_guarded(small, 9)
+        small.update(EVERYTHING)
+        assert not small.objects()
+
+
+def test_what_loses_its_type_and_what_is_replaced_count_by_their_result(many: SemanticMap) -> None:
+    with pytest.raises(UnconfirmedDeletionError):
+        many.update("DELETE { ?s a ?t } WHERE { GRAPH graph:map { ?s a ?t ; here:x ?x } }")
+    cup, bowl = f"<{many.catalogue.find('cup').iri}>", f"<{v.HERE}Bowl>"
+    many.update(
+        f"DELETE {{ ?s a {cup} }} INSERT {{ ?s a {bowl} }} WHERE {{ ?s a {cup} }}", by="ann"
+    )
+    assert {record.category for record in many.objects()} == {v.HERE + "Bowl"}
+
+
+def test_the_limit_can_be_set(many: SemanticMap) -> None:
+    many.deletion_limit = DeletionLimit(share=1.0)
+    many.update(EVERYTHING)
+    fill_guarded(many, 3)
+    many.deletion_limit = DeletionLimit(share=0.0, count=1)
+    with pytest.raises(UnconfirmedDeletionError):
+        many.update(delete_objects(31, 32))
+
+
+def test_the_rdflib_view_asks_too(many: SemanticMap) -> None:
+    with pytest.raises(UnconfirmedDeletionError):
+        many.dataset.update(EVERYTHING)
+    many.dataset.update(EVERYTHING, confirmed=True)
+    assert not many.objects()

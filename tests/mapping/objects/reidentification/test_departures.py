@@ -1,4 +1,4 @@
-"""What left is remembered in the map: after a restart, by other mappers, until people say no."""
+"""Departures, moves and merges of objects."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
+from mapping.objects.reidentification.identity import duplicates, same_thing
+from mapping.objects.reidentification.moves import Absentee, Departures, in_one_spot, moved_things
 from mapping.objects.settings import ObjectSettings
 from perception.frames import Detections, Frame
 
@@ -131,3 +133,211 @@ def test_what_left_is_written_once(semantic_map: SemanticMap, step_back: View) -
     see(mapper, step_back, CUP)
     updates = leave(mapper, step_back) + leave(mapper, step_back)
     assert sum(len(update.departed) for update in updates) == 1
+
+
+NOW = 1e5
+SETTINGS = ObjectSettings()
+
+
+def track(make_track, category, x, *, first=NOW - 10, last=NOW, **more):
+    made = make_track(category, (x, 0, 1), **more)
+    made.first_seen, made.last_seen = first, last
+    return made
+
+
+def old(make_track, category, x, **more):
+    return track(make_track, category, x, first=0, last=100, **more)
+
+
+def moves(absent, appeared, count=2):
+    return moved_things(absent, appeared, lambda o, age: 0.15, NOW, lambda c: count, SETTINGS)
+
+
+def test_each_thing_goes_to_one_of_its_category(make_track):
+    cup, bottle = old(make_track, "cup", 0), old(make_track, "bottle", 1)
+    new = [track(make_track, "bottle", 6), track(make_track, "cup", 5)]
+    absent = [Absentee(one, 1.0, looked=True) for one in (cup, bottle)]
+    assert {(id(o), id(n)) for o, n in moves(absent, new)} == {
+        (id(cup), id(new[1])),
+        (id(bottle), id(new[0])),
+    }
+
+
+def test_what_was_not_looked_at_is_not_found_elsewhere(make_track):
+    absent = [Absentee(old(make_track, "cup", 0), 0.0, looked=False)]
+    assert moves(absent, [track(make_track, "cup", 5)]) == []
+
+
+def test_what_was_there_before_is_no_thing_that_left(make_track):
+    absent = [Absentee(old(make_track, "cup", 0), 1.0, looked=True)]
+    assert moves(absent, [track(make_track, "cup", 5, first=50)]) == []
+
+
+def test_nothing_is_carried_faster_than_it_can_be(make_track):
+    absent = [Absentee(old(make_track, "cup", 0), 1.0, looked=True)]
+    assert moves(absent, [track(make_track, "cup", 9, first=102)]) == []
+    assert len(moves(absent, [track(make_track, "cup", 9, first=110)])) == 1
+
+
+def test_among_many_of_a_category_a_new_one_is_likely_another(make_track):
+    absent = [Absentee(old(make_track, "cup", 0), 1.0, looked=True)]
+    assert moves(absent, [track(make_track, "cup", 5)], count=40) == []
+
+
+def test_one_spot_is_near_and_of_a_common_category(make_track):
+    cup = old(make_track, "cup", 0)
+    assert in_one_spot(cup, track(make_track, "cup", 0.05), SETTINGS)
+    assert not in_one_spot(cup, track(make_track, "cup", 0.5), SETTINGS)
+    assert not in_one_spot(cup, track(make_track, "bottle", 0.05), SETTINGS)
+
+
+def departures(*left, kept=9):
+    memory = Departures(replace(SETTINGS, departures=kept))
+    memory.remember(left)
+    return memory
+
+
+def named(one, iri):
+    one.iri = iri
+    return one
+
+
+def test_a_frame_that_is_not_written_takes_back_its_moves(make_track):
+    cup = named(old(make_track, "cup", 0), "cup")
+    memory = departures(cup)
+    for _ in range(2):  # once more after the first was undone
+        new = track(make_track, "cup", 5)
+        (move,) = memory.found([], [new], lambda o, age: 0.15, NOW, lambda c: 2)
+        assert (move.old, move.track, new.iri, memory.iris) == (cup, new, "cup", frozenset())
+        memory.undo()
+        assert (memory.tracks, memory.joined) == ([cup], ())
+        assert memory.back(track(make_track, "cup", 0)) is None
+
+
+def test_a_frame_that_is_not_written_forgets_nothing(make_track):
+    first, second = (named(old(make_track, "cup", n), f"cup {n}") for n in range(2))
+    memory = departures(first, kept=1)
+    memory.add([second])
+    assert memory.iris == {"cup 1"} and memory.changes(NOW)[1] == {"cup 0"}
+    memory.undo()
+    assert memory.iris == {"cup 0", "cup 1"} and memory.changes(NOW)[1] == frozenset()
+
+
+def test_only_the_latest_moves_are_remembered(make_track):
+    memory = departures(kept=2)
+    for n in range(4):
+        memory.remember([named(old(make_track, "cup", 9 * n), f"cup {n}")])
+        memory.add([])
+        memory.found(
+            [], [track(make_track, "cup", 9 * n + 5)], lambda o, age: 0.15, NOW, lambda c: 2
+        )
+    assert [one.iri for one in memory.tracks] == ["cup 2", "cup 3"]
+
+
+def together(a, b, times):
+    """Frames that show both, as different detections."""
+    a.together[b.number] = b.together[a.number] = times
+
+
+@pytest.fixture
+def same(usual_size):
+    def check(a, b):
+        assert same_thing(a, b, usual_size, SETTINGS) == same_thing(b, a, usual_size, SETTINGS)
+        return same_thing(a, b, usual_size, SETTINGS)
+
+    return check
+
+
+@pytest.mark.parametrize("seen_together", [0, 5])
+def test_two_cups_side_by_side_stay_two(make_track, same, seen_together):
+    cups = [make_track("cup", (2, y, 1)) for y in (0.0, 0.3)]
+    together(*cups, seen_together)
+    assert not same(*cups)
+
+
+def test_two_of_a_kind_in_one_spot_are_one(make_track, same):
+    cups = [make_track("cup", (2, y, 1)) for y in (0.0, 0.02)]
+    together(*cups, 5)  # two boxes of one cup in the same images
+    assert same(*cups)
+
+
+def test_two_cups_seen_beside_each_other_are_two_even_if_near(make_track, same):
+    cups = [make_track("cup", (2, y, 1)) for y in (0.0, 0.09)]
+    assert same(*cups)
+    together(*cups, 2)
+    assert not same(*cups)
+
+
+def test_two_parts_of_one_table_are_one(make_track, same):
+    parts = [
+        make_track("dining table", (x, 0, 0.7), size=1.4, sides=(1.4, 0.8, 0.1)) for x in (2, 2.25)
+    ]
+    together(*parts, 1)
+    assert same(*parts)
+    other = make_track("dining table", (2, 2.0, 0.7), size=1.4, sides=(1.4, 0.8, 0.1))
+    assert not same(parts[0], other)
+
+
+def test_the_ends_of_one_table_are_one_and_those_of_two_are_not(make_track, same):
+    """Ends that do not touch: no longer together than a table usually is, or longer."""
+    ends = [make_track("dining table", (x, 0, 0.7), size=0.3) for x in (2.0, 3.2, 5.0)]
+    assert same(ends[0], ends[1])
+    assert not same(ends[1], ends[2])
+    together(ends[0], ends[1], 2)
+    assert not same(ends[0], ends[1])
+    cups = [make_track("cup", (x, 0, 0.7)) for x in (2.0, 2.4)]
+    assert not same(*cups), "small things are not seen in parts"
+
+
+def test_two_names_of_one_spot_are_one_unless_seen_together(make_track, same):
+    tv, laptop = make_track("tv", (2, 0, 1), size=0.5), make_track("laptop", (2, 0.1, 1), size=0.4)
+    assert same(tv, laptop)
+    together(tv, laptop, 2)
+    assert not same(tv, laptop)
+    assert not same(tv, make_track("laptop", (2, 0.4, 1), size=0.4))
+
+
+def test_a_cup_on_a_table_is_another_thing(make_track, same):
+    table = make_track("dining table", (2, 0, 0.7), size=1.4, sides=(1.4, 0.8, 0.1))
+    assert not same(table, make_track("cup", (2, 0, 0.8)))
+
+
+def test_objects_of_the_map_absorb_candidates_and_likely_ones_others(make_track, usual_size):
+    def pair(a, b):
+        ((kept, absorbed),) = duplicates([a], [a, b], usual_size, SETTINGS)
+        return kept, absorbed
+
+    one, other = make_track("cup", (2, 0, 1)), make_track("cup", (2, 0.01, 1))
+    one.peak, other.peak, other.first_seen = 0.4, 0.6, one.first_seen + 1
+    assert pair(one, other) == pair(other, one) == (other, one)
+    one.peak = 0.6
+    assert pair(one, other) == pair(other, one) == (one, other)
+    other.iri = "object/1"
+    assert pair(one, other) == pair(other, one) == (other, one)
+
+
+def test_each_track_is_absorbed_once_and_absorbs_nothing_then(make_track, usual_size):
+    tracks = [make_track("cup", (2, 0.01 * n, 1)) for n in range(4)]
+    for n, track in enumerate(reversed(tracks)):
+        track.first_seen = float(n)
+    found = duplicates(tracks, tracks, usual_size, SETTINGS)
+    absorbed = [id(gone) for _, gone in found]
+    assert len(set(absorbed)) == len(absorbed) == 3
+    (left,) = [track for track in tracks if id(track) not in absorbed]
+    assert left is tracks[-1]
+
+
+def test_a_merged_track_knows_what_both_knew(make_track):
+    one = make_track("tv", (2, 0, 1), views=2, size=0.5)
+    other = make_track("laptop", (2, 0.2, 1), views=1, size=0.4)
+    one.observations, other.observations = 2, 1
+    one.merge(other)
+    one.assess({})
+    assert (one.observations, len(one.viewpoints), one.category) == (3, 2, "tv")
+    assert set(one.evidence) == {"tv", "laptop"}
+    assert 0 < one.p_map[1] < 0.1
+
+
+def test_untouched_tracks_are_not_looked_at(make_track, usual_size):
+    tracks = [make_track("cup", (2, 0.01 * n, 1)) for n in range(2)]
+    assert duplicates([], tracks, usual_size, SETTINGS) == []

@@ -1,18 +1,25 @@
-"""Known objects: what the map has of a target, and what may be one."""
+"""Known objects as goals, their whereabouts, and changes."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hereabouts.cli import main
+from kg.export.plain_documents import rooms_document
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import MapUpdate, ObjectRecord
-from kg.serving.opening import in_memory_map
+from kg.model.errors import HistoryError
+from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord, Relation
+from kg.serving.opening import create_map, in_memory_map
 from planner.search.goals.known_objects import known_json, known_objects
+from planner.search.goals.search_goals import whereabouts
 from planner.search.goals.targets import resolve
 from planner.search.plans.answer_sentences import answer_lines
+from tests.planner.flat import fill
 
 
 @pytest.fixture
@@ -87,3 +94,196 @@ def test_json_has_the_alternatives(chart: SemanticMap) -> None:
     assert cup["may_be"] == [{"category": "bowl", "probability": 0.3}]
     (bowl,) = known_json(chart, resolve(chart, ["bowl"]), 10.0)
     assert (bowl["category"], bowl["own_category"], bowl["existence"]) == ("bowl", "cup", 0.3)
+
+
+BASE = "https://example.org/map/"
+
+
+def put(
+    semantic_map: SemanticMap,
+    number: int,
+    label: str,
+    *relations: Relation,
+    place: str | None = None,
+) -> str:
+    record = ObjectRecord(
+        iri=f"{BASE}object/{number}",
+        category=semantic_map.catalogue.find(label).iri,
+        p_map=np.array([1.0, 2.0, 0.8]),
+        confidence=1.0,
+        existence=0.9,
+        observations=1,
+        first_seen=10.0,
+        last_seen=10.0,
+        place=place,
+        relations=relations,
+    )
+    semantic_map.apply(MapUpdate(objects=(record,)))
+    return record.iri
+
+
+def kitchen(semantic_map: SemanticMap, label: str = "kitchen") -> str:
+    place = PlaceRecord(f"{BASE}place/1", label, 0.0, 4.0, 0.0, 4.0)
+    semantic_map.apply(MapUpdate(places=(place,)))
+    return place.iri
+
+
+def test_an_apple_in_a_bowl_on_a_table_in_the_kitchen(semantic_map: SemanticMap) -> None:
+    room = kitchen(semantic_map)
+    table = put(semantic_map, 3, "dining table", place=room)
+    bowl = put(semantic_map, 4, "bowl", Relation("on", table, 0.9), place=room)
+    apple = put(semantic_map, 5, "apple", Relation("inside", bowl, 0.8), place=room)
+    assert whereabouts(semantic_map, apple) == "inside bowl 4 on dining table 3 in the kitchen"
+    assert whereabouts(semantic_map, table) == "in the kitchen"
+
+
+@pytest.mark.parametrize(
+    ("label", "where"),
+    [
+        ("guest room", "in the guest room"),
+        ("redkitchen", "in redkitchen"),
+        ("Ann's room", "in Ann's room"),
+        ("place 5", "in place 5"),
+    ],
+)
+def test_names_of_places_take_no_article(semantic_map: SemanticMap, label: str, where: str) -> None:
+    cup = put(semantic_map, 3, "cup", place=kitchen(semantic_map, label))
+    assert whereabouts(semantic_map, cup) == where
+
+
+def test_a_neighbour_is_named_where_nothing_carries_it(semantic_map: SemanticMap) -> None:
+    room = kitchen(semantic_map, "place 1")
+    couch = put(semantic_map, 3, "couch", place=room)
+    ball = put(semantic_map, 4, "sports ball", Relation("beside", couch, 0.7), place=room)
+    assert whereabouts(semantic_map, ball) == "beside couch 3 in place 1"
+
+
+def test_improbable_relations_are_not_named(semantic_map: SemanticMap) -> None:
+    table = put(semantic_map, 3, "dining table")
+    cup = put(semantic_map, 4, "cup", Relation("on", table, 0.4))
+    assert whereabouts(semantic_map, cup) == "at (1.0, 2.0) m"
+    assert whereabouts(semantic_map, f"{BASE}object/9") == ""
+
+
+def test_a_circle_of_relations_ends(semantic_map: SemanticMap) -> None:
+    first, second = put(semantic_map, 3, "bowl"), put(semantic_map, 4, "bowl")
+    put(semantic_map, 3, "bowl", Relation("on", second, 0.9))
+    put(semantic_map, 4, "bowl", Relation("on", first, 0.9))
+    assert whereabouts(semantic_map, first) == "on bowl 4 on bowl 3"
+
+
+def test_what_is_on_a_thing_is_asked_for_and_explained(semantic_map: SemanticMap) -> None:
+    table = put(semantic_map, 3, "dining table")
+    cup = put(semantic_map, 4, "cup", Relation("on", table, 0.8))
+    put(semantic_map, 5, "cup", Relation("on", table, 0.3))
+    (row,) = semantic_map.query("related", object=table).records()
+    assert (row["relation"], row["object"], row["probability"]) == ("on", cup, 0.8)
+    assert len(semantic_map.query("related", object=table, least=0.0).rows) == 2
+    (reason,) = semantic_map.history.explain("object/4")
+    assert "on dining table 3" in reason.text
+    (fact,) = semantic_map.history.explain("object/4 here:on")
+    assert any("boxes of both objects" in step.text for _, step in fact.walk())
+
+
+def test_an_asserted_support_is_named_at_once(semantic_map: SemanticMap) -> None:
+    put(semantic_map, 3, "dining table")
+    cup = put(semantic_map, 4, "cup")
+    semantic_map.assertions.add(cup, "on", "object/3", by="ann")
+    assert whereabouts(semantic_map, cup).startswith("on dining table 3")
+    (record,) = semantic_map.perceived.objects((cup,))
+    semantic_map.apply(MapUpdate(objects=(replace(record, relations=()),)))
+    assert whereabouts(semantic_map, cup).startswith("on dining table 3")
+
+
+def rearranged(semantic_map: SemanticMap) -> SemanticMap:
+    """The flat, its cup carried to the bedroom, its bed pushed by 10 cm, its banana gone."""
+    fill(semantic_map)
+    banana, cup, bed = semantic_map.objects()
+    gone = DepartedRecord(banana.iri, banana.category, banana.p_map, 0.9, 4, 5.0, 60.0, 120.0)
+    carried = replace(cup, p_map=np.array([6.0, 2.0, 0.8]), place=semantic_map.place_iri(2))
+    pushed = replace(bed, p_map=bed.p_map + np.array([0.1, 0, 0]))
+    update = MapUpdate(objects=(carried, pushed), removed=(banana.iri,), departed=(gone,))
+    semantic_map.apply(update)
+    return semantic_map
+
+
+def test_what_changed_between_two_moments() -> None:
+    with rearranged(in_memory_map()) as semantic_map:
+        compare = semantic_map.history.compare
+        gone, cup = compare("#1").changes
+        assert (gone.kind, gone.category, gone.now) == ("gone", "banana", None)
+        assert (cup.kind, cup.category, cup.place) == ("moved", "cup", "place/2")
+        assert (cup.was, cup.now) == ((3.0, 1.0, 0.8), (6.0, 2.0, 0.8))
+        assert cup.metres == pytest.approx(10**0.5)
+        near = compare("#1", far=0.05).changes
+        assert [one.category for one in near] == ["banana", "cup", "bed"]
+        back = compare("#2", "#1").changes
+        assert [(one.kind, one.category) for one in back] == [
+            ("appeared", "banana"),
+            ("moved", "cup"),
+        ]
+        assert compare("#1", "#1").changes == ()
+        with pytest.raises(HistoryError):
+            compare("#99")
+
+
+def test_a_move_within_its_uncertainty_is_none() -> None:
+    with fill(in_memory_map()) as semantic_map:
+        _, cup, _ = semantic_map.objects()
+        vague = replace(cup, p_map=cup.p_map + np.array([0.9, 0, 0]), deviation=0.5)
+        semantic_map.apply(MapUpdate(objects=(vague,)))
+        assert semantic_map.history.compare("#1").changes == ()
+        sure = replace(vague, deviation=0.1)
+        semantic_map.apply(MapUpdate(objects=(sure,)))
+        (moved,) = semantic_map.history.compare("#1").changes
+        assert moved.metres == pytest.approx(0.9)
+
+
+def test_another_name_is_a_change() -> None:
+    with fill(in_memory_map()) as semantic_map:
+        _, cup, _ = semantic_map.objects()
+        semantic_map.assertions.add(cup.iri, "label", "the blue mug", by="ann")
+        (named,) = semantic_map.history.compare("#1").changes
+        assert (named.kind, named.sides[1]) == ("relabelled", "the blue mug")
+
+
+def test_last_seen_lists_what_left_too() -> None:
+    with rearranged(in_memory_map()) as semantic_map:
+        (banana,) = semantic_map.query("last-seen", category="food").records()
+        assert (banana["category"], banana["place"]) == ("banana", "place 1")
+        assert banana["lastSeen"].timestamp() == 60.0 and banana["foundGone"].timestamp() == 120.0
+        (cup,) = semantic_map.query("last-seen", category="cup").records()
+        assert (cup["foundGone"], cup["place"]) == (None, "place 2")
+        (departed,) = rooms_document(semantic_map)["departed"]
+        assert departed["category"] == "banana" and departed["last_seen"] == 60.0
+
+
+def test_between_two_things_stand_those_on_the_strip_in_order() -> None:
+    with fill(in_memory_map()) as semantic_map:
+        banana, cup, bed = (one.iri for one in semantic_map.objects())
+        wide = semantic_map.query("between", one=banana, other=bed, width=4.0).records()
+        assert [row["object"] for row in wide] == [cup]
+        assert wide[0]["distance"] == pytest.approx(14 / 37**0.5)
+        assert semantic_map.query("between", one=banana, other=bed).rows == ()
+        assert semantic_map.query("between", one=banana, other=cup, width=50.0).rows == ()
+        assert semantic_map.query("between", one=bed, other=bed, width=50.0).rows == ()
+        assert semantic_map.query("between", one=bed, other="object/99", width=50.0).rows == ()
+
+
+def test_the_command_prints_what_changed(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "flat.map"
+    rearranged(create_map(path, base="https://example.org/flat/")).close()
+    assert main(["diff", str(path), "#1", "#2", "--moved", "--json"]) == 0
+    (cup,) = json.loads(capsys.readouterr().out)
+    assert cup == {
+        "change": "moved",
+        "thing": "object/2",
+        "category": "cup",
+        "before": "3.00, 1.00, 0.80",
+        "after": "6.00, 2.00, 0.80",
+        "metres": 3.16,
+    }
+    assert main(["diff", str(path), "#1", "#2"]) == 0
+    shown = capsys.readouterr()
+    assert "6.00, 2.00, 0.80" in shown.out and "gone" in shown.out
+    assert "m² of floor seen" in shown.err
