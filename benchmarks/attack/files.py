@@ -16,7 +16,7 @@ from typing import Final
 from benchmarks.attack.commands import outcome_of
 from benchmarks.attack.outcome import Outcome
 from benchmarks.attack.target import Target
-from kg.history.storage.schema import SCHEMA
+from kg.history.storage.log import SCHEMA
 from kg.serving.opening import create_map
 
 ATTEMPTS: Final = 24

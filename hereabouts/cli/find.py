@@ -141,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
             return 0
         code = _find(semantic_map, wanted, arguments)
         if not arguments.json:
-            from planner.search.goals.other_frames import elsewhere_lines
+            from planner.search.goals.known_objects import elsewhere_lines
 
             for line in elsewhere_lines(opened, semantic_map, wanted.objects, arguments.map):
                 write(line)

@@ -1,14 +1,15 @@
-"""Quads of a transaction: checks before they are written, and the quad with its number."""
+"""Quads of a transaction: checks before they are written, the quad with its number, the journal."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
+from kg.model.transactions import ChangeSet
 from kg.rdf.literals import unwritable
 from kg.rdf.quad_store import QuadStore
 
@@ -99,3 +100,21 @@ def published_sequence(engine: QuadStore) -> int:
     """The number of the last published transaction; of several maps the sum, which grows too."""
     marks = engine.quads_for_pattern(None, NamedNode(v.SEQUENCE), None, v.PUBLISHED_GRAPH)
     return sum(int(q.object.value) for q in marks if isinstance(q.object, Literal))
+
+
+class Journal(Protocol):
+    """Write-ahead log: each transaction is recorded here before the store applies it."""
+
+    last_time: float  # [s] of the last recorded transaction
+
+    def append(self, change: ChangeSet) -> None:
+        """Record a transaction; raises GraphError on failure."""
+
+    def withdraw(self, sequence: int) -> None:
+        """Remove that transaction and later ones, which the store rejected."""
+
+    def flush(self) -> None:
+        """Do background work, on the flushing thread."""
+
+    def close(self) -> None:
+        """Close the files."""

@@ -30,9 +30,9 @@ from kg.store.atomic_file import sync_folder
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
 from kg.store.flushing import Flusher
 from kg.store.folder import check_is_map, check_vacant, locked, made_folder, remove_abandoned
-from kg.store.journal import Journal
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.transaction_quads import (
+    Journal,
     check_blank_nodes,
     check_texts,
     published_sequence,

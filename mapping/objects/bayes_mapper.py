@@ -19,8 +19,7 @@ from mapping.frames.sighting import Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver, LabelTable
 from mapping.objects.absence import RECALL
 from mapping.objects.association import associate
-from mapping.objects.detections.detection_fates import DetectionFates
-from mapping.objects.detections.detection_report import Fate
+from mapping.objects.detections.detection_report import DetectionFates, Fate
 from mapping.objects.existence import in_front
 from mapping.objects.extents.extent_grower import ExtentGrower
 from mapping.objects.extents.surface_growth import Voxels

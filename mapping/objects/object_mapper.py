@@ -14,7 +14,7 @@ from kg.model.records import DepartedRecord, Evidence, ObjectRecord
 from mapping.frames.projection import to_map
 from mapping.frames.sighting import Sighting
 from mapping.labels.label_resolver import LabelResolver, LabelTable
-from mapping.objects.detections.detection_fates import DetectionFates
+from mapping.objects.detections.detection_report import DetectionFates
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.tracks import Track
 from mapping.places.place_registry import PlaceRegistry

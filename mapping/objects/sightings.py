@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from mapping.frames.projection import back_project, bounds, to_map
 from mapping.frames.sighting import Box, Floats, Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
-from mapping.objects.detections.detection_fates import DetectionFates
-from mapping.objects.detections.detection_report import Fate
+from mapping.objects.detections.detection_report import DetectionFates, Fate
 from mapping.objects.existence import UNUSUAL, SizeOf
 from mapping.objects.settings import ObjectSettings
 from mapping.reference.depth_histogram import box_depth

@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.history.replay.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
-from kg.history.reports.changes_of_facts import FactChanges, same
+from kg.history.reports.explanation_rules import FactChanges, same
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.timestamps import iso, short, statement
 from kg.model import vocabulary as v

@@ -1,20 +1,28 @@
 """Detection report: fates of detections by category, and the things that are not believed.
 
-The folder of a map keeps the report as `detections.json`.
+The folder of a map keeps the report as `detections.json`. Boxes of one category on one thing of a
+frame count once. Detections of a candidate follow it: they count for the object that it becomes, or
+for the thing that it is merged into.
 """
 
 from __future__ import annotations
 
+import heapq
 import json
 import math
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from kg.model.errors import GraphError
 from kg.model.regular_files import read_bytes
+from mapping.objects.tracks import Track
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
 VERSION: Final = 1
@@ -148,3 +156,143 @@ def write_report(folder: Path, report: DetectionReport) -> None:
         raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
     text = json.dumps(report.to_json(), ensure_ascii=False, allow_nan=False)
     write_atomically(path, text.encode("utf-8", "replace"), in_map=True)
+
+
+_ONE_SIDE: Final = math.radians(30)  # from the first direction, up to which all are one side
+_SWEEP: Final = 100  # frames between two sweeps of things that are no longer held
+_MAX_NAMES: Final = 1000  # names with counts of their own; labels may be any text
+_MAX_LENGTH: Final = 100  # characters of a name
+_MAX_FORGOTTEN: Final = 100  # forgotten candidates that are kept, the most probable ones
+OTHERS: Final = "other labels"
+
+
+@dataclass(eq=False, slots=True)
+class ThingFates:
+    """Detections of one thing."""
+
+    track: Track
+    counts: Counter[str] = field(default_factory=Counter)  # by name of the category
+    views: int = 0  # frames that showed it
+    bearing: float | None = None  # [rad] from it to the first camera
+    same_side: bool = True  # whether all bearings lie near the first
+
+    def add(
+        self, counts: Counter[str], views: int, bearing: float | None, same_side: bool = True
+    ) -> None:
+        """Add detections in `views` frames, the first of them at the direction `bearing` [rad]."""
+        self.counts.update(counts)
+        self.views += views
+        self.same_side &= same_side
+        if self.bearing is None:
+            self.bearing = bearing
+        elif bearing is not None:
+            turn = abs(bearing - self.bearing) % math.tau
+            self.same_side &= min(turn, math.tau - turn) <= _ONE_SIDE
+
+    @property
+    def one_side(self) -> bool:
+        """Whether all observations of the track are known to be from one side."""
+        known = self.bearing is not None and self.views >= self.track.observations
+        return known and self.same_side
+
+
+class DetectionFates:
+    """Counter of detection fates; `name` gives the name of a label or of a category's IRI.
+
+    The counts of a frame can be undone until they are settled.
+    """
+
+    def __init__(self, name: Callable[[str], str] = str) -> None:
+        self._name = name
+        self.frames = 0
+        # by name, without the detections of things that are held
+        self.counts: defaultdict[str, Counter[Fate]] = defaultdict(Counter)
+        self.objects: defaultdict[str, Counter[str]] = defaultdict(Counter)  # ... by object's IRI
+        self.merged: Counter[str] = Counter()  # by name: things merged into another one
+        self.forgotten: list[ThingFates] = []  # candidates that are no longer held
+        self.things: dict[int, ThingFates] = {}  # things that are held, by number of the track
+        self._unused: list[tuple[Fate, str]] = []  # of this frame, with label or IRI
+        self._seen: list[tuple[Track, frozenset[str], float | None]] = []
+        self._merges: list[tuple[Track, Track]] = []
+        self._open = False  # whether a frame has begun and is not settled
+
+    def begin(self, held: Sequence[Track]) -> None:
+        """Begin a frame; `held` are the tracks that the mapper has."""
+        self.settle()
+        self.frames += 1
+        self._open = True
+        if self.frames % _SWEEP == 0:
+            self.sweep(held)
+
+    def unused(self, fate: Fate, names: Iterable[str]) -> None:
+        """Count detections, by labels or IRIs, that belong to no thing."""
+        self._unused += [(fate, name) for name in names]
+
+    def unplaced(self, depth: float | None, nearest: float, names: Iterable[str]) -> None:
+        """Count detections at a `depth` [m] that is out of reach; None: without depth."""
+        near = depth is not None and depth < nearest
+        self.unused(Fate.NO_DEPTH if depth is None else Fate.NEAR if near else Fate.FAR, names)
+
+    def seen(
+        self,
+        track: Track,
+        categories: frozenset[str],
+        camera: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Count detections of a track, of categories by IRI, by a camera at (2..3,) [m]."""
+        bearing = None
+        if camera is not None:
+            bearing = math.atan2(camera[1] - track.p_map[1], camera[0] - track.p_map[0])
+        self._seen.append((track, categories, bearing))
+
+    def merge(self, kept: Track, absorbed: Track) -> None:
+        """Count the detections of `absorbed` as those of `kept`."""
+        self._merges.append((kept, absorbed))
+
+    def undo(self) -> None:
+        """Undo the counts of a frame that is not settled; merged tracks stay merged."""
+        self.frames -= self._open
+        self._open = False
+        self._unused.clear()
+        self._seen.clear()
+
+    def settle(self) -> None:
+        """Add this frame's detections to the counts; they can no longer be undone."""
+        for fate, label_or_iri in self._unused:
+            self.add(self._name(label_or_iri)[:_MAX_LENGTH], fate)
+        for track, categories, bearing in self._seen:
+            self._thing(track).add(Counter(map(self._name, categories)), 1, bearing)
+        for kept, absorbed in self._merges:
+            if (thing := self.things.pop(absorbed.number, None)) is not None:
+                into = self._thing(kept)
+                into.add(thing.counts, thing.views, thing.bearing, thing.same_side)
+                self.merged.update(thing.counts.keys())
+        self._unused, self._seen, self._merges, self._open = [], [], [], False
+
+    def sweep(self, held: Sequence[Track]) -> None:
+        """Move the detections of things that the mapper no longer has to the other counts."""
+        for number in self.things.keys() - {track.number for track in held}:
+            thing = self.things.pop(number)
+            if thing.track.iri is None:
+                self.forgotten.append(thing)
+            for name, count in thing.counts.items():
+                if thing.track.iri is None:
+                    self.add(name, Fate.FORGOTTEN, count)
+                else:
+                    self.objects[name][thing.track.iri] += count
+        self.forgotten = heapq.nlargest(
+            _MAX_FORGOTTEN, self.forgotten, key=lambda thing: thing.track.peak
+        )
+        present = {track.iri for track in held}
+        for name, counts in self.objects.items():
+            for iri in counts.keys() - present:
+                self.add(name, Fate.LEFT, counts.pop(iri))
+
+    def add(self, name: str, fate: Fate, count: int = 1) -> None:
+        """Add to the count of a category or label."""
+        if name not in self.counts and len(self.counts) >= _MAX_NAMES:
+            name = OTHERS
+        self.counts[name][fate] += count
+
+    def _thing(self, track: Track) -> ThingFates:
+        return self.things.setdefault(track.number, ThingFates(track))

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
 from kg.model.records import Evidence
-from mapping.objects.detections.detection_fates import DetectionFates
 from mapping.objects.detections.detection_report import (
     BELIEVED,
     MAX_OBJECTS,
     MAX_THINGS,
     CategoryFates,
+    DetectionFates,
     DetectionReport,
     DoubtedThing,
     Fate,

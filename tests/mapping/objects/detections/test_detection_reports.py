@@ -16,11 +16,11 @@ from mapping.labels.label_resolver import LabelTable
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.detections.detection_fates import DetectionFates
 from mapping.objects.detections.detection_report import (
     MAX_BYTES,
     MAX_THINGS,
     CategoryFates,
+    DetectionFates,
     DetectionReport,
     DoubtedThing,
     Fate,

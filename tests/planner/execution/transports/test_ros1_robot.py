@@ -31,9 +31,8 @@ from planner.execution.protocol import (
     RobotPose,
 )
 from planner.execution.search_loop import search
-from planner.execution.transports import move_base
-from planner.execution.transports.move_base import MoveBase
-from planner.execution.transports.ros1_robot import Ros1Robot
+from planner.execution.transports import ros1_robot
+from planner.execution.transports.ros1_robot import MoveBase, Ros1Robot
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
@@ -114,7 +113,7 @@ def test_why_a_goal_failed_is_said(
     node: type[Ros1HouseNode],
     said: str,
 ) -> None:
-    monkeypatch.setattr(move_base, "ANSWER", 0.5)
+    monkeypatch.setattr(ros1_robot, "ANSWER", 0.5)
     events: list[Event] = []
     options = SearchOptions(
         on_event=events.append,
