@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -91,22 +92,19 @@ class _Telling:
 
     def of(self, change: ChangeLines) -> Iterator[str]:
         """What a change of the thing's own facts tells, in words."""
-        removed_quads, added_quads = (quads_of(side) for side in change)
-        if (removed_quads + added_quads)[0].subject != self._iri:
+        sides = [[q for q in quads_of(side) if q.graph_name == v.MAP_GRAPH] for side in change]
+        if not any(sides) or (sides[0] + sides[1])[0].subject != self._iri:
             return
-        removed, added = _by_predicate(removed_quads), _by_predicate(added_quads)
-        if v.RDF_TYPE in removed and _DEPARTED in added.get(v.RDF_TYPE, ()):
-            yield "left where it stood"
-            return
-        if v.RDF_TYPE in removed and v.RDF_TYPE not in added:
-            yield "removed"
+        removed, added = (_by_predicate(side) for side in sides)
+        if v.RDF_TYPE in removed and (went := _left(added)):
+            self._at, self._existence, self._numbers = (), math.nan, {}
+            yield went
             return
         self._numbers |= {
-            predicate.value: float(values[0].value)
+            predicate.value: number
             for predicate, values in added.items()
-            if isinstance(predicate, NamedNode)
-            and predicate.value in _NUMBERS
-            and isinstance(values[0], Literal)
+            if isinstance(predicate, NamedNode) and predicate.value in _NUMBERS
+            for number in _floats(values)
         }
         yield from self._kind(removed, added)
         yield from self._numbers_told()
@@ -119,6 +117,9 @@ class _Telling:
     def _kind(
         self, removed: dict[Term, list[Term]], added: dict[Term, list[Term]]
     ) -> Iterator[str]:
+        if _DEPARTED in removed.get(v.RDF_TYPE, ()):
+            yield "came back"
+            return
         for kind in added.get(v.RDF_TYPE, ()):
             yield f"a {word(kind)} now" if v.RDF_TYPE in removed else f"new: {word(kind)}"
 
@@ -137,6 +138,22 @@ class _Telling:
         """Whether an existence is near the one told, and on its side of an even chance."""
         same_side = (existence >= 0.5) == (self._existence >= 0.5)
         return same_side and abs(existence - self._existence) < _SURER
+
+
+def _left(added: dict[Term, list[Term]]) -> str:
+    """How a thing that loses its kind goes: it leaves, or it is removed; "" where it stays."""
+    if _DEPARTED in added.get(v.RDF_TYPE, ()):
+        return "left where it stood"
+    return "" if v.RDF_TYPE in added else "removed"
+
+
+def _floats(values: Iterable[Term]) -> Iterator[float]:
+    """The first of the values, if it is a number."""
+    for value in values:
+        if isinstance(value, Literal):
+            with suppress(ValueError):
+                yield float(value.value)
+            return
 
 
 def _words(change: ChangeLines, base: str) -> Iterator[str]:

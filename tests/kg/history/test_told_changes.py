@@ -44,3 +44,29 @@ def test_an_existence_is_told_where_it_is_surer_or_on_the_other_side(told: Told)
 
 def test_a_new_kind_is_told(told: Told) -> None:
     assert "a bowl now" in told((1.0, 0.9, CUP), (1.0, 0.9, BOWL))[1]
+
+
+def test_what_other_graphs_say_of_a_thing_is_not_told() -> None:
+    with in_memory_map() as semantic_map:
+        iri = semantic_map.base + "object/1"
+        cup = ObjectRecord(iri, CUP, np.array([1.0, 2.0, 0.5]), 2.7, 0.9, 1, 1.0, 2.0)
+        semantic_map.apply(MapUpdate(objects=(cup,)))
+        graph = f"GRAPH <http://example.org/notes> {{ <{iri}> here:x 'far' ; a <http://example.org/Note> }}"
+        semantic_map.update(f"INSERT DATA {{ {graph} }}")
+        semantic_map.update(f"DELETE DATA {{ {graph} }}")
+        _, *later = (event.told for event in semantic_map.history.events("object/1"))
+    assert not any(later)
+
+
+def test_a_thing_that_is_removed_and_comes_again_has_its_position_told() -> None:
+    with in_memory_map() as semantic_map:
+        iri = semantic_map.base + "object/1"
+        cup = ObjectRecord(iri, CUP, np.array([1.0, 2.0, 0.5]), 2.7, 0.9, 1, 1.0, 2.0)
+        for update in (
+            MapUpdate(objects=(cup,)),
+            MapUpdate(removed=(iri,)),
+            MapUpdate(objects=(cup,)),
+        ):
+            semantic_map.apply(update)
+        first, gone, again = (list(e.told) for e in semantic_map.history.events("object/1"))
+    assert gone == ["removed"] and again == first

@@ -66,18 +66,18 @@ export class AnswerPanel {
 
   _told(answer) {
     const [first = "", ...rest] = answer.answer.map((line) => line.replace(COMMAND, "").replace(CHANCE, ""));
-    const [, head, tail] = HEAD.exec(first) ?? [null, first, ""], best = answer.known[0];
+    const [, head, tail] = HEAD.exec(first) ?? [null, first, ""], best = answer.known[0], picture = element("div");
     return [
-      element("h2", "", ...this._linked(head, answer.about)), element("div"),
-      ...(best ? this._surely(best) : []),
+      element("h2", "", ...this._linked(head, answer.about)), picture,
+      ...(best ? this._surely(best, picture) : []),
       ...[tail, ...rest, ...answer.understood].filter(Boolean).map((line) => element("p", "", ...this._linked(line, answer.about))),
       this._things(answer), ...(answer.steps.length ? this._looks(answer) : []),
     ];
   }
 
   /** How sure it is that the best thing is still there, and its picture. */
-  _surely({ iri, still_there: sure }) {
-    pictureOf(this._data, iri).then((picture) => picture && byId("plan").querySelector("h2 + div")?.replaceChildren(picture), () => {});
+  _surely({ iri, still_there: sure }, frame) {
+    pictureOf(this._data, iri).then((picture) => picture && frame.replaceChildren(picture), () => {});
     const bar = Object.assign(element("meter"), { value: sure, ariaLabel: "how sure" });
     return [element("p", `${Math.round(100 * sure)} % sure that it is still there `, bar)];
   }

@@ -13,6 +13,8 @@ export class Corrections {
     this._author = ""; // holder of the token
     this._moving = null; // IRI of the object that the next click on the map positions
     this._thing = null; // that is selected
+    this._past = data.past;
+    data.addEventListener("changed", () => this._follow());
     byId("corrector")?.addEventListener("submit", (event) => this._take(event));
     byId("edit").classList.toggle("hidden", !byId("corrector"));
     byId("edit").addEventListener("click", () => this._turn(byId("edit").ariaPressed !== "true"));
@@ -28,6 +30,15 @@ export class Corrections {
     if (isOn && !hasToken()) byId("token").focus();
   }
 
+  /** Tools are those of the moment that is shown. */
+  _follow() {
+    if (this._data.past === this._past) return;
+    this._past = this._data.past;
+    this._rooms.stop();
+    this._moving = null;
+    this.offer();
+  }
+
   /** Suggest the names of the categories in the field for a category. */
   offerCategories() {
     for (const kind of ["object", "place"]) {
@@ -40,7 +51,7 @@ export class Corrections {
   offer(thing = this._thing) {
     this._thing = thing;
     const tools = byId("tools");
-    if (!tools || tools.contains(document.activeElement) && document.activeElement.matches("input")) return;
+    if (!tools || this._data.past === null && tools.contains(document.activeElement) && document.activeElement.matches("input")) return;
     byId("corrector").classList.toggle("hidden", hasToken());
     if (!hasToken()) tools.replaceChildren();
     else if (this._data.past !== null) tools.replaceChildren(element("p", "The past cannot be edited: choose now."));

@@ -121,7 +121,7 @@ export class MapData extends EventTarget {
     this.floor = tiles;
     this.surface = state.surface ?? 0;
     this.poses = state.poses ?? [];
-    this.robot = state.robot && { ...state.robot, iri: this.base + state.robot.iri };
+    this.robot = state.robot && { ...state.robot, iri: this.fullOf(state.robot.iri) };
   }
 
   async _tilesOf(state) {

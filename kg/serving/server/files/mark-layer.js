@@ -282,7 +282,10 @@ export class MarkLayer {
    * While the map moves, the names that were drawn at rest move with their objects. */
   _nameObjects() {
     const view = this._view, { isFlat, isMoving, layers, inFocus, selected } = view, most = MAX_NAMES[isFlat ? "flat" : "solid"];
-    if (isMoving && this._names.length) return this._each(this._names, (name) => this._drawName(name));
+    if (isMoving && this._names.length) {
+      this._pictures.draw(this._c, this._taken, this._onScreen(TRIED / 8));
+      return this._each(this._names, (name) => this._drawName(name));
+    }
     const found = this._onScreen(isMoving ? TRIED / 8 : Infinity);
     for (const { spot } of found.slice(0, isFlat ? TRIED : 0)) this._taken.take(spot[0] - 5, spot[1] - 5, 10, 10, true);
     this._pictures.draw(this._c, this._taken, found);

@@ -24,13 +24,17 @@ export async function request(address, { accept = "*/*", method = "GET", type, b
   const headers = { Accept: accept };
   if (type) headers["Content-Type"] = type;
   if (token) headers.Authorization = `Bearer ${token}`;
-  for (let left = method === "GET" ? RETRIES : 0, isAgain = false; ; left--, isAgain = true) {
-    const answer = await fetch(address, { method, headers, body, signal });
-    if (isAgain && answer.ok) window.dispatchEvent(new Event("answered"));
-    if (answer.ok) return answer;
-    if (!left || !BUSY.includes(answer.status)) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
-    window.dispatchEvent(new Event("busy"));
-    await new Promise((done) => setTimeout(done, 1000 * Math.min(Number(answer.headers.get("Retry-After")) || 1, 5)));
+  let isAgain = false;
+  try {
+    for (let left = method === "GET" ? RETRIES : 0; ; left--, isAgain = true) {
+      const answer = await fetch(address, { method, headers, body, signal });
+      if (answer.ok) return answer;
+      if (!left || !BUSY.includes(answer.status)) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
+      window.dispatchEvent(new Event("busy"));
+      await new Promise((done) => setTimeout(done, 1000 * Math.min(Number(answer.headers.get("Retry-After")) || 1, 5)));
+    }
+  } finally {
+    if (isAgain) window.dispatchEvent(new Event("answered"));
   }
 }
 
