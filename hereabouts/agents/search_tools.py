@@ -34,7 +34,7 @@ from planner.search.goals.candidate_queries import map_time
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.targets import resolve, undetectable_target
 from planner.search.plans.answer_sentences import find_sentences
-from planner.search.plans.report import worthwhile
+from planner.search.plans.report import nothing_line, worthwhile
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import Start, ViewStep, plan_from, robot_start
 
@@ -217,6 +217,7 @@ class SearchTools:
             for target in targets
             for line in find_sentences(semantic_map, target, now, state, found)
         ]
+        sentences += [nothing_line(found)] if found is not None and not found.steps else []
         return a.PlanAnswer(
             map=map_state,
             untrusted_answer=for_agents(sentences[:_KNOWN]),

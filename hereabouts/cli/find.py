@@ -204,7 +204,7 @@ def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
 def _by_viewpoints(
     semantic_map: SemanticMap, state: PlanningState, wanted: _Wanted, arguments: argparse.Namespace
 ) -> int:
-    from planner.search.plans.report import answer_json
+    from planner.search.plans.report import answer_json, nothing_line
     from planner.search.plans.view_plan import plan_from
 
     found = plan_from(
@@ -228,7 +228,7 @@ def _by_viewpoints(
         return 0
     said = _print_known(semantic_map, state.targets, now, arguments, state, found)
     if not found.steps:
-        write(_nothing(found, arguments.budget))
+        write(nothing_line(found, arguments.budget))
     else:
         _print(found, arguments, max(_LINES - said, 0))
     return 0
@@ -263,18 +263,6 @@ def _print_known(
         write(with_map("\n".join(said)))
         lines += len(said)
     return lines
-
-
-def _nothing(found: ViewPlan, budget: float | None) -> str:
-    what = ", ".join(found.targets)
-    if found.best > 0:
-        return (
-            f"Not worth looking: {what} is on this floor with probability {found.present:.2f}, and "
-            f"the best look finds it with {found.best:.3f} (--worth {found.best / 2:.1g} plans on)"
-        )
-    if budget is not None:
-        return f"no look for {what} ends within {budget:.0f} s"
-    return f"no look for {what}: no reachable position shows a spot where it may be"
 
 
 def _print(found: ViewPlan, arguments: argparse.Namespace, reasons: int) -> None:

@@ -22,7 +22,7 @@ from planner.questions.examples import example_questions
 from planner.questions.moments import past
 from planner.questions.patterns import MAX_LENGTH, Question, ordered, parsed
 from planner.questions.plain_answer import PlainAnswer
-from planner.questions.recognition import target_named
+from planner.questions.recognition import is_known_word, target_named
 from planner.questions.rooms import about_rooms
 from planner.search.goals.place_names import spoken_places
 from planner.search.plans.report import empty_answer, find_answer
@@ -73,10 +73,12 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
     question = parsed(text, cache(partial(_is_name, semantic_map)))
+    if question is None and ordered(text) and is_known_word(semantic_map, text):
+        question = Question("where", what=text)  # a water bottle, which is no order
     if question is None:
         return None
     question = replace(question, what=_by_number(question.what), other=_by_number(question.other))
-    if question.where in WHOLE:
+    if question.where in WHOLE and question.kind != "route":
         labels = {place.label.casefold() for place in semantic_map.places()}
         return question if question.where in labels else replace(question, where="")
     return question

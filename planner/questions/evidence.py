@@ -6,6 +6,7 @@ from datetime import datetime
 from typing import Final
 
 from kg.history.timestamps import iso, span
+from kg.model.errors import QueryParameterError
 from planner.questions.counts import NAMED
 from planner.questions.measures import Measures
 from planner.questions.plain_answer import PlainAnswer
@@ -42,6 +43,8 @@ class Evidence(Measures):
         """The things that were seen last, the latest first."""
         name, where = self._question.where, ""
         place = self._place(name) if name else None
+        if name and place is None:
+            raise QueryParameterError(f"last sightings are listed by place, and {name!r} is none")
         rows = [r for r in self._map.query("objects").records() if r["lastSeen"] is not None]
         if place is not None:
             rows, where = [r for r in rows if r["place"] == self._label(place)], self._title(place)
@@ -63,7 +66,7 @@ class Evidence(Measures):
         where, there = self._there()
         known = [k for k in self._known(target, one) if there(k)]
         lines = [
-            f"{k.label} {k.where.strip()}: it exists with probability {k.existence:.2f}, was seen "
+            f"{k.label} {k.where.strip()}: it exists with probability {k.believed:.2f}, was seen "
             f"{times(k.observations)}, and is still there with probability "
             f"{k.still_there(self._now):.2f}"
             for k in known[:LISTED]

@@ -127,10 +127,14 @@ class Measures(NamedThings):
     def _between(self) -> PlainAnswer:
         """Things on the floor's strip between two things, of several the two closest."""
         firsts, others = (self._named(w) for w in (self._question.what, self._question.other))
-        pairs = [(one, other) for one in firsts for other in others if one.iri != other.iri]
-        if not pairs:
-            raise QueryParameterError(f"{firsts[0].label} is both ends, so nothing is between")
-        one, other = min(pairs, key=lambda pair: math.dist(pair[0].p_map, pair[1].p_map))
+        at, metres = np.array([other.p_map for other in others]), list[NDArray[np.float64]]()
+        for first in firsts:
+            same = np.array([other.iri == first.iri for other in others])
+            metres.append(np.where(same, math.inf, np.hypot(*(at - first.p_map).T)))
+        row = int(np.argmin([off.min() for off in metres]))
+        one, other = firsts[row], others[int(np.argmin(metres[row]))]
+        if one.iri == other.iri:
+            raise QueryParameterError(f"{one.label} is both ends, so nothing is between")
         rows = self._map.query("between", one=one.iri, other=other.iri).records()
         named = [f"{row['label']} ({number(row, 'distance'):.1f} m)" for row in rows[:NAMED]]
         rest = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""

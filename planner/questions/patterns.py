@@ -130,6 +130,8 @@ def _read(text: str, known: Known) -> tuple[Language, Gaps]:
         return english, {"kind": "help"}
     for language, words in plain:
         if gaps := language.read(words):
+            if gaps["kind"] == "order" and known(words):  # a stop sign, a water bottle
+                return language, {"kind": "where", "what": words}
             return language, gaps
     for language, words in plain:
         again = language.respelt(words, known)
@@ -154,6 +156,8 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
         return None
     *things, (where, _), (other, more), (start, _) = cast(list[tuple[str, tuple[str, ...]]], found)
     what, *also = (name for name, _ in things)
+    if also and "number" in gaps:  # whether it is the number of one or of all is not said
+        return None
     if kind in ("status", "near", "count") and any(names.amount(name) for name, _ in things):
         return None
     if kind in ("near", "distance") and not other:

@@ -50,7 +50,8 @@ class Sentence:
 
     def _may_begin(self, first: str) -> bool:
         """Whether a word may be the first one: saves most of the templates from being compiled."""
-        return self.template.startswith("{") or first in _WORD.findall(self.template)
+        words = _WORD.findall(self.template)
+        return self.template.startswith("{") or any(re.fullmatch(_spelt(w), first) for w in words)
 
     @cached_property
     def _pattern(self) -> re.Pattern[str]:

@@ -56,10 +56,15 @@ class KnownObject:
         last = now if self.last_seen is None else self.last_seen.timestamp()
         return holds(self.half_life, now - last)
 
+    @property
+    def believed(self) -> float:
+        """Probability that it exists, which is high where a search found it."""
+        found = self.found_by is not None and self.own is None and self.existence >= _SURE
+        return max(self.existence, BELIEF.found) if found else self.existence
+
     def still_there(self, now: float) -> float:
         """Probability that it exists, and was not moved until `now` [s since 1970]."""
-        found = self.found_by is not None and self.own is None and self.existence >= _SURE
-        return (max(self.existence, BELIEF.found) if found else self.existence) * self.kept(now)
+        return self.believed * self.kept(now)
 
     @property
     def sure(self) -> bool:

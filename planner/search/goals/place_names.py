@@ -55,7 +55,7 @@ def in_words(catalogue: Catalogue, label: str) -> str:
     Labels take an article where their last word is a common noun, and no other word is before it
     that stands for one. Other names stay as people gave them.
     """
-    if NUMBERED.fullmatch(label):
+    if NUMBERED.fullmatch(label.partition(" (")[0]):
         return label
     first, *_, last = label.split() * 2 or ["", ""]
     is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses

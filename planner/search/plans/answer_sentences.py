@@ -178,9 +178,10 @@ def _guess(
     if not len(p) or p[best] < _GUESS:
         return ""
     lead = "; if it is here, then most probably in"
-    if found is not None and found.steps:
-        first = found.steps[0]
-        shown = first.why[0].candidate.place if first.why else None
+    first = found.steps[0] if found is not None and found.steps else None
+    reason = first.why[0].candidate if first is not None and first.why else None
+    if first is not None and (reason is None or state.targets[reason.target] is target):
+        shown = None if reason is None else reason.place
         best = state.rooms.index(shown if shown in state.rooms else first.place)
         lead = "; the first look is in"
         if state.rooms[best] != first.place:

@@ -326,6 +326,19 @@ def answer_json(
     }
 
 
+def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
+    """Why a plan has no looks; `budget` [s] is that of the plan."""
+    what = ", ".join(found.targets)
+    if found.best > 0:
+        return (
+            f"Not worth looking: {what} is on this floor with probability {found.present:.2f}, and "
+            f"the best look finds it with {found.best:.3f} (--worth {found.best / 2:.1g} plans on)"
+        )
+    if budget is not None:
+        return f"No look for {what} ends within {budget:.0f} s"
+    return f"No look for {what}: no reachable position shows a spot where it may be"
+
+
 def _known_json(
     semantic_map: SemanticMap,
     targets: Sequence[Target],
@@ -336,6 +349,7 @@ def _known_json(
     said = [
         line for one in targets for line in find_sentences(semantic_map, one, now, state, found)
     ]
+    said += [nothing_line(found)] if found is not None and not found.steps else []
     notes = [target.note for target in targets if target.note]
     known = known_json(semantic_map, targets, now)
     return {"answer": said, "known": known, "understood": notes}
@@ -352,6 +366,7 @@ def empty_answer(
         "goals": [],
         "expected_seconds": None,
         "probability": 0.0,
+        "finds": 0.0,
         "present": 0.0,
         "steps": [],
         "alternatives": [],

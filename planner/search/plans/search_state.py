@@ -399,7 +399,7 @@ def proven_views(semantic_map: SemanticMap, space: FreeSpace, belief: TargetBeli
 
     A floor plan knows no heights: things on shelves, or behind low walls, seem hidden there.
     """
-    known = [part for part in belief.parts if part.candidate.kind == "known"]
+    known = [p for p in belief.parts if p.candidate.kind == "known" and p.weight.max() > 0]
     known.sort(key=lambda part: (-part.candidate.probability, part.candidate.iri))
     known = known[:_ALL_PROVEN]
     store, floor = semantic_map.store, space.floor()

@@ -51,7 +51,8 @@ def test_what_other_graphs_say_of_a_thing_is_not_told() -> None:
         iri = semantic_map.base + "object/1"
         cup = ObjectRecord(iri, CUP, np.array([1.0, 2.0, 0.5]), 2.7, 0.9, 1, 1.0, 2.0)
         semantic_map.apply(MapUpdate(objects=(cup,)))
-        graph = f"GRAPH <http://example.org/notes> {{ <{iri}> here:x 'far' ; a <http://example.org/Note> }}"
+        facts = f"<{iri}> here:x 'far' ; a <http://example.org/Note>"
+        graph = f"GRAPH <http://example.org/notes> {{ {facts} }}"
         semantic_map.update(f"INSERT DATA {{ {graph} }}")
         semantic_map.update(f"DELETE DATA {{ {graph} }}")
         _, *later = (event.told for event in semantic_map.history.events("object/1"))

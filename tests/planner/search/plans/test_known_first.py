@@ -11,7 +11,7 @@ import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate
-from kg.serving.opening import in_memory_map
+from kg.serving.opening import create_map, in_memory_map
 from mapping.objects.extents.box_fit import NUMBERS
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import RunState, TrackStore, seen_from
@@ -95,3 +95,19 @@ def test_a_seat_is_named_before_what_one_can_sit_on_too(flat: SemanticMap) -> No
     (target,) = resolve(flat, ["something to sit on"])
     first, second = find_sentences(flat, target, 0.0)
     assert "chair" in first and "bed" in second
+
+
+def test_a_memory_that_is_too_old_to_count_shows_no_cell(tmp_path: Path) -> None:
+    folder = tmp_path / "flat.map"
+    with fill(create_map(folder, title="flat")) as flat:
+        (cup,) = flat.objects("cup")
+        row = np.zeros(NUMBERS, np.float32)
+        row[3], row[7] = 1.5, 1.0  # the camera's x and y
+        track = Track(cup.p_map, 0.1, ObjectSettings(), iri=cup.iri, views={(0,): row})
+        store = TrackStore(folder)
+        store.load(flat.sequence, ObjectSettings())
+        store.save([track], RunState(), flat.sequence)
+        store.close()
+        fresh, old = (build_search(flat, ["cup"], at=cup.last_seen + later) for later in (1, 1e12))
+    assert fresh is not None and len(fresh.views.proven) > 0
+    assert old is not None and len(old.views.proven) == 0
