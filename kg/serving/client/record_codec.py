@@ -126,7 +126,8 @@ def entry_to_json(entry: HistoryEvent) -> Json:
 
 def entry_from_json(data: Mapping[str, Any]) -> HistoryEvent:
     """The inverse of `entry_to_json`."""
-    told, changes = tuple(data.get("told", data["changes"])), tuple(data["changes"])
+    changes = tuple(data["changes"])
+    told = tuple(data["told"]) if "told" in data else changes
     return HistoryEvent(
         data["sequence"], moment(data["time"]), cause_from_json(data), changes, told
     )

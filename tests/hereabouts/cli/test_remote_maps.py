@@ -32,10 +32,11 @@ def test_a_published_map_is_read_as_its_folder(
     here, there = (json.loads(prints("find", place, "cup", "--json")) for place in places)
     assert here["goals"]
     # one is asked some seconds after the other, so that probabilities and ages differ a little
-    assert [(g["iri"], g["kind"]) for g in here["goals"]] == [
+    # the folder alone has the camera poses that showed things, so looks may come in another order
+    assert {(g["iri"], g["kind"]) for g in here["goals"]} == {
         (g["iri"], g["kind"]) for g in there["goals"]
-    ]
-    assert here["probability"] == pytest.approx(there["probability"], abs=0.01)
+    }
+    assert here["probability"] == pytest.approx(there["probability"], abs=0.05)
     first, also = here["steps"][0], there["steps"][0]
     assert [first[k] for k in ("x", "y", "heading")] == [also[k] for k in ("x", "y", "heading")]
     here, there = (prints("ask", place, "objects", "--format", "csv") for place in places)

@@ -263,7 +263,7 @@ def test_a_search_goes_to_see_what_nobody_has_seen(semantic_map: SemanticMap) ->
     (frontier,) = [c for c in state.candidates if c.kind == "frontier"]
     assert frontier.iri == "https://example.org/hall/floor/0/0_1#frontier-1"
     assert 0 < frontier.probability < BELIEF.frontier
-    found = plan(state, (2.0, 1.0), trials=0)
+    found = plan(state, (2.0, 1.0), trials=0, worth=0.0)
     beyond = [step for step in found.steps if step.p_map[1] > 4.0]
     assert beyond
     words = "\n".join(step_lines(beyond))
@@ -323,7 +323,7 @@ def test_a_grid_from_a_file_outranks_the_mapped_floor(
     grid.write_text("image: grid.npy\nresolution: 0.1\norigin: [0, 0, 0]\n")
 
     def steps(*options: str) -> list[dict[str, float]]:
-        assert main(["find", str(folder), "bed", "--json", *options]) == 0
+        assert main(["find", str(folder), "bed", "--json", "--worth", "1e-6", *options]) == 0
         return json.loads(capsys.readouterr().out)["steps"]
 
     assert max(step["y"] for step in steps()) > 4.0

@@ -137,8 +137,8 @@ def test_the_walk_through_of_the_documentation(
     assert [line for line in told if "mug" in line] == expected
     told = run("ontology", "reload", path, file, "--by", "ann")[0].splitlines()
     assert [line for line in told if "mug" in line] == expected
-    plan = run("find", path, "mug", "--from", "0,0")[0]
-    assert "place 2" in plan
+    plan = run("find", path, "mug", "--from", "0,0", "--explain")[0]
+    assert "the office" in plan
     assert "our office" in plan or "0.6" in plan
     with open_map(path) as semantic_map:
         assert check_map(semantic_map.engine) == []

@@ -87,12 +87,14 @@ def test_a_session_in_protege_is_seen_in_a_running_server_and_after_a_restart(
         assert gone.endswith("removed")
         assert "owl:deprecated is not used" in err
         assert "Frisbee" in err
-        assert "place 1" in printed(capsys, "find", served.url, "Zwergorange", "--from", "0,0")[0]
+        assert (
+            "the kitchen" in printed(capsys, "find", served.url, "Zwergorange", "--from", "0,0")[0]
+        )
         names = {"kumquat", "Zwergorange", "kumquat ovale"}
         assert {row["label"] for row in served.rows(LABELS)} == names
         assert served.map.catalogue.get("zebra") is None
 
-    assert "place 1" in printed(capsys, "find", folder, "kumquat ovale", "--from", "0,0")[0]
+    assert "the kitchen" in printed(capsys, "find", folder, "kumquat ovale", "--from", "0,0")[0]
     with on_disk(folder) as served:
         assert {row["label"] for row in served.rows(LABELS)} == names
         assert served.map.catalogue.find("giraffe").iri == renamed
