@@ -8,6 +8,7 @@ example: hereabouts map recordings/kitchen --into kitchen.map
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from perception.frames import Detections, Frame, Recording, SceneScores
 
 _MAX_NAMED = 10  # labels in one note
+_TELL_EVERY = 10.0  # [s] between two lines on the progress where stderr is no terminal
 
 
 def add(parser: argparse.ArgumentParser) -> None:
@@ -201,9 +203,15 @@ def map_frames(
     with progress() as bar:
         total = len(recording) if lost is None else None
         task = bar.add_task(recording.name, total=total, status="")
+        told = time.monotonic()
 
         def on_frame(report: FrameReport) -> None:
+            nonlocal told
             rate = report.frames_per_second
+            if bar.disable and time.monotonic() - told >= _TELL_EVERY:  # no terminal for a bar
+                told = time.monotonic()
+                of = "" if total is None else f" of {total}"
+                note(f"{report.index + 1}{of} frames, {report.objects} objects")
             bar.update(
                 task,
                 completed=report.index + 1,
@@ -290,11 +298,10 @@ def print_outcome(
         note(f"{iri} looks like {name}, and has that name now; `hereabouts retract` undoes it")
     summary = semantic_map.query("summary")
     print_table(summary.columns, summary.rows)
-    stages = "  ".join(f"{stage} {ms:.1f}" for stage, ms in report.milliseconds.items())
     note(
         f"{report.frames} frames in {report.seconds:.1f} s "
-        f"({report.frames_per_second:.1f} frames/s); ms a frame, in parallel: {stages}"
-        + (f"; networks on {device}" if device else "")
+        f"({report.frames_per_second:.1f} frames/s"
+        + (f", networks on {device})" if device else ")")
     )
     _note_labels(report)
     _note_detector(report, arguments)

@@ -102,11 +102,13 @@ def check_vacant(path: Path) -> None:
 def check_is_map(path: Path) -> None:
     """Raises MapNotFoundError if there is no map at `path`."""
     if not path.exists():
-        raise MapNotFoundError(f"no map at {path}: nothing is there; create a map first")
+        raise MapNotFoundError(
+            f"no map at {path}: nothing is there; `hereabouts map RECORDING --into {path}` makes one"
+        )
     if not path.is_dir():
         raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
     if not (path / "store" / "CURRENT").is_file():
-        raise MapNotFoundError(f"no map at {path}: that folder holds no store/; create a map first")
+        raise MapNotFoundError(f"no map at {path}: that folder holds no store/, so it is none")
     for folder in (path, path / "store"):
         _check_entries(folder, path)
 

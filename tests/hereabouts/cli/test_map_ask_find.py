@@ -53,6 +53,18 @@ def test_a_kitchen_is_mapped_asked_searched_checked(mapped: Path, prints: Prints
     assert prints("check", mapped) == ""
 
 
+def test_mapping_without_a_terminal_tells_how_far_it_is(
+    kitchen: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hereabouts.cli.map_recording._TELL_EVERY", 0.0)
+    assert main(["map", str(kitchen), "--into", str(tmp_path / "k.map"), "--limit", "2"]) == 0
+    told = capsys.readouterr().err
+    assert "1 of 2 frames, " in told and "2 of 2 frames, " in told
+
+
 def test_mapping_again_does_nothing_until_asked(
     mapped: Path, kitchen: Path, prints: Prints
 ) -> None:
