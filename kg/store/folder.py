@@ -102,9 +102,8 @@ def check_vacant(path: Path) -> None:
 def check_is_map(path: Path) -> None:
     """Raises MapNotFoundError if there is no map at `path`."""
     if not path.exists():
-        raise MapNotFoundError(
-            f"no map at {path}: nothing is there; `hereabouts map RECORDING --into {path}` makes one"
-        )
+        made = f"`hereabouts map RECORDING --into {path}` makes one"
+        raise MapNotFoundError(f"no map at {path}: nothing is there; {made}")
     if not path.is_dir():
         raise MapNotFoundError(f"no map at {path}: that is a file; a map is a folder with store/")
     if not (path / "store" / "CURRENT").is_file():
