@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,6 +20,8 @@ from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
+
+Captured = pytest.CaptureFixture[str]
 
 # the same examples in every run, on a machine however slow: what one run finds, anybody finds again
 _PATIENT = [HealthCheck.too_slow]
@@ -211,29 +213,31 @@ def _main(program: str) -> Callable[[list[str]], int]:
     return main
 
 
+def failed(main: Callable[[list[str]], int], words: Sequence[object], capsys: Captured) -> str:
+    """The line of a program that must fail with exit code 1 and one line."""
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def printed(main: Callable[[list[str]], int], words: Sequence[object], capsys: Captured) -> str:
+    """The standard output of a program that must succeed."""
+    capsys.readouterr()
+    assert main([str(word) for word in words]) == 0
+    return capsys.readouterr().out
+
+
 @pytest.fixture
-def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Callable: run a program that must fail with exit code 1 and one line; returns the line."""
-
-    def run(program: str, *words: object) -> str:
-        capsys.readouterr()
-        assert _main(program)([str(word) for word in words]) == 1
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith("error: ")
-        assert err.count("\n") == 1
-        return err
-
-    return run
+def fails(capsys: Captured) -> Callable[..., str]:
+    """Callable: the line of a program, by its module, that must fail."""
+    return lambda program, *words: failed(_main(program), words, capsys)
 
 
 @pytest.fixture
-def prints(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Callable: run a program that must succeed; returns its standard output."""
-
-    def run(program: str, *words: object) -> str:
-        capsys.readouterr()
-        assert _main(program)([str(word) for word in words]) == 0
-        return capsys.readouterr().out
-
-    return run
+def prints(capsys: Captured) -> Callable[..., str]:
+    """Callable: the standard output of a program, by its module, that must succeed."""
+    return lambda program, *words: printed(_main(program), words, capsys)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hereabouts.cli import main
+from tests.conftest import Captured, failed, printed
 
 
 def _copy_kitchen(source: Path, folder: Path) -> Path:
@@ -56,28 +57,12 @@ def lab(imported_lab: Path, tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def fails(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Callable: run a command that must fail with exit code 1 and one line; returns the line."""
-
-    def run(*words: object) -> str:
-        capsys.readouterr()
-        assert main([str(word) for word in words]) == 1
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith("error: ")
-        assert err.count("\n") == 1
-        return err
-
-    return run
+def fails(capsys: Captured) -> Callable[..., str]:
+    """Callable: the line of a command that must fail with exit code 1 and one line."""
+    return lambda *words: failed(main, words, capsys)
 
 
 @pytest.fixture
-def prints(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Callable: run a command that must succeed; returns its standard output."""
-
-    def run(*words: object) -> str:
-        capsys.readouterr()
-        assert main([str(word) for word in words]) == 0
-        return capsys.readouterr().out
-
-    return run
+def prints(capsys: Captured) -> Callable[..., str]:
+    """Callable: the standard output of a command that must succeed."""
+    return lambda *words: printed(main, words, capsys)
