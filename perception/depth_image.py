@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ Floats = NDArray[np.float64]
 Planes = NDArray[
     np.floating
 ]  # 32 bits, of pixels, x, y and z apart, which is several times as fast
-Pixels = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,6 @@ import shutil
 import sqlite3
 import struct
 import zlib
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from typing import Final
@@ -29,7 +28,6 @@ _ASKING: Final = (
 )  # fmt: skip
 _ENDLESS: Final = "WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n) SELECT"
 _NUMBERS: Final = ("9" * 400, "1e400", "-1e308", "NaN", "1" + "0" * 5000, "1e-400", "0x10", "1_0")
-Damage = Callable[[Path, random.Random], None]
 
 
 def attack(target: Target) -> Outcome:

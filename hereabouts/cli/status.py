@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
         found = status(semantic_map, arguments.object, arguments.place)
         doubted = _doubted(semantic_map, found, arguments.place)
         lines = _perhaps(semantic_map, found, doubted, arguments)
-        called = spoken_places(semantic_map)
+        called = {} if arguments.json else spoken_places(semantic_map)
     if arguments.json:
         plain = {name: json_value(value) for name, value in asdict(found).items()}
         write_json({**plain, "perhaps": [_doubted_json(one) for one in doubted]})

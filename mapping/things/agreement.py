@@ -1,4 +1,4 @@
-"""Agreement of views: which of the parts that they show is a thing, by most of them."""
+"""Agreement of views: a part of the scene is a thing where most of the views show it apart."""
 
 from __future__ import annotations
 

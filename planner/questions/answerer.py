@@ -13,7 +13,7 @@ from kg.history.timestamps import span
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.counts import NAMED, counted, counted_kinds, counted_unnamed
-from planner.questions.evidence import Evidence
+from planner.questions.evidence import SightingAnswers
 from planner.questions.examples import example_questions
 from planner.questions.moments import read_since, since
 from planner.questions.patterns import EVENTS, Kind
@@ -35,7 +35,7 @@ _YES: Final[Mapping[Value, str]] = {
 _ALL: Final = ("thing", "things", "object", "objects", "items")
 
 
-class Answerer(Evidence):
+class Answerer(SightingAnswers):
     """Answers a question of any kind."""
 
     def answer(self) -> PlainAnswer:

@@ -74,7 +74,7 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
 def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
     question = parsed(text, cache(partial(_is_name, semantic_map)))
     if question is None and ordered(text) and is_known_word(semantic_map, text):
-        question = Question("where", what=text)  # a water bottle, which is no order
+        question = Question("where", what=text)  # a stop sign or a water bottle, no order
     if question is None:
         return None
     question = replace(question, what=_by_number(question.what), other=_by_number(question.other))
@@ -139,7 +139,7 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
 def about(
     semantic_map: SemanticMap, lines: Sequence[str], listed: Sequence[str] = ()
 ) -> list[dict[str, str]]:
-    """What an answer is about, for links: `iri`, and `name` as its lines have it, or "".
+    """Things and places of an answer, for links: `iri`, and `name` as its lines have it, or "".
 
     Things and places whose names stand in the lines come first, then the IRIs `listed`.
     """

@@ -17,7 +17,7 @@ from planner.search.goals.status import status
 _VIEWED: Final = 0.05  # share of a place, below which nobody looked, as in `status.rq`
 
 
-class Evidence(Measures):
+class SightingAnswers(Measures):
     """Answers from sightings and views."""
 
     def _last_seen(self) -> PlainAnswer:

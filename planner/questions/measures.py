@@ -127,12 +127,13 @@ class Measures(NamedThings):
     def _between(self) -> PlainAnswer:
         """Things on the floor's strip between two things, of several the two closest."""
         firsts, others = (self._named(w) for w in (self._question.what, self._question.other))
-        at, metres = np.array([other.p_map for other in others]), list[NDArray[np.float64]]()
-        for first in firsts:
-            same = np.array([other.iri == first.iri for other in others])
-            metres.append(np.where(same, math.inf, np.hypot(*(at - first.p_map).T)))
-        row = int(np.argmin([off.min() for off in metres]))
-        one, other = firsts[row], others[int(np.argmin(metres[row]))]
+        at, iris = np.array([o.p_map for o in others]), np.array([o.iri for o in others])
+        nearest = [
+            np.where(iris == first.iri, math.inf, np.hypot(*(at - first.p_map).T))
+            for first in firsts
+        ]
+        row = int(np.argmin([metres.min() for metres in nearest]))
+        one, other = firsts[row], others[int(np.argmin(nearest[row]))]
         if one.iri == other.iri:
             raise QueryParameterError(f"{one.label} is both ends, so nothing is between")
         rows = self._map.query("between", one=one.iri, other=other.iri).records()

@@ -130,8 +130,6 @@ def _read(text: str, known: Known) -> tuple[Language, Gaps]:
         return english, {"kind": "help"}
     for language, words in plain:
         if gaps := language.read(words):
-            if gaps["kind"] == "order" and known(words):  # a stop sign, a water bottle
-                return language, {"kind": "where", "what": words}
             return language, gaps
     for language, words in plain:
         again = language.respelt(words, known)

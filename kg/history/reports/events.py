@@ -22,9 +22,11 @@ from kg.model.iris import observation_iri
 from kg.model.transactions import Cause
 from kg.rdf.quad_store import Term
 
+_Sides = tuple[list[Quad], list[Quad]]  # removed, added
+
 _DEPARTED = NamedNode(v.DEPARTED_OBJECT)
-_FARTHER: Final = 0.1  # [m] from where a thing was told to be, below which it has not moved
-_SURER: Final = 0.2  # change of existence that is told
+_FARTHER: Final = 0.1  # [m] from its position in the summary, below which a thing has not moved
+_SURER: Final = 0.2  # change of existence that belongs into the summary
 _NUMBERS: Final = (v.X, v.Y, v.EXISTENCE, v.DEVIATION)
 _STATED: Final = {
     v.IN_PLACE: "in",
@@ -43,8 +45,7 @@ class HistoryEvent:
     time: float  # [s] since 1970-01-01 UTC
     cause: Cause
     changes: tuple[str, ...]  # in words, e.g. "x 1.20 -> 1.23"
-    #: what a person would tell of them; () where they are counters and corrections within the
-    #: uncertainty of what was told before
+    #: the changes in a summary; () where they are counters, and corrections within the uncertainty
     told: tuple[str, ...] = ()
 
     @property
@@ -72,27 +73,28 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
             f"the history knows nothing of {short(iri, base)}; "
             "`hereabouts ask MAP objects` lists what there is"
         )
-    telling = _Telling(iri, base)
-    for sequence, changes in sorted(found.items()):
+    summary = _Summary(iri, base)
+    for sequence, lines_of in sorted(found.items()):
         commit = log.commit(sequence)
         if commit is not None:
+            changes = [(quads_of(removed), quads_of(added)) for removed, added in lines_of]
             lines = tuple(text for change in changes for text in _words(change, base))
-            told = tuple(text for change in changes for text in telling.of(change))
+            told = tuple(text for change in changes for text in summary.of(change))
             yield HistoryEvent(sequence, commit.time, commit.cause, lines, told)
 
 
-class _Telling:
-    """Tells the changes of one thing that matter, beside what it has told before."""
+class _Summary:
+    """Summary of the changes of one thing: those that differ from the summary so far."""
 
     def __init__(self, iri: NamedNode, base: str) -> None:
         self._iri, self._base = iri, base
-        self._at: tuple[float, ...] = ()  # [m] where the thing was told to be
-        self._existence = math.nan  # as told
+        self._at: tuple[float, ...] = ()  # [m] position in the summary
+        self._existence = math.nan  # in the summary
         self._numbers: dict[str, float] = {}  # present values
 
-    def of(self, change: ChangeLines) -> Iterator[str]:
-        """What a change of the thing's own facts tells, in words."""
-        sides = [[q for q in quads_of(side) if q.graph_name == v.MAP_GRAPH] for side in change]
+    def of(self, change: _Sides) -> Iterator[str]:
+        """The part of a change that belongs into the summary, in words."""
+        sides = [[quad for quad in side if quad.graph_name == v.MAP_GRAPH] for side in change]
         if not any(sides) or (sides[0] + sides[1])[0].subject != self._iri:
             return
         removed, added = (_by_predicate(side) for side in sides)
@@ -135,7 +137,7 @@ class _Telling:
             yield f"there with {100 * existence:.0f} %"
 
     def _is_as_told(self, existence: float) -> bool:
-        """Whether an existence is near the one told, and on its side of an even chance."""
+        """Whether an existence is near that of the summary, on the same side of an even chance."""
         same_side = (existence >= 0.5) == (self._existence >= 0.5)
         return same_side and abs(existence - self._existence) < _SURER
 
@@ -156,8 +158,8 @@ def _floats(values: Iterable[Term]) -> Iterator[float]:
             return
 
 
-def _words(change: ChangeLines, base: str) -> Iterator[str]:
-    removed_quads, added_quads = (quads_of(side) for side in change)
+def _words(change: _Sides, base: str) -> Iterator[str]:
+    removed_quads, added_quads = change
     about = _about((removed_quads + added_quads)[0].subject, base)
     removed, added = _by_predicate(removed_quads), _by_predicate(added_quads)
     if v.RDF_TYPE in removed and v.RDF_TYPE not in added:

@@ -1,4 +1,4 @@
-"""What explanations know of facts: the rule of each predicate, and the changes of single facts.
+"""Rules and changes behind facts: the rule of each predicate, and the changes of single facts.
 
 A rule is a sentence on how the mappers derive a fact. Equations and sections are of the thesis that
 the reference mapper implements; its parameters are in `mapping.reference.settings`.

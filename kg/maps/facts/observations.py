@@ -1,4 +1,4 @@
-"""What was seen of a thing or a place, as facts and back: best observation, classes, views.
+"""Sightings of things and places, as facts and back: best observation, classes, views.
 
 An object has a best observation (sosa:Observation) and alternative classes, each a node with a
 probability: that a thing of that class is there, as `here:existence` is for the object's own class.
