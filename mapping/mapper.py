@@ -30,7 +30,7 @@ from mapping.labels.label_resolver import LabelResolver
 from mapping.looks.known_things import NamedObject
 from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
-from mapping.objects.detections.detection_report import DetectionReport
+from mapping.objects.detections.detection_report import BELIEVED, DetectionReport
 from mapping.objects.detections.detection_reporter import DetectionReporter
 from mapping.objects.object_mapper import ObjectChanges, ObjectMapper, ReferenceObjectMapper
 from mapping.occupancy.occupancy_map import OccupancyMap
@@ -214,6 +214,10 @@ class Mapper:
     def objects(self) -> tuple[ObjectRecord, ...]:
         """All objects of the map, with assertions applied."""
         return self._objects.objects()
+
+    def believed(self) -> int:
+        """The number of objects that are believed, as the query `objects` lists them."""
+        return sum(round(record.existence, 2) >= BELIEVED for record in self.objects())
 
     def places(self) -> tuple[PlaceRecord, ...]:
         """All places of the map, as perception believes them."""

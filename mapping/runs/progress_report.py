@@ -23,7 +23,7 @@ class FrameReport:
     total: int  # frames of the recording
     frame: str  # its id
     detections: int
-    objects: int  # in the map now
+    objects: int  # believed now, as the query `objects` lists them
     place: str | None  # IRI of the place whose belief this frame changed
     changed_triples: int
     seconds: Mapping[str, float]  # stage -> [s]
@@ -39,7 +39,7 @@ class MappingReport:
     skipped: int  # already in the map
     seconds: float  # [s] wall clock
     stage_seconds: Mapping[str, float]  # stage -> [s]; reading, detection and the rest overlap
-    objects: int  # in the map at the end
+    objects: int  # believed at the end
     places: int
     views: int  # frames that were used for a place
     unplaced: int  # detections without usable depth
