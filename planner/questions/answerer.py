@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -54,7 +53,7 @@ class Answerer(SightingAnswers):
             "objects": self._objects,
             "robot": self._robot,
             "departed": self._departed,
-            "distance": lambda: self._near(math.inf),
+            "distance": self._distance,
             "size": self._size,
             "compare": self._compare,
             "most": self._most,
@@ -142,6 +141,8 @@ class Answerer(SightingAnswers):
 
     def _status(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
+        if self._question.of_all and one is None and (known := self._sure(target)):
+            return self._each(target, known)
         where = self._question.where
         place = self._place(where) if where else None
         is_on = bool(self._question.other) or (bool(where) and place is None)
@@ -169,6 +170,14 @@ class Answerer(SightingAnswers):
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
         return self._made("status", lines, category=target.kind)
+
+    def _each(self, target: Target, known: Sequence[KnownObject]) -> PlainAnswer:
+        """Whether all known things of a target are where the question says."""
+        where, there = self._there()
+        others = [one for one in known if not there(one)]
+        count = f"{target.label}: {len(known) - len(others)} of {len(known)}{where}"
+        line = f"{'No' if others else 'Yes'}: {count}"
+        return self._of_category(target, [line, *answer_lines(others, self._now, target)])
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
         """Presence of something of several categories, or in a place, or on another thing."""
