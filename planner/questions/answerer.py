@@ -19,7 +19,7 @@ from planner.questions.patterns import EVENTS, Kind
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
-from planner.search.goals.place_names import spoken_places
+from planner.search.goals.place_names import notes_of, spoken_places
 from planner.search.goals.status import Value, status, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
@@ -94,7 +94,8 @@ class Answerer(SightingAnswers):
         line = f"{counted(rows)} in {title}"
         line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
         line += f", and {unnamed}" if unnamed else ""
-        return self._listed("objects-in-place", [line], rows, place=self._label(place))
+        notes = [f"Note by {by}: {text}" for text, by in notes_of(self._map, place)]
+        return self._listed("objects-in-place", [line, *notes], rows, place=self._label(place))
 
     def _changed(self) -> PlainAnswer:
         moment = since(self._question.when, self._now)
@@ -141,8 +142,8 @@ class Answerer(SightingAnswers):
 
     def _status(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
-        if self._question.of_all and one is None and (known := self._sure(target)):
-            return self._each(target, known)
+        if self._question.of_all and one is None and (every := self._sure(target)):
+            return self._each(target, every)
         where = self._question.where
         place = self._place(where) if where else None
         is_on = bool(self._question.other) or (bool(where) and place is None)

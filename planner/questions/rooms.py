@@ -14,6 +14,7 @@ from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
+    notes_of,
     place_category,
     place_named,
     places_of_kind,
@@ -215,7 +216,10 @@ class _Answerer:
         believed = f" is believed to be {kind}:" if kind else " is"
         line = f"{place.label}{believed} at ({x:.1f}, {y:.1f}), {place.area.area:.0f} m2"
         beside = ", ".join(self._name(one) for one in self._others(place) if _has_door(place, one))
-        return f"{line}, next to {beside}" if beside else line
+        line = f"{line}, next to {beside}" if beside else line
+        return line + "".join(
+            f"; note by {by}: {text}" for text, by in notes_of(self._map, place.iri)
+        )
 
     def _beside(self, place: PlaceRecord) -> list[str]:
         """The places next to one: those that a door leads to, and those behind a wall."""

@@ -120,6 +120,12 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
 
 
+def notes_of(semantic_map: SemanticMap, place: str) -> list[tuple[str, str]]:
+    """What a person noted about a place, by its IRI, and who did; none, or one."""
+    asserted = semantic_map.assertions.all(place)
+    return [(one.value, one.by) for one in asserted if one.property == "note"]
+
+
 @dataclass(frozen=True, slots=True)
 class StatedCategory:
     """A person's word on what an object is, and what detectors take it for."""

@@ -462,3 +462,22 @@ def test_a_language_limits_how_a_question_is_read(answers: Says) -> None:
         "ask", "where is the cup?", "--language", "fr"
     )  # has no file
     assert "a language is written de" in answers("ask", "where is the cup?", "--language", "a b")
+
+
+def test_a_note_on_a_place_is_told_with_its_author(says: Says) -> None:
+    def told() -> list[bool]:
+        asked = ("ask", "what is in the kitchen?"), ("ask", "where is the kitchen?")
+        return [
+            "ote by ann: wet floor" in says(*asked[0]),
+            "; note by ann: wet floor" in says(*asked[1]),
+            "note wet floor, asserted at" in says("why", "the kitchen"),
+        ]
+
+    assert not any(told())
+    says("assert", "the kitchen", "note", "wet", "floor", "--by", "ann")
+    assert all(told()) and says("check") == ""
+    assert "'note' of objects cannot be asserted" in says(
+        "assert", "cup 2", "note", "x", "--by", "a"
+    )
+    says("retract", "kitchen", "note", "--by", "ann")
+    assert not any(told())

@@ -89,7 +89,9 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
         status(semantic_map, "bamama")
 
 
-def test_a_large_thing_does_not_stand_where_little_is_out_of_view(semantic_map: SemanticMap) -> None:
+def test_a_large_thing_does_not_stand_where_little_is_out_of_view(
+    semantic_map: SemanticMap,
+) -> None:
     hall = replace(semantic_map.places()[1], viewed=PlaceViews(0.8, 0.8, SEEN + 60))
     semantic_map.apply(MapUpdate(places=(hall,)))  # 3.2 of its 16 m2 are out of view
     found = {one: status(semantic_map, one, "hall") for one in ("spoon", "couch", "elephant")}
