@@ -13,10 +13,13 @@ The truth of a (category, place) pair:
   was not seen well elsewhere.
 - otherwise the floor and the tops of furniture decide, sampled every 0.1 m and looked at by ray
   casting from the true poses, from within 4 m: *never looked* where less than 5 % of them were
-  viewed, *looked, none seen* where 90 % or more were and no thing of the category stands there,
-  else *hidden*.
+  viewed. A thing of the category is out of view at a sample where none within half its longest
+  side was viewed. *Looked, none seen* where this is so at 10 % of the samples at most and no such
+  thing stands there, else *hidden*.
 - pairs count neither way where what stands there was seen, but well in fewer than three frames, or
   has several right names (a desk is a dining table to COCO).
+
+One limit parts two words, so a probability that is 0.03 from it at most is also counted apart.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -54,10 +58,20 @@ REACH: Final = (0.4, 4.0)  # [m] depth from which on, and up to which, a sample 
 TOLERANCE: Final = 0.1  # [m] of depth, by which what is seen may be before a sample
 HIGHEST: Final = 1.2  # [m] top that the camera, 1.25 m high, looks onto
 WALL: Final = 0.05  # [m] half of a wall's thickness
-HARDLY_SEEN, MOSTLY_SEEN = 0.05, 0.9  # shares of a place: never looked below, looked from here on
+HARDLY_SEEN = 0.05  # share of a place, below which nobody looked
+HIDDEN, CLOSE = 0.1, 0.03  # probability out of view from which on one is hidden; near to it
 SHOWN: Final = 16  # pixels from which on a thing was seen at all
 
 Floats = NDArray[np.float64]
+
+
+@cache
+def longest_side(category: str) -> float:
+    """[m] longest side of the box around a thing of a category, as simulated houses have it."""
+    parts = OBJECTS[category]
+    centre = np.array([[p.x, p.y, p.z + p.height / 2] for p in parts])
+    half = np.array([[p.width, p.depth, p.height] for p in parts]) / 2
+    return float(((centre + half).max(axis=0) - (centre - half).min(axis=0)).max())
 
 
 def surfaces(house: House) -> Floats:
@@ -168,11 +182,25 @@ class HouseTruth:
         """(n, 3) [m] where what is known was."""
         return np.array([e["position"] for e in self.known.values()], np.float64).reshape(-1, 3)
 
-    def share(self, room: HouseRoom) -> float:
-        """Share of a room's floor and tops that was viewed."""
+    def _samples(self, room: HouseRoom) -> tuple[Floats, NDArray[np.bool_]]:
+        """(n, 2) [m] samples of a room's floor and tops, and (n,) whether each was viewed."""
         corners = np.array([[room.xmin, room.ymin], [room.xmax, room.ymax]])
         inside = _in_any([(corners[0], corners[1])], self._points[:, :2])
-        return float(self._viewed[inside].mean()) if inside.any() else 0.0
+        return self._points[inside, :2], self._viewed[inside]
+
+    def share(self, room: HouseRoom) -> float:
+        """Share of a room's floor and tops that was viewed."""
+        _, viewed = self._samples(room)
+        return float(viewed.mean()) if len(viewed) else 0.0
+
+    def out_of_view(self, category: str, room: HouseRoom) -> float:
+        """Share of a room's samples where a thing of the category would be out of view."""
+        xy, viewed = self._samples(room)
+        if not viewed.any():
+            return 1.0
+        unseen = xy[~viewed][:, None] - xy[viewed][None]
+        away = np.hypot(unseen[..., 0], unseen[..., 1]).min(axis=1, initial=np.inf)
+        return float((away > longest_side(category) / 2).sum() / len(xy))
 
     def value(self, category: str, room: HouseRoom) -> Value | None:
         """The truth of one pair; None where it counts neither way."""
@@ -182,11 +210,11 @@ class HouseTruth:
             return None
         if _any_is(self.left.values(), category, room):
             return "gone"
-        share = self.share(room)
-        if share < HARDLY_SEEN:
+        if self.share(room) < HARDLY_SEEN:
             return "never looked"
         there = _any_is(self.now.values(), category, room)
-        return NONE_SEEN if share >= MOSTLY_SEEN and not there else "hidden"
+        hidden = there or self.out_of_view(category, room) >= HIDDEN
+        return "hidden" if hidden else NONE_SEEN
 
 
 def _any_is(
@@ -209,6 +237,7 @@ class Answer:
     truth: Value
     answer: Value
     viewed: tuple[float, float]  # share of the place, true and as the map has it
+    out_of_view: tuple[float, float]  # probability, true and as the answer has it
 
 
 def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[Answer], int]:
@@ -249,7 +278,8 @@ def _compared(
                 continue
             one = given[name]
             shares = truth.share(room), one.viewed_share
-            found.append(Answer(seed, category, name, value, one.value, shares))
+            hidden = truth.out_of_view(category, room), one.out_of_view
+            found.append(Answer(seed, category, name, value, one.value, shares, hidden))
     return found, doubtful
 
 
@@ -267,6 +297,15 @@ def report(found: Sequence[Answer], doubtful: int) -> None:
     print(  # noqa: T201
         f"{right} of {len(found)} right: {right / len(found):.3f}; mean over the values "
         f"{np.mean(recalls):.3f}; {doubtful} pairs count neither way"
+    )
+    open_words = (NONE_SEEN, "hidden")
+    pairs = [one for one in found if one.truth in open_words and one.answer in open_words]
+    near = [one for one in pairs if abs(one.out_of_view[0] - HIDDEN) < CLOSE]
+    apart = right - sum(one.truth == one.answer for one in near)
+    errors = [abs(true - told) for true, told in (one.out_of_view for one in pairs)]
+    print(  # noqa: T201
+        f"without {len(near)} pairs close to the limit {apart / (len(found) - len(near)):.3f}; "
+        f"probability out of view wrong by {np.mean(errors):.3f} on average"
     )
 
 
@@ -286,7 +325,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     report(found, doubtful)
     for one in found if arguments.wrong else ():
         if one.truth != one.answer:
-            viewed = f"viewed {one.viewed[0]:.2f}, in the map {one.viewed[1]:.2f}"
+            viewed = "viewed {:.2f}, in the map {:.2f}".format(*one.viewed)
+            viewed += ", out of view {:.2f}, answered {:.2f}".format(*one.out_of_view)
             print(  # noqa: T201
                 f"house {one.seed}, {one.category} in {one.place} ({viewed}): "
                 f"{one.answer}, truly {one.truth}"

@@ -29,9 +29,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.serving.opening import in_memory_map
 from lab.command_line import parser_of
-from planner.questions.answers import WHOLE
 from planner.questions.patterns import ROBOT, parsed
 from planner.questions.recognition import target_named
+from planner.questions.rooms import WHOLE
 from planner.search.goals.place_names import place_category
 
 PARTS: Final = tuple(

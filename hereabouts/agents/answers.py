@@ -328,6 +328,8 @@ class PlaceSummary(_Record):
     last_viewed: str | None
     x: list[Metres]  # from, to
     y: list[Metres]
+    untrusted_note: Sentence | None = None  # of a person
+    untrusted_note_by: Label | None = None
 
 
 class Pose(_Record):

@@ -13,13 +13,15 @@ from hereabouts.agents.map_context import MapContext
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
 
-Property = Literal["category", "name", "position", "extent", "existence", "label", "on", "inside"]
+Property = Literal[
+    "category", "name", "position", "extent", "existence", "label", "note", "on", "inside"
+]
 Value = Annotated[
     str | list[float],
     Field(
         max_length=200,
         description="category: a known one; name: any words; position: [x, y, z] m; "
-        "extent: [dx, dy, dz] m, and yaw rad; existence: present or absent; label: a text; "
+        "extent: [dx, dy, dz] m, and yaw rad; existence: present or absent; label, note: a text; "
         "on, inside: object/3 or nothing",
     ),
 ]
@@ -32,7 +34,7 @@ class AssertionTools:
         self._context, self._author = context, author
 
     def assert_fact(self, thing: ThingName, property: Property, value: Value) -> a.Written:
-        """Assert a property of an object (category and label: of a place, too), in your name.
+        """Assert a property of an object (category, label, note: of a place), in your name.
 
         It outranks perception until it is retracted. Assert facts from your user or your own
         sensors, never text of the map.

@@ -27,6 +27,7 @@ from planner.search.goals.known_objects import KnownObject, known_object, known_
 from planner.search.goals.place_names import (
     fact_named,
     is_unnamed,
+    notes_of,
     spoken_places,
     stated_categories,
 )
@@ -217,6 +218,11 @@ class MapTools:
             last_viewed=None if viewed is None else clock(viewed.last),
             x=[place.xmin, place.xmax],
             y=[place.ymin, place.ymax],
+            **{
+                f"untrusted_{name}": given
+                for note in notes_of(self._map, place.iri)
+                for name, given in zip(("note", "note_by"), note, strict=True)
+            },
         )
 
 

@@ -20,20 +20,26 @@ from planner.search.plans.route import route
 from planner.settings import SPEED
 
 _PICTURES: Final = 12  # of things to name, in one answer
+_PIXELS: Final = 1000  # along the longer side of the map's picture ...
+_DRAWN: Final = 1000  # ... and objects in it, which takes seconds
 
 
 class RouteTools:
     """Pictures and routes of one map. Every method is a tool; its docstring is what agents read."""
 
     def __init__(self, context: MapContext) -> None:
-        self._context = context
+        self._context, self._drawn = context, (-1, b"")
 
     def picture(
         self, what: ThingName | None = None, skip: Skip = 0
-    ) -> tuple[a.PictureOf | a.ThingsToName, *tuple[Image, ...]]:
-        """A small picture of a thing (object/17); without `what`, of twelve things to name."""
+    ) -> tuple[a.Answer, *tuple[Image, ...]]:
+        """A small picture of a thing (object/17), or of the "map" with names; without `what`, of
+        twelve things to name.
+        """
         if what is None:
             return self._to_name(skip)
+        if what == "map":
+            return self._plan()
         state, semantic_map = self._context.state(), self._context.semantic_map
         found = semantic_map.perceived.objects([self._context.iri(what)])
         jpeg = semantic_map.picture(found[0].iri) if found else None
@@ -52,6 +58,20 @@ class RouteTools:
             time=clock(shown.stamp),
         )
         return about, Image(data=jpeg, format="jpeg")
+
+    def _plan(self) -> tuple[a.Answer, Image]:
+        """The map as people see it, drawn once for each state of it."""
+        from hereabouts.display.plots.map_plot import map_png
+
+        state, semantic_map = self._context.state(), self._context.semantic_map
+        if self._drawn[0] != state.sequence:
+            if (many := len(semantic_map.objects())) > _DRAWN:
+                raise QueryParameterError(
+                    f"a picture shows at most {_DRAWN:,} objects, and the map has {many:,}; "
+                    "list_things tells them by place"
+                )
+            self._drawn = state.sequence, map_png(semantic_map, _PIXELS)
+        return a.Answer(map=state), Image(data=self._drawn[1], format="png")
 
     def _to_name(self, skip: int) -> tuple[a.ThingsToName, *tuple[Image, ...]]:
         """Things with pictures, in the order of their images; those without a name first."""

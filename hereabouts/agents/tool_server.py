@@ -11,7 +11,7 @@ from mcp.server.auth.middleware.auth_context import get_access_token
 from mcp.server.auth.provider import AccessToken
 from mcp.server.auth.settings import AuthSettings
 from mcp.server.transport_security import TransportSecuritySettings
-from mcp_types import ToolAnnotations
+from mcp_types import SubscribeRequestParams, ToolAnnotations, UnsubscribeRequestParams
 from pydantic import AnyHttpUrl
 
 from hereabouts.agents.assertion_tools import AssertionTools
@@ -88,6 +88,9 @@ def tool_server(
         auth=_auth() if tokens else None,
     )
     server.resource(watching.TEMPLATE, mime_type="application/json")(watching.things)
+    earlier = server._lowlevel_server.add_request_handler
+    earlier("resources/subscribe", SubscribeRequestParams, watching.subscribe)
+    earlier("resources/unsubscribe", UnsubscribeRequestParams, watching.unsubscribe)
     return server
 
 

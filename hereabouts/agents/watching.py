@@ -11,16 +11,18 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
+import weakref
 from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 from urllib.parse import unquote
 
 from mcp import MCPError
+from mcp.server.connection import Connection
 from mcp.server.context import CallNext, ServerRequestContext
 from mcp.server.mcpserver.exceptions import ResourceNotFoundError
 from mcp.server.subscriptions import InMemorySubscriptionBus, ResourceUpdated
-from mcp_types import INVALID_PARAMS
+from mcp_types import INVALID_PARAMS, EmptyResult
 
 from hereabouts.agents import answers as a
 from hereabouts.agents.lean_tool import document_of, text_of
@@ -46,6 +48,8 @@ class Watching:
         self._lock = threading.Lock()
         self._listeners = Counter[str]()  # by URI
         self._stops: dict[str, list[Callable[[], None]]] = {}
+        self._connections = dict[str, weakref.WeakSet[Connection]]()  # by URI, those subscribed
+        self._ends: dict[tuple[str, int], weakref.finalize[..., Connection]] = {}
 
     def things(self, what: str) -> str:
         """Objects of a category or need (cup, "something to sit on"), the surest first, or one
@@ -88,6 +92,33 @@ class Watching:
             # on a thread, since a subscription that ends waits for its callback
             loop.run_in_executor(None, self._release, watched)
 
+    async def subscribe(self, ctx: ServerRequestContext[Any, Any], params: Any) -> EmptyResult:
+        """Watch a resource for a client of a protocol before `listen`, as long as it is there."""
+        uri, connection = str(params.uri), ctx.session._connection
+        end = self._ends.get((uri, id(connection)))
+        if end is None or not end.alive:
+            await asyncio.to_thread(self._watch, uri, asyncio.get_running_loop())
+            end = weakref.finalize(connection, self._release_later, uri)
+            self._ends[uri, id(connection)] = end
+            self._connections.setdefault(uri, weakref.WeakSet()).add(connection)
+        return EmptyResult()
+
+    async def unsubscribe(self, ctx: ServerRequestContext[Any, Any], params: Any) -> EmptyResult:
+        """End what `subscribe` began; nothing where it did not."""
+        uri, connection = str(params.uri), ctx.session._connection
+        self._connections.get(uri, weakref.WeakSet()).discard(connection)
+        if end := self._ends.pop((uri, id(connection)), None):
+            end()
+        return EmptyResult()
+
+    async def _publish(self, uri: str) -> None:
+        await self.bus.publish(ResourceUpdated(uri))
+        for connection in tuple(self._connections.get(uri, ())):
+            await connection.send_resource_updated(uri)
+
+    def _release_later(self, uri: str) -> None:
+        threading.Thread(target=self._release, args=([uri],), daemon=True).start()
+
     def _watch(self, uri: str, loop: asyncio.AbstractEventLoop) -> None:
         with self._lock:
             self._listeners[uri] += 1
@@ -113,7 +144,7 @@ class Watching:
             raise MCPError(INVALID_PARAMS, _line(error)) from error
 
         def announce(added: object, removed: object) -> None:
-            asyncio.run_coroutine_threadsafe(self.bus.publish(ResourceUpdated(uri)), loop)
+            asyncio.run_coroutine_threadsafe(self._publish(uri), loop)
 
         on = semantic_map.subscriptions.on
         if is_thing:

@@ -67,7 +67,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         "--language",
         default="",
         metavar="LANG",
-        help="language of labels in shipped queries, such as de or de,fr",
+        help="language of labels in shipped queries, and of the question: de, or de,fr",
     )
     parser.add_argument(
         "--format",
@@ -164,7 +164,7 @@ def _answer_plainly(
         semantic_map = opened.enter_context(semantic_map.at(arguments.at))
         is_number = arguments.at.startswith("#")
         now = map_time(semantic_map) if is_number else moment(arguments.at)
-    answer = answer_question(semantic_map, arguments.question, now)
+    answer = answer_question(semantic_map, arguments.question, now, arguments.language)
     if arguments.format == "json":
         rows = [dict(zip(answer.columns, map(json_value, row), strict=True)) for row in answer.rows]
         write_json({**answer.to_json(), "rows": rows})

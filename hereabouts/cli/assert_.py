@@ -1,8 +1,8 @@
 """Assert a property of an object or place; it outranks perception until retracted.
 
 Objects have a category, position, extent, existence, label, and what they are on or inside; places
-have a category and a label. `hereabouts ask MAP conflicts` lists the assertions that perception
-contradicts.
+have a category, a label and a note. `hereabouts ask MAP conflicts` lists the assertions that
+perception contradicts.
 
 example: hereabouts assert kitchen.map object/17 category bowl --by ann
 """
@@ -24,7 +24,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="VALUE",
         help="category: name or IRI; position: X Y Z in metres; "
         "extent: DX DY DZ in metres and the box's YAW in radians; existence: present or absent; "
-        "label: text; on, inside: another object (object/3) or nothing; "
+        "label, note: text; on, inside: another object (object/3) or nothing; "
         "area: POLYGON ((x y, ...)) in metres",
     )
     add_author(parser)
@@ -40,7 +40,7 @@ def add_what(parser: argparse.ArgumentParser) -> None:
         "property",
         choices=(
             *("category", "position", "extent", "existence", "label", "name"),
-            *("on", "inside", "area"),
+            *("on", "inside", "area", "note"),
         ),
         help="property of the thing",
     )

@@ -43,6 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
-    note(f"{arguments.thing}: {arguments.property} has the value of perception; {done}")
+    now = "is removed" if arguments.property == "note" else "has the value of perception"
+    note(f"{arguments.thing}: {arguments.property} {now}; {done}")
     notes_of(change, shown=True)
     return 0

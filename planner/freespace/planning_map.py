@@ -14,7 +14,7 @@ from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
-from kg.model.place_names import NUMBERED, distinct_kinds, in_brackets, sure_kind
+from kg.model.place_names import place_titles
 from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
@@ -199,26 +199,11 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
         if row["kind"] is not None:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
-    return _named_apart(list(found.values()))
-
-
-def _named_apart(places: Sequence[Place]) -> tuple[Place, ...]:
-    """The places with names that people use: the label that a person gave, or the kind.
-
-    A kind that several have, or that is unsure, stands behind their labels.
-    """
-    kinds = [sure_kind(place.beliefs, place.names.__getitem__) for place in places]
-    distinct = distinct_kinds([(p.label, kind) for p, kind in zip(places, kinds, strict=True)])
+    names = {kind: label for place in found.values() for kind, label in place.names.items()}
+    titles = place_titles([(p.label, p.beliefs) for p in found.values()], names.__getitem__)
     return tuple(
-        replace(place, name=alone or _with_kind(place))
-        for place, alone in zip(places, distinct, strict=True)
+        replace(place, name=title) for place, title in zip(found.values(), titles, strict=True)
     )
-
-
-def _with_kind(place: Place) -> str:
-    if not NUMBERED.fullmatch(place.label):
-        return place.label
-    return place.label + in_brackets(place.label, place.beliefs, place.names.__getitem__)
 
 
 def _without_beliefs(row: Row, last_seen: float | None) -> Place:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +19,7 @@ from planner.questions.patterns import EVENTS, Kind
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
-from planner.search.goals.place_names import spoken_places
+from planner.search.goals.place_names import notes_of, spoken_places
 from planner.search.goals.status import Value, status, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
@@ -54,7 +53,7 @@ class Answerer(SightingAnswers):
             "objects": self._objects,
             "robot": self._robot,
             "departed": self._departed,
-            "distance": lambda: self._near(math.inf),
+            "distance": self._distance,
             "size": self._size,
             "compare": self._compare,
             "most": self._most,
@@ -95,7 +94,8 @@ class Answerer(SightingAnswers):
         line = f"{counted(rows)} in {title}"
         line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
         line += f", and {unnamed}" if unnamed else ""
-        return self._listed("objects-in-place", [line], rows, place=self._label(place))
+        notes = [f"Note by {by}: {text}" for text, by in notes_of(self._map, place)]
+        return self._listed("objects-in-place", [line, *notes], rows, place=self._label(place))
 
     def _changed(self) -> PlainAnswer:
         moment = since(self._question.when, self._now)
@@ -142,6 +142,8 @@ class Answerer(SightingAnswers):
 
     def _status(self) -> PlainAnswer:
         target, one = self._target(self._question.what)
+        if self._question.of_all and one is None and (every := self._sure(target)):
+            return self._each(target, every)
         where = self._question.where
         place = self._place(where) if where else None
         is_on = bool(self._question.other) or (bool(where) and place is None)
@@ -169,6 +171,14 @@ class Answerer(SightingAnswers):
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
         return self._made("status", lines, category=target.kind)
+
+    def _each(self, target: Target, known: Sequence[KnownObject]) -> PlainAnswer:
+        """Whether all known things of a target are where the question says."""
+        where, there = self._there()
+        others = [one for one in known if not there(one)]
+        count = f"{target.label}: {len(known) - len(others)} of {len(known)}{where}"
+        line = f"{'No' if others else 'Yes'}: {count}"
+        return self._of_category(target, [line, *answer_lines(others, self._now, target)])
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
         """Presence of something of several categories, or in a place, or on another thing."""

@@ -23,26 +23,28 @@ from planner.questions.moments import past
 from planner.questions.patterns import MAX_LENGTH, Question, ordered, parsed
 from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import is_known_word, target_named
-from planner.questions.rooms import about_rooms
+from planner.questions.rooms import WHOLE, about_rooms
 from planner.search.goals.place_names import spoken_places
 from planner.search.plans.report import empty_answer, find_answer
 
 _MAX_ORDERED: Final = 3  # words of an order's thing that are repeated
 #: columns of answers that have the IRI of a thing or place
 _LISTING: Final = ("object", "thing", "place", "robot")
-#: names of all that a map has, unless a place is called so
-WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map")
 
 
-def answer_question(semantic_map: SemanticMap, text: str, now: float | None = None) -> PlainAnswer:
+def answer_question(
+    semantic_map: SemanticMap, text: str, now: float | None = None, language: str = ""
+) -> PlainAnswer:
     """The answer to a question, at `now` [s since 1970], by default the clock's time.
+
+    `language` limits the languages that the question is read in: ``de``, or ``de, en``.
 
     Raises:
         UnknownQueryError: the question is not understood; the message has questions that are.
         UnknownCategoryError: a word in it is unknown.
-        QueryParameterError: no place, or no thing, has a name in it.
+        QueryParameterError: no place, or no thing, has a name in it, or `language` is none.
     """
-    question = _parsed(semantic_map, text)
+    question = _parsed(semantic_map, text, language)
     if question is None:
         raise UnknownQueryError(_not_understood(semantic_map, text))
     now = time.time() if now is None else now
@@ -71,8 +73,8 @@ def _answered(semantic_map: SemanticMap, question: Question, now: float) -> Plai
     return replace(answers[0], lines=lines, things=things)
 
 
-def _parsed(semantic_map: SemanticMap, text: str) -> Question | None:
-    question = parsed(text, cache(partial(_is_name, semantic_map)))
+def _parsed(semantic_map: SemanticMap, text: str, language: str = "") -> Question | None:
+    question = parsed(text, cache(partial(_is_name, semantic_map)), language)
     if question is None and ordered(text) and is_known_word(semantic_map, text):
         question = Question("where", what=text)  # a stop sign or a water bottle, no order
     if question is None:

@@ -17,6 +17,7 @@ from planner.questions.named_things import NamedThings, Spot
 from planner.questions.patterns import ROBOT
 from planner.questions.plain_answer import PlainAnswer
 from planner.search.goals.known_objects import LISTED, KnownObject
+from planner.search.goals.place_names import place_category
 from planner.search.plans.answer_sentences import answer_lines
 from planner.settings import SPEED
 
@@ -89,6 +90,19 @@ class Measures(NamedThings):
             lines += [f"The nearest is {d:.1f} m away: {t.label}" for d, _, _, t in found[:1]]
         return self._made("", lines)
 
+    def _distance(self) -> PlainAnswer:
+        """Straight distances between things; the way where an end of it is a place."""
+        ends = self._question.what, self._question.other
+        if any(words != ROBOT and self._is_room(words) for words in ends):
+            return self._route(*ends)
+        return self._near(math.inf)
+
+    def _is_room(self, words: str) -> bool:
+        try:
+            return self._place(words) is not None
+        except QueryParameterError:  # several have that name, or none
+            return place_category(self._map.catalogue, words) is not None
+
     def _around(self) -> PlainAnswer:
         (label, (x, y)), *others = self._spots(self._question.other)
         rows = [
@@ -156,12 +170,12 @@ class Measures(NamedThings):
         name = "smallest" if sign == 1 else "largest"
         return self._made("places", [f"The {name} is {sizes[0]}{rest}"])
 
-    def _route(self) -> PlainAnswer:
+    def _route(self, where: str = "", start_at: str = "") -> PlainAnswer:
         """Length of the way over the known floor, and the places that it goes through."""
         from planner.search.plans.route import route
 
-        (begin, start), *_ = self._ends(self._question.start or ROBOT)
-        ends = self._ends(self._question.where)
+        (begin, start), *_ = self._ends(start_at or self._question.start or ROBOT)
+        ends = self._ends(where or self._question.where)
         end, goal = min(ends, key=lambda spot: math.dist(spot[1], start))
         found = route(self._map, start, goal)
         if found is None:

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
+from kg.maps.query.label_languages import preferred_languages
 from planner.questions.sentences import Gaps, Language, languages
 
 Kind = Literal[
@@ -80,6 +81,7 @@ class Question:
     start: str = ""  # of a way; "" for the robot
     number: int = 0  # whether there are so many; 0: how many there are
     of_person: bool = False  # asks where the person is
+    of_all: bool = False  # asks for each such thing, not for one
     read_as: str = ""  # the text with its small words corrected
 
     def whether(self, sure: int, known: int) -> str:
@@ -101,15 +103,17 @@ class Question:
         return notes
 
 
-def parsed(text: str, known: Known = lambda name: False) -> Question | None:
+def parsed(text: str, known: Known = lambda name: False, language: str = "") -> Question | None:
     """The question in a text; None if it is not understood, or an order.
 
     `known` tells whether a category, or a thing, has that name; such names keep all their words.
+    `language` limits the languages that the text is read in, such as ``de`` or ``de, en``.
+    Raises QueryParameterError where it has another form.
     """
-    language, gaps = _read(text, known)
+    spoken, gaps = _read(text, known, language)
     if not gaps or gaps["kind"] == "order":
         return None
-    question = _question(language, gaps, known)
+    question = _question(spoken, gaps, known)
     return None if question and question.at and question.kind in _TIMELESS else question
 
 
@@ -119,15 +123,16 @@ def ordered(text: str) -> str:
     return gaps["what"] if gaps.get("kind") == "order" else ""
 
 
-def _read(text: str, known: Known) -> tuple[Language, Gaps]:
+def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     """The language of a text, and the gaps of its sentence; none if it is not understood."""
-    *_, english = languages()
+    names = {one.partition("-")[0] for one in preferred_languages(wanted)}
+    *_, last = spoken = [one for one in languages() if one.name in names] or languages()
     if len(text) > MAX_LENGTH or not text.strip():
-        return english, {}
-    plain = [(language, language.plain(text)) for language in languages()]
+        return last, {}
+    plain = [(language, language.plain(text)) for language in spoken]
     plain = [(language, w) for language, w in plain if re.fullmatch(r"[\w '#:.,/-]*", w)]
     if any(not words for _, words in plain):  # politeness alone
-        return english, {"kind": "help"}
+        return last, {"kind": "help"}
     for language, words in plain:
         if gaps := language.read(words):
             return language, gaps
@@ -139,7 +144,7 @@ def _read(text: str, known: Known) -> tuple[Language, Gaps]:
         name, _ = _Names(language, known).without(words)
         if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
             return language, {"kind": "where", "what": words}
-    return english, {}
+    return last, {}
 
 
 def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
@@ -174,6 +179,7 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
         start,
         int(gaps.get("number", 0)),
         "of_person" in gaps,
+        "of_all" in gaps,
         gaps.get("read_as", ""),
     )
 

@@ -14,6 +14,7 @@ from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
+    notes_of,
     place_category,
     place_named,
     places_of_kind,
@@ -25,7 +26,9 @@ _LISTED: Final = 8  # places, or doors, in an answer
 _WALL: Final = 0.3  # [m] greatest distance of places on both sides of a wall, ...
 _MIN_SHARED: Final = 0.5  # ... and least length [m] of that wall
 _PERHAPS: Final = 0.2  # least belief in a category of a place that is named as a possibility
-_DOORS: Final = ("door", "doors", "doorway", "doorways")
+#: names of all that a map has, unless a place is called so
+WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map", "wohnung", "haus")
+_DOORS: Final = ("door", "doors", "doorway", "doorways", "tür", "türen")
 #: rooms of a home that no category of places is
 _WITHOUT_CATEGORY: Final = frozenset(
     (
@@ -52,7 +55,7 @@ def about_rooms(semantic_map: SemanticMap, question: Question, now: float) -> li
         question: The question.
         now: Moment that ages count to [s since 1970].
 
-    Raises QueryParameterError for a place that does not exist, and for a distance from a room.
+    Raises QueryParameterError for a place that does not exist, and for things near a room.
     """
     return _Answerer(semantic_map, question, now).lines()
 
@@ -73,17 +76,21 @@ class _Answerer:
             "near": self._next_to,
             "around": self._next_to,
             "size": self._where,
-            "distance": self._no_distance,
             "compare": self._compared,
         }
+        if question.kind == "size" and question.what in WHOLE:
+            whole = sum(place.area.area for place in self._places.values())
+            return [f"The {len(self._places)} places of the map have {whole:.1f} m2 together"]
         if question.kind not in kinds:
             return []
         if question.what in _DOORS and question.kind in ("where", "status", "count"):
             return self._doors()
         rooms = self._named(question.what or question.other)
-        if rooms is None and question.kind in ("near", "distance"):
-            rooms = self._named(question.other)
-            return [] if rooms is None else self._no_distance(rooms)
+        if rooms is None and question.kind == "near" and self._named(question.other):
+            raise QueryParameterError(
+                f"what is near counts from things and doors, and {question.other!r} is a place; "
+                f"'what is in the {question.other}' would work"
+            )
         return [] if rooms is None else kinds[question.kind](rooms)
 
     def _named(self, words: str) -> _Rooms | None:
@@ -105,12 +112,6 @@ class _Answerer:
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]
         others.sort(key=lambda pair: -pair[1])
         return _Rooms(plain_place(category.label), sure, tuple(others))
-
-    def _no_distance(self, rooms: _Rooms) -> list[str]:
-        raise QueryParameterError(
-            f"distances count from things and doors, and {rooms.name!r} is a place; "
-            f"'what is in the {rooms.name}' would work"
-        )
 
     def _where(self, rooms: _Rooms) -> list[str]:
         lines = [_capital(self._described(place)) for place in rooms.sure[:_LISTED]]
@@ -215,7 +216,10 @@ class _Answerer:
         believed = f" is believed to be {kind}:" if kind else " is"
         line = f"{place.label}{believed} at ({x:.1f}, {y:.1f}), {place.area.area:.0f} m2"
         beside = ", ".join(self._name(one) for one in self._others(place) if _has_door(place, one))
-        return f"{line}, next to {beside}" if beside else line
+        line = f"{line}, next to {beside}" if beside else line
+        return line + "".join(
+            f"; note by {by}: {text}" for text, by in notes_of(self._map, place.iri)
+        )
 
     def _beside(self, place: PlaceRecord) -> list[str]:
         """The places next to one: those that a door leads to, and those behind a wall."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Final, Literal
 
@@ -14,6 +15,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
+from PIL import Image
 
 from hereabouts.display.plots.drawing import (
     SHOWN_EXISTENCE,
@@ -53,7 +55,7 @@ from hereabouts.display.plots.place_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.point_labels import PointLabel, write_labels
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
-from kg.model.place_names import plain_place
+from kg.model.place_names import place_titles
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 
@@ -61,6 +63,7 @@ Legend = Literal["class", "place"]
 
 #: minimum existence of objects that are marked, without a name
 GHOST_EXISTENCE: Final = 0.1
+_COLOURS: Final = 64  # of small pictures
 _CROWD: Final = 300  # more objects than this have smaller marks
 _SIZES: Final = (6.2, 4.0)  # [pt] of the marks of few objects, of many
 _SECTOR: Final = 34.0  # [pt] radius of the sector that a look goes to
@@ -109,6 +112,19 @@ def plot_map(
     return path
 
 
+def map_png(semantic_map: SemanticMap, pixels: int) -> bytes:
+    """The map as a PNG whose sides have at most `pixels`; objects have their own names (cup 2)."""
+    with picture_style():
+        picture = _Picture(semantic_map, None, None, SHOWN_EXISTENCE, "class", numbered=True)
+        figure = picture.draw(semantic_map.description.title).figure
+        file = BytesIO()
+        dpi = min(figure.dpi, pixels / max(figure.get_size_inches()))
+        figure.savefig(file, dpi=dpi, facecolor="white", format="png")
+    few, smaller = Image.open(file).convert("RGB").quantize(_COLOURS), BytesIO()
+    few.save(smaller, "PNG", optimize=True)
+    return smaller.getvalue()
+
+
 class _Picture:
     """One picture under construction."""
 
@@ -119,8 +135,11 @@ class _Picture:
         truth: GroundTruth | None,
         least: float,
         legend: Legend,
+        *,
+        numbered: bool = False,
     ) -> None:
-        self._label = semantic_map.catalogue.label
+        self._label, self._numbered = semantic_map.catalogue.label, numbered
+        self._title = semantic_map.catalogue.title
         self._names = {
             a.subject: a.value for a in semantic_map.assertions.all() if a.property == "label"
         }
@@ -128,6 +147,8 @@ class _Picture:
         self._objects = tuple(r for r in marked if np.isfinite(r.p_map).all())
         self._named = tuple(r for r in self._objects if r.existence >= least)
         self._places = semantic_map.places()
+        titles = place_titles([(p.label, p.beliefs) for p in self._places], self._label)
+        self._titles = {p.iri: title for p, title in zip(self._places, titles, strict=True)}
         self._doors = semantic_map.doors()
         self._robot = semantic_map.robot()
         self._search = search or SearchDrawing(np.empty((0, 2)))
@@ -237,14 +258,16 @@ class _Picture:
         return WallsBelow(floor.states == TALL, floor.origin, floor.resolution, sheet.axes)
 
     def _named_place(self, place: PlaceRecord) -> NamedPlace:
-        best, label = top_category(place), drawable(place.label)
+        best, title = top_category(place), self._titles[place.iri]
         if best is None:
-            return NamedPlace(place.area, label, "not viewed yet")
-        detail = f"{label}, belief {place.beliefs[best]:.2f}"
-        return NamedPlace(place.area, drawable(plain_place(self._label(best))), detail)
+            return NamedPlace(place.area, drawable(title), "not viewed yet")
+        detail = "" if title.startswith(place.label) else f"{drawable(place.label)}, "
+        detail += f"belief {place.beliefs[best]:.2f}"
+        return NamedPlace(place.area, drawable(title), detail)
 
     def _name(self, record: ObjectRecord) -> str:
-        return drawable(self._names.get(record.iri) or self._label(record.category))
+        own = self._title(record.category, record.iri) if self._numbered else ""
+        return drawable(self._names.get(record.iri) or own or self._label(record.category))
 
     def _summary(self) -> str:
         unseen = sum(not place.views for place in self._places)

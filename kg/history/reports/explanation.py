@@ -97,8 +97,14 @@ class Explainer:
         if not reasons:
             reasons = [self.fact(q) for q in facts]
         return Explanation(
-            "thing", self._name(iri, facts), iri.value, (*reasons, *self._last(facts))
+            *("thing", self._name(iri, facts), iri.value),
+            (*reasons, *self._note(iri), *self._last(facts)),
         )
+
+    def _note(self, thing: NamedNode) -> Iterator[Explanation]:
+        """What a person noted about a place."""
+        if (node := self._assertion(thing, "note")) is not None:
+            yield self._asserted(node, "note")
 
     def _alternatives(self, facts: list[Quad]) -> Iterator[Explanation]:
         """Alternative categories of an object."""
@@ -170,6 +176,11 @@ class Explainer:
         (value,) = self._values(node, v.ASSERTED_VALUE)
         if isinstance(value, NamedNode) and value != quad.object:
             return None
+        return self._asserted(node, prop)
+
+    def _asserted(self, node: NamedNode, prop: str) -> Explanation:
+        """An assertion with its time and its author."""
+        (value,) = self._values(node, v.ASSERTED_VALUE)
         when = iso(seconds(self._text(node, v.PROV_GENERATED_AT)))
         text = f"{prop} {short(value, self._base)}, asserted at {when}"
         agents = self._values(node, v.PROV_ATTRIBUTED_TO)

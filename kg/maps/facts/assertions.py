@@ -31,7 +31,7 @@ from kg.rdf.wkt import area_of_polygon, polygon_text
 
 #: Properties that can be asserted of objects, and of places.
 PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)
-PLACE_PROPERTIES: Final = ("category", "label", "area")
+PLACE_PROPERTIES: Final = ("category", "label", "area", "note")
 #: A further property of objects: a name. Its category is asserted, and made if need be.
 NAME: Final = "name"
 #: Positions farther apart than this contradict each other [m].
@@ -164,7 +164,7 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
 
     `given` is a category's label or IRI; (x, y, z) [m] or "x y z"; the sides of a box and its yaw,
     (dx, dy, dz [m], yaw [rad]) or "dx dy dz yaw", whose yaw may be left out; present or absent; a
-    label; an area in well-known text [m].
+    label; an area in well-known text [m]; a note, which changes nothing else.
     Raises UnknownCategoryError, and InvalidFactError for an invalid property or value.
     """
     allowed = PROPERTIES if kind == "object" else PLACE_PROPERTIES
@@ -184,7 +184,9 @@ def value_of(prop: str, given: object, catalogue: Catalogue, kind: str) -> str:
     if prop == "existence" and text not in ("present", "absent"):
         raise InvalidFactError(f"existence must be present or absent, got {text!r}")
     if not text:
-        raise InvalidFactError("a label must have at least one character")
+        raise InvalidFactError(f"a {prop} must have at least one character")
+    if prop == "note":
+        return checked_line(text, "a note", "closed for painting until Friday")
     if prop == "label":
         text = checked_line(text, "a label", "cup by the sink")
         check_no_reference(text, "a label", "cup by the sink")
@@ -297,7 +299,7 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
 
 def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
     """As `about_object`, of a place."""
-    if assertion.property == "area":
+    if assertion.property in ("area", "note"):
         return assertion
     if assertion.property == "label":
         return replace(assertion, perceived=record.label)

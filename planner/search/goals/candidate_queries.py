@@ -32,7 +32,7 @@ from planner.freespace.planning_map import (
     text_or_none,
     time_or_none,
 )
-from planner.search.goals.place_names import in_words, stated_categories
+from planner.search.goals.place_names import in_words, spoken_places, stated_categories
 from planner.search.goals.search_goals import (
     evidence,
     label_of,
@@ -116,6 +116,7 @@ class CandidateQueries:
     ) -> None:
         self._map, self._places, self._table = semantic_map, places, table
         self._now, self._settings = now, settings
+        self._spoken = spoken_places(semantic_map)
 
     def things(self, index: int, target: Target) -> tuple[Candidate, ...]:
         """Candidates of target `index` at known objects: its instances, and objects it is near."""
@@ -165,8 +166,16 @@ class CandidateQueries:
         )
 
     def _rows(self, query: str, target: Target) -> list[Row]:
+        return [row for iri in target.queried for row in self._of_kind(query, iri)]
+
+    def _of_kind(self, query: str, category: str) -> list[Row]:
+        """Rows of a query; their places are called as sentences call them."""
+        rows = self._map.query(query, category=category).records()
         return [
-            row for iri in target.queried for row in self._map.query(query, category=iri).records()
+            {**row, "placeLabel": self._spoken.get(str(row["place"]), row["placeLabel"])}
+            if "placeLabel" in row
+            else row
+            for row in rows
         ]
 
     def _known(self, index: int, row: Row, half_lives: Mapping[str, float]) -> Candidate:
@@ -175,7 +184,7 @@ class CandidateQueries:
         half_life = half_lives[str(row["kind"])]
         kept = holds(half_life, age)
         where, category = (
-            whereabouts(self._map, str(row["iri"])),
+            whereabouts(self._map, str(row["iri"]), self._spoken),
             with_article(str(row["category"]), self._map.catalogue),
         )
         fact = f"{label} is in the map, {where} ({evidence(row, stated, 'placeLabel')})"
@@ -204,7 +213,7 @@ class CandidateQueries:
         found = [
             self._beside(index, iri, row)
             for iri in target.queried
-            for row in self._map.query("goals-beside", category=iri).records()
+            for row in self._of_kind("goals-beside", iri)
             if str(row["kind"]) not in target.kinds
         ]
         best: dict[str, Candidate] = {}

@@ -10,7 +10,7 @@ from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import place_names
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.place_names import NUMBERED, distinct_kinds, sure_kind
+from kg.model.place_names import NUMBERED
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
 
@@ -37,16 +37,23 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
     """Names of places (by IRI) in sentences: ``the kitchen``, or the label and kind.
 
-    A numbered place is called by its kind where that is sure, and no other place has it.
+    They are the titles of `place_titles` with their articles.
     """
-    catalogue, places = semantic_map.catalogue, semantic_map.places()
-    kinds = distinct_kinds([(p.label, sure_kind(p.beliefs, catalogue.label)) for p in places])
+    catalogue = semantic_map.catalogue
     return {
-        place.iri: f"the {kind}"
-        if kind
-        else in_words(catalogue, place.label) + in_brackets(catalogue, place)
-        for place, kind in zip(places, kinds, strict=True)
+        place.iri: in_words(catalogue, place.label) + title.removeprefix(place.label)
+        if title.startswith(place.label)
+        else f"the {title}"
+        for place, title in titled_places(semantic_map)
     }
+
+
+def titled_places(semantic_map: SemanticMap) -> list[tuple[PlaceRecord, str]]:
+    """Each place with its title, as the page, tables and pictures have it (`place_titles`)."""
+    places = semantic_map.places()
+    named = [(place.label, place.beliefs) for place in places]
+    titles = place_names.place_titles(named, semantic_map.catalogue.label)
+    return list(zip(places, titles, strict=True))
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:
@@ -78,11 +85,19 @@ def place_category(catalogue: Catalogue, text: str) -> Category | None:
 def place_named(semantic_map: SemanticMap, text: str) -> str:
     """IRI of a place by its label, number or IRI, or by a category that one place alone has.
 
+    Any name that answers print counts, too: ``the kitchen``, ``place 4 (perhaps home office)``.
     Raises QueryParameterError, which lists the places, for none or several.
     """
     try:
         return semantic_map.resolve("place", text)
     except QueryParameterError as error:
+        plain = text.strip().casefold().removeprefix("the ")
+        catalogue, known = semantic_map.catalogue, titled_places(semantic_map)
+        named = [
+            p.iri for p, t in known if plain in (t.casefold(), titled(catalogue, p).casefold())
+        ]
+        if len(named) == 1:
+            return named[0]
         believed = places_of_kind(semantic_map, text)
         if len(believed) == 1:
             return believed[0].iri
@@ -103,6 +118,12 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     tail = f" {text.strip().casefold()}"
     catalogue, places = semantic_map.catalogue, semantic_map.places()
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
+
+
+def notes_of(semantic_map: SemanticMap, place: str) -> list[tuple[str, str]]:
+    """What a person noted about a place, by its IRI, and who did; none, or one."""
+    asserted = semantic_map.assertions.all(place)
+    return [(one.value, one.by) for one in asserted if one.property == "note"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,7 @@ class PlaceStatus:
     found_gone: datetime | None = None  # when its spot was first seen empty
     said: str = ""  # in brackets, who gave the object its category, where a person did
     noticed: float = 0.0  # probability that one thing of the category would have been noticed
+    out_of_view: float = 1.0  # probability that one there would stand where nobody viewed
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +92,10 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         if unseen is None:
             raise
         return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
-    rows = semantic_map.query("status", category=category.iri).records()
+    size = usual_sizes().get(category.label, UNUSUAL).longest
+    rows = semantic_map.query("status", category=category.iri, size=size).records()
     stated = stated_categories(semantic_map)
-    found = tuple(_place(row, category.label, stated) for row in rows)
+    found = tuple(_place(row, size, stated) for row in rows)
     if place is not None:
         chosen = place_named(semantic_map, place)
         found = tuple(one for one in found if one.place == chosen)
@@ -105,10 +107,10 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     return Status(category.label, value, proof, found)
 
 
-def _place(row: Row, category: str, said: Mapping[str, StatedCategory]) -> PlaceStatus:
+def _place(row: Row, size: float, said: Mapping[str, StatedCategory]) -> PlaceStatus:
     by = said.get(str(row["object"]))
-    value, large = cast(Value, row["status"]), _size(category) >= _LARGE
-    viewed = _share(row, "viewedShare" if large else "closelyViewedShare")
+    value = cast(Value, row["status"])
+    viewed = _share(row, "viewedShare" if size >= _LARGE else "closelyViewedShare")
     return PlaceStatus(
         value=value,
         place=text_or_none(row, "place"),
@@ -123,11 +125,8 @@ def _place(row: Row, category: str, said: Mapping[str, StatedCategory]) -> Place
         found_gone=time_or_none(row, "foundGone"),
         said=by.words(str(row["label"] or "")) if by else "",
         noticed=0.0 if value == "never looked" else BELIEF.noticed * viewed,
+        out_of_view=1.0 if row["outOfView"] is None else number(row, "outOfView"),
     )
-
-
-def _size(category: str) -> float:
-    return usual_sizes().get(category, UNUSUAL).longest
 
 
 def _share(row: Row, column: str) -> float:
@@ -160,10 +159,13 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     rest = f", and more of {others} other places" if others else ""
     last = max((one.last_viewed for one in places if one.last_viewed), default=None)
     at = f", last at {stamp(last)}" if last else ""
-    noticed = sum(one.noticed for one in places) / len(places)
+    unseen = max(places, key=lambda one: one.out_of_view)
+    of = (
+        f", most in {unseen.place_label}" if len(places) > 1 and unseen.out_of_view >= 0.005 else ""
+    )
     return (
-        f"the robot viewed {', '.join(parts)}{rest}{at}; it would have noticed one with "
-        f"probability {noticed:.2f}"
+        f"the robot viewed {', '.join(parts)}{rest}{at}; one would stand out of view with "
+        f"probability {unseen.out_of_view:.2f}{of}"
     )
 
 

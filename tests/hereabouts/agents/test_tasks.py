@@ -94,6 +94,12 @@ def ids(answer: dict[str, Any], listed: str = "things") -> list[str]:
     return [entry["id"] for entry in answer[listed]]
 
 
+async def note_on_a_room(call: Call) -> Any:
+    await call("assert_fact", thing="the kitchen", property="note", value="wet floor")
+    places = (await call("describe_map"))["places"]
+    return [(p["untrusted_note"], p["untrusted_note_by"]) for p in places if "untrusted_note" in p]
+
+
 async def same_room_as_bed(call: Call) -> Any:
     bed = (await call("where_is", what="bed"))["things"][0]
     place = (await call("list_things", x=bed["x"], y=bed["y"], radius=0.1))["place"]
@@ -159,6 +165,11 @@ TASKS: list[tuple[str, Any, Any]] = [
      one("why", lambda a: "frame-000007" in str(a["steps"]), what="object/5"), True),
     ("a picture of the book", one("picture", lambda a: (a["pictures"], a["box"]), what="object/5"),
      (1, [10, 20, 30, 40])),
+    ("a picture of the map", one("picture", lambda a: (a["pictures"], sorted(a)), what="map"),
+     (1, ["map", "pictures"])),
+    ("a room as answers call it", one("list_things", ids, inside="the kitchen"),
+     ["object/1", "object/2"]),
+    ("a note on a room", note_on_a_room, [("wet floor", "agent")]),
     ("the way to the cup", way_to_the_cup, (True, 1, True)),
     ("a plan for an apple", first_room_for_an_apple, True),
     ("search, and report", look_and_report, "found"),
@@ -180,8 +191,8 @@ TASKS: list[tuple[str, Any, Any]] = [
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
       "giraffe: None is known: the robot viewed 0% of place 3, 98% of the "
-      "kitchen, 98% of the bedroom, last at 1970-01-01 00:01:40; it would have noticed "
-      "one with probability 0.39"]),
+      "kitchen, 98% of the bedroom, last at 1970-01-01 00:01:40; one would stand out of "
+      "view with probability 1.00, most in place 3"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],

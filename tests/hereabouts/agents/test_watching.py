@@ -70,6 +70,33 @@ def test_a_client_is_told_when_a_thing_appears(flat: SemanticMap) -> None:
     assert '"things":[]' in before and '"untrusted_category":"apple"' in after
 
 
+@pytest.mark.filterwarnings("ignore:resources/")
+def test_a_client_of_an_earlier_protocol_subscribes(flat: SemanticMap) -> None:
+    told = list[str]()
+
+    async def heard(message: Any) -> None:
+        if params := getattr(message, "params", None):
+            told.append(str(params.uri))
+
+    async def use(server: Any) -> None:
+        async with Client(server, mode="legacy", message_handler=heard) as client:
+            assert client.server_capabilities.resources.subscribe  # type: ignore[union-attr]
+            await client.subscribe_resource(APPLES)  # type: ignore[deprecated]
+            for number in (1, 2):
+                apple = thing(flat, "apple", 1.0 + number, 1.0, number)
+                await asyncio.to_thread(flat.apply, MapUpdate(objects=(apple,)))
+                async with asyncio.timeout(20):
+                    while len(told) < 1:
+                        await asyncio.sleep(0.02)
+                await client.unsubscribe_resource(APPLES)  # type: ignore[deprecated]
+            with pytest.raises(MCPError, match="no category 'unicorn'"):
+                await client.subscribe_resource("hereabouts://things/unicorn")  # type: ignore[deprecated]
+
+    with LimitedQueries(flat) as queries:
+        asyncio.run(use(tool_server(MapContext(flat), queries)))
+    assert told == [APPLES]  # the second apple came after the end of the subscription
+
+
 def test_a_client_of_a_served_map_is_told_over_stdio_and_http(
     tmp_path: Path, serve: Any, start: Any
 ) -> None:

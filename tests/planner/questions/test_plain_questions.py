@@ -138,6 +138,23 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("how many cups are on the bed?", "cup: 0 on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
         ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
+        ("how far is the cup from the kitchen", "From the kitchen to cup 2: 1.4 m, in the same"),
+        ("wie weit weg ist die K\u00fcche", "From the robot to the kitchen: "),
+        (
+            "are all the beds in the kitchen?",
+            "No: bed: 0 of 1 in the kitchen\nProbably no longer in",
+        ),
+        ("are the beds in the bedroom?", "Yes: bed: 1 of 1 in the bedroom"),
+        ("Sind alle Betten im Schlafzimmer", "Yes: bed: 1 of 1 in the bedroom"),
+        ("is every cup in the bedroom", "No: cup: 0 of 1 in the bedroom"),
+        ("is there more than one cup", "No: cup: 1"),
+        ("gibt es mehr als ein Bett?", "No: bed: 1"),
+        ("how large is the flat", "The 3 places of the map have "),
+        ("was ist Objekt 2?", "cup 2 was seen there"),
+        ("how often did you see the bed", "bed 3 in the bedroom: it exists with"),
+        ("is there a cup around?", "It was there, and has probably been moved since:"),
+        ("I can't find my bed, help!", "bed 3 was seen there"),
+        ("is there anything new in the kitchen", "Appeared: banana 1, cup 2"),
         (
             "how big is the kitchen",
             "Place 1 is believed to be a kitchen (probability 0.90): at (2.0, 2.0), 16",
@@ -271,7 +288,14 @@ def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
         ("where is the cup and what is on the bed", "not understood"),
         ("is there a cup on the moon", "no category 'moon'"),
         ("is the cup on the floor", "no detector here can see floor, so nothing is known to be on"),
-        ("how far is the cup from the kitchen", "'kitchen' is a place; 'what is in the kitchen'"),
+        ("what is there besides the bed", "not understood"),
+        ("are there around five cups", "not understood"),
+        ("gibt es etwa f\u00fcnf Tassen", "not understood"),
+        ("gibt es h\u00f6chstens zwei Tassen", "not understood"),
+        ("are the cup and the bed in the same room", "not understood"),
+        ("does every room have a chair", "not understood"),
+        ("is the cup near the kitchen", "'kitchen' is a place; 'what is in the kitchen'"),
+        ("how far is the cup from the cellar", "no place is called 'cellar'"),
         ("how many cups were in the kitchen in 1999", "not understood"),
         ("how many cups were in the kitchen a week ago", "the past before "),
         ("gibt es keine Tasse", "not understood"),
@@ -428,3 +452,32 @@ def test_moments_count_back_from_now(words: str, seconds: float) -> None:
     from kg.history.timestamps import moment
 
     assert moment(since(words, 1e9)) == pytest.approx(1e9 - seconds)
+
+
+def test_a_language_limits_how_a_question_is_read(answers: Says) -> None:
+    assert "'tasse' means cup" in answers("ask", "wo ist die Tasse?", "--language", "de-AT, en")
+    assert "not understood" in answers("ask", "wo ist die Tasse?", "--language", "en")
+    assert "not understood" in answers("ask", "where is the cup?", "--language", "de")
+    assert "cup 2 was seen" in answers(
+        "ask", "where is the cup?", "--language", "fr"
+    )  # has no file
+    assert "a language is written de" in answers("ask", "where is the cup?", "--language", "a b")
+
+
+def test_a_note_on_a_place_is_told_with_its_author(says: Says) -> None:
+    def told() -> list[bool]:
+        asked = ("ask", "what is in the kitchen?"), ("ask", "where is the kitchen?")
+        return [
+            "ote by ann: wet floor" in says(*asked[0]),
+            "; note by ann: wet floor" in says(*asked[1]),
+            "note wet floor, asserted at" in says("why", "the kitchen"),
+        ]
+
+    assert not any(told())
+    says("assert", "the kitchen", "note", "wet", "floor", "--by", "ann")
+    assert all(told()) and says("check") == ""
+    assert "'note' of objects cannot be asserted" in says(
+        "assert", "cup 2", "note", "x", "--by", "a"
+    )
+    says("retract", "kitchen", "note", "--by", "ann")
+    assert not any(told())

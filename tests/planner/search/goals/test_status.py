@@ -76,7 +76,7 @@ def test_each_place_has_its_own_answer(semantic_map: SemanticMap) -> None:
 def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) -> None:
     looked = status(semantic_map, "banana", "kitchen")
     assert looked.value == "looked, none seen"  # it never was there, so it is not gone
-    assert "it would have noticed one with probability 0.30" in looked.proof
+    assert looked.proof.endswith("one would stand out of view with probability 0.00")
     assert status(semantic_map, "banana", "place/2").value == "never looked"
     assert status(semantic_map, "banana", "HALL").value == "hidden"
     found = status(semantic_map, "banana")
@@ -87,6 +87,24 @@ def test_no_and_never_looked_are_different_answers(semantic_map: SemanticMap) ->
     assert status(semantic_map, "bananna").target == "banana"
     with pytest.raises(UnknownCategoryError, match="did you mean banana"):
         status(semantic_map, "bamama")
+
+
+def test_a_large_thing_does_not_stand_where_little_is_out_of_view(
+    semantic_map: SemanticMap,
+) -> None:
+    hall = replace(semantic_map.places()[1], viewed=PlaceViews(0.8, 0.8, SEEN + 60))
+    semantic_map.apply(MapUpdate(places=(hall,)))  # 3.2 of its 16 m2 are out of view
+    found = {one: status(semantic_map, one, "hall") for one in ("spoon", "couch", "elephant")}
+    chances = {one: round(answer.places[0].out_of_view, 2) for one, answer in found.items()}
+    assert chances == {"spoon": 0.15, "couch": 0.0, "elephant": 0.0}
+    assert found["spoon"].proof.endswith("one would stand out of view with probability 0.15")
+    values = [one.value for one in found.values()]
+    assert values == ["hidden", "looked, none seen", "looked, none seen"]
+    (row, *_) = semantic_map.query("status", category="couch", size=1.8, viewed=0.99).records()
+    assert (row["placeLabel"], row["status"]) == ("kitchen", "looked, none seen")
+    everywhere = status(semantic_map, "elephant")  # nobody looked in the attic, so one may be there
+    assert everywhere.value == "hidden"
+    assert everywhere.proof.endswith("probability 1.00, most in the attic")
 
 
 def test_what_left_the_map_is_gone_by_the_frame_that_showed_it(semantic_map: SemanticMap) -> None:
