@@ -16,8 +16,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns its exit code."""
     graph = argparse.ArgumentParser(
         prog="python -m benchmarks.graph",
-        description="Time frame updates, every shipped question and export on made-up buildings; "
-        "a writer at 30 Hz beside readers; a long run, its last tenth over its first.",
+        description="Processor time of frame updates, every shipped question and export on made-up "
+        "buildings; a writer at 30 Hz beside readers; a long run, its last tenth over its first.",
         epilog="example: python -m benchmarks.graph --sizes 1000,100000",
     )
     graph.add_argument(
@@ -76,6 +76,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _note_graph(result: GraphBench) -> None:
     if (ratio := result.update_ratio()) is not None:
         note(f"an update of the largest map costs {ratio:.2f} times one of the smallest")
+    if over := result.over_raw_store():
+        note(f"an update of the smallest map costs {over:.2f} times its quads in a bare store")
     slowest = result.slowest_lookup()
     note(
         f"slowest of the lookups at {slowest.objects:,} objects: {slowest.operation}, "

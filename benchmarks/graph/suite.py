@@ -32,6 +32,16 @@ class GraphBench:
         low, high = min(updates, key=_size), max(updates, key=_size)
         return None if low is high else high.median / low.median
 
+    def over_raw_store(self) -> float:
+        """At the smallest size, an update with history over its quads in a bare store; 0: none."""
+        smallest = min(timing.objects for timing in self.timings)
+        medians = {
+            t.store: t.median
+            for t in self.timings
+            if (t.operation, t.objects) == ("update by a frame", smallest)
+        }
+        return medians[ours.STORE] / medians[rivals.RAW] if rivals.RAW in medians else 0.0
+
     def slowest_lookup(self) -> Timing:
         """At the largest size, of the shipped lookups the one with the longest tail."""
         largest = max(timing.objects for timing in self.timings)
@@ -44,6 +54,7 @@ class GraphBench:
         return {
             "timings": [timing.to_json() for timing in self.timings],
             "updateRatio": self.update_ratio(),
+            "overRawStore": self.over_raw_store(),
             "slowestLookup": self.slowest_lookup().to_json(),
             "live": self.driving and self.driving.to_json(),
             "leaping": self.leaping and self.leaping.to_json(),

@@ -142,10 +142,13 @@ def _is_plain(semantic_map: SemanticMap, arguments: argparse.Namespace) -> bool:
     from difflib import get_close_matches
 
     from kg.maps.query.query_files import shipped_names
-    from planner.questions.recognition import is_known_word, is_plain
 
     text = arguments.question
-    if text is None or arguments.parameter or not is_plain(text):
+    if text is None or arguments.parameter or text in shipped_names():
+        return False
+    from planner.questions.recognition import is_known_word, is_plain  # with rules of a planner
+
+    if not is_plain(text):
         return False
     if len(text.split()) != 1 or is_known_word(semantic_map, text):
         return True

@@ -9,7 +9,6 @@ from pyoxigraph import Quad
 
 from kg.history.replay.point_in_time import Difference
 from kg.history.reports.comparison import FAR, Comparison
-from kg.history.reports.events import HistoryEvent
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant
 from kg.model.records import Assertion
@@ -17,6 +16,7 @@ from kg.model.room_edit import RoomEdit
 from kg.model.transactions import ChangeSet
 
 if TYPE_CHECKING:
+    from kg.history.reports.events import HistoryEvent
     from kg.history.reports.explanation import Explanation
     from kg.history.storage.compaction import Compaction
     from kg.knowledge.ontology.replacement import Replacement

@@ -11,7 +11,6 @@ from pyoxigraph import Quad
 from kg.history.replay.map_state import Categories
 from kg.history.replay.point_in_time import Difference, PastStates, PastStore, difference, state_of
 from kg.history.reports.comparison import FAR, Comparison, compare
-from kg.history.reports.events import HistoryEvent, history_events
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import without_past
 from kg.history.timestamps import Instant, sequence_of, thing
@@ -20,6 +19,7 @@ from kg.model.transactions import ChangeSet
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:
+    from kg.history.reports.events import HistoryEvent
     from kg.history.reports.explanation import Explanation
     from kg.history.storage.compaction import Compaction
 
@@ -76,6 +76,8 @@ class StoredHistory:
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing."""
+        from kg.history.reports.events import history_events
+
         return history_events(self.log, thing(iri, self._base), self._base)
 
     def explain(self, what: str) -> tuple[Explanation, ...]:

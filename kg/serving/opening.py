@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import time
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.recovery import FILE, attach, open_history_read_only
@@ -18,15 +18,12 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import has_log
-from kg.serving.folder_server import FolderServer
-from kg.serving.shared_folder import (
-    SharedMap,
-    SharedStore,
-    recover_copy,
-)
 from kg.store.folder import check_is_map
 from kg.store.sparql_client import is_url, without_secrets
 from kg.store.transactional import TransactionalStore
+
+if TYPE_CHECKING:
+    from kg.serving.shared_folder import SharedMap
 
 PATIENCE: Final = 3.0  # [s] for a folder in use
 _PAUSE: Final = 0.02  # [s]
@@ -148,6 +145,8 @@ def _for_reading(path: Path) -> StoredMap:
         if log is None or log.last <= store.sequence:
             return _closing_on_error(store, None, log)
         log.close()
+    from kg.serving.shared_folder import recover_copy  # after a crash alone
+
     copy = Path(tempfile.mkdtemp(prefix="hereabouts-"))
     try:
         recover_copy(path, copy)
@@ -160,6 +159,9 @@ def _for_reading(path: Path) -> StoredMap:
 
 
 def _shared(path: Path, *, read_only: bool, writer: bool = True) -> SharedMap:
+    # a reader of a map that nobody writes needs no connections
+    from kg.serving.shared_folder import SharedMap, SharedStore
+
     store = SharedStore(path, read_only=read_only, writer=writer)
     try:
         log = open_history_read_only(store, store.log_file.parent, identity(store))
@@ -178,6 +180,8 @@ def _with_history(
     log = _history(store, folder, power_safe=power_safe)
     semantic_map = _closing_on_error(store, catalogue, log)
     if folder is not None and not store.read_only:
+        from kg.serving.folder_server import FolderServer  # as above
+
         semantic_map.on_close.append(FolderServer(semantic_map, folder).close)
     return semantic_map
 

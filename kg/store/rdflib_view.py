@@ -17,6 +17,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.parameters import has_word, insert_into_pattern
+from kg.rdf.sparql.vetting import check_nesting, check_no_service
 
 
 class ApplyUpdate(Protocol):
@@ -101,7 +102,9 @@ class _WithFunctions:
         self._engine = engine
 
     def query(self, query: str, **options: Any) -> object:
-        """As `Store.query`."""
+        """As `Store.query`; raises QueryRefusedError as `SemanticMap.query`."""
+        check_nesting(query)
+        check_no_service(query)
         return self._engine.query(query, custom_functions=FUNCTIONS, **options)
 
     def __getattr__(self, name: str) -> Any:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.doors.doors import ASSERTING, UPDATING, House, RefusedError
+from kg.model.errors import QueryRefusedError
+from tests.doors.doors import ASSERTING, READING, UPDATING, House, RefusedError
 
 #: updates beyond a limit, and what the refusal says
 BEYOND = {
@@ -56,3 +57,20 @@ def test_millimetres_are_refused(house: House, door: str, prop: str) -> None:
     with pytest.raises(RefusedError, match="millimetres"):
         ASSERTING[door](house, "object/2", prop, "1200 400 750")
     assert house.map.sequence == before
+
+
+#: patterns that no reader may ask, and what the refusal says
+TOO_MUCH = {
+    "brackets": (f"?thing here:x ?x FILTER({'(' * 150}?x > 0{')' * 150})", "nest"),
+    "other sources": ("SERVICE <http://localhost:9/> { ?thing here:x ?x }", "SERVICE is refused"),
+}
+#: doors whose client parses the pattern, or hides the refusal; both are /sparql
+CLIENTS = ("service", "SPARQLStore")
+
+
+@pytest.mark.parametrize("door", [door for door in READING if door not in CLIENTS])
+@pytest.mark.parametrize("what", TOO_MUCH)
+def test_a_query_beyond_a_limit_is_refused(house: House, door: str, what: str) -> None:
+    pattern, message = TOO_MUCH[what]
+    with pytest.raises((RefusedError, QueryRefusedError), match=message):
+        READING[door](house, pattern)

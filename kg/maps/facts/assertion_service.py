@@ -5,11 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.reports.events import HistoryEvent
 from kg.maps.facts.assertions import (
     NAME,
     PROPERTIES,
@@ -41,6 +40,9 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.wkt import area_of_polygon
 from kg.store.transactional import TransactionalStore
 from kg.store.write_limit import WriterLock
+
+if TYPE_CHECKING:
+    from kg.history.reports.events import HistoryEvent
 
 
 class PerceivedRecords:

@@ -41,7 +41,7 @@ from kg.rdf.sparql.extension_functions import FUNCTIONS
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.parameters import has_word
 from kg.rdf.sparql.syntax_errors import explained
-from kg.rdf.sparql.vetting import check_no_service, check_no_update
+from kg.rdf.sparql.vetting import check_nesting, check_no_service, check_no_update
 from kg.store.sparql_client import Solutions, Triples
 from kg.store.writer_priority import yield_to_writer
 
@@ -237,6 +237,7 @@ def evaluate(
     parse (with the position), writes, or reads other sources.
     """
     yield_to_writer()
+    check_nesting(sparql)
     check_no_service(sparql)
     check_no_update(sparql)
 

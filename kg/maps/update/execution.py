@@ -33,7 +33,7 @@ from kg.rdf.sparql.update_parser import (
     operations,
     variables_as_iris,
 )
-from kg.rdf.sparql.vetting import check_no_load, check_no_service, check_unicode
+from kg.rdf.sparql.vetting import check_nesting, check_no_load, check_no_service, check_unicode
 from kg.store.type_inference import inferred_changes
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing
@@ -62,6 +62,7 @@ def evaluate_update(dataset: Dataset, sparql: str, base: str | None = None) -> G
     the standard.
     """
     check_unicode(sparql)
+    check_nesting(sparql)
     check_no_service(sparql)
     check_no_load(sparql)
     prologue = "" if base is None else f"BASE <{base}> "

@@ -5,9 +5,6 @@ import { clock } from "/files/time-axis.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const TURNED = { on: "under", inside: "around" };
-const MOVED = 0.2; // [m] of a movement that is told
-const LEVELS = [[0.95, "certain"], [0.5, "believed to be there"]]; // of existence that are told when they are passed
-const DOUBT = 0.3; // existence below which it is told that a thing is in doubt
 const MAX_EVENTS = 12;
 
 export const percent = (share) => `${Math.round(100 * share)} %`;
@@ -51,41 +48,15 @@ function plain(data, text) {
     .replace(/\bhere:(\w+)/g, (_, name) => data.labels.get(HERE + name) ?? name.replace(/([A-Z])/g, (capital) => ` ${capital.toLowerCase()}`));
 }
 
-/** What happened to it, in sentences, the last first; changes of counters and small movements are left out. */
+/** What happened to it, as `/log` tells it, the last first. */
 export async function historyOf(data, iri) {
   const answer = await request(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`, { accept: "application/json" });
-  const events = (await answer.json()).filter((event) => data.past === null || event.sequence <= data.past);
-  const levels = new Set(), told = events.map((event) => [event, sentenceOf(data, event, levels)]).filter(([, text]) => text).slice(-MAX_EVENTS).reverse();
-  return [element("ul", "", ...told.map(([{ time, by, note }, text]) => {
-    const item = element("li", "", element("small", clock(time)), text + (by ? ` (${by})` : ""));
+  const events = (await answer.json()).filter(({ sequence, told }) => told.length && (data.past === null || sequence <= data.past));
+  return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, note, told }) => {
+    const item = element("li", "", element("small", clock(time)), plain(data, told.join("; ")) + (by ? ` (${by})` : ""));
     item.title = note ?? "";
     return item;
   }))];
-}
-
-/** What an event changed, in words; `levels` of existence that were told before are not told again. */
-function sentenceOf(data, { changes }, levels) {
-  const by = {}, found = [], name = (path) => data.nameAt(data.fullOf(path));
-  for (const change of changes) {
-    const [, axis, before, after] = /^([xyz]|existence) ([\d.-]+) -> ([\d.-]+)$/.exec(change) ?? [];
-    if (axis) by[axis] = [Number(before), Number(after)];
-    const [, words, thing, ended] = /^(on|inside|beside) (\S+\/\d+)( no more)?$/.exec(change) ?? [];
-    if (words) found.push(`${ended ? "no longer " : ""}${words} ${name(thing)}`);
-    const [, , place] = /^in place (?:(\S+) -> )?(\S+)$/.exec(change) ?? [];
-    if (place && !changes.some((one) => one.startsWith("new here:"))) found.push(`now in ${name(place)}`);
-    const [, old, called] = /^label (.+) -> (.+)$/.exec(change) ?? [];
-    if (old) found.push(`called ${called}, before ${old}`);
-    const [, kind] = /^(?:new |type )?here:(\w+)$/.exec(change) ?? [];
-    if (kind) found.unshift(changes.includes(`new here:${kind}`) ? "appeared" : `is a ${data.labelOf(HERE + kind)}`);
-    if (/^(left|came back|removed)\b/.test(change)) found.push(change);
-  }
-  const far = Math.hypot(...["x", "y", "z"].map((axis) => (by[axis] ? by[axis][1] - by[axis][0] : 0)));
-  if (far >= MOVED) found.push(`moved by ${far.toFixed(1)} m`);
-  const [was, is] = by.existence ?? [0, 0], passed = LEVELS.find(([level]) => was < level && is >= level && !levels.has(level));
-  if (passed) found.push(`${passed[1]}: ${percent(is)}`);
-  if (passed) levels.add(passed[0]);
-  if (was >= DOUBT && is < DOUBT) { found.push(`in doubt: ${percent(is)}`); levels.clear(); }
-  return found.join("; ");
 }
 
 /** The picture of an object's best observation, drawn; null where none is kept. */

@@ -12,14 +12,13 @@ import socket
 import struct
 import sys
 import time
-from collections.abc import Collection
+from collections.abc import Iterable
 from typing import Any, Final
 
 import h11
 from uvicorn.protocols.http.h11_impl import STATUS_PHRASES, H11Protocol
 
 from kg.serving.server.http.clients import client_of_address
-from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Settings
 
 MAX_LINES: Final = 100  # of a request's head; h11 takes 2 ms for a thousand
@@ -27,8 +26,6 @@ MAX_LINES: Final = 100  # of a request's head; h11 takes 2 ms for a thousand
 #: thousand times as long as one chunk, so fewer bytes are taken where the last ones took too long.
 AT_ONCE, FIRST, LEAST = 4 << 10, 512, 16
 TURN: Final = 0.0002  # [s] that parsing may take at once
-#: connections of an address with no room that may wait for a head, which may have a token
-NEWCOMERS: Final = 32
 _FULL = b"too many connections; come back in a second\n"
 _REFUSAL = (
     b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain; charset=utf-8\r\n"
@@ -37,48 +34,38 @@ _REFUSAL = (
 
 
 class ConnectionTable:
-    """The open connections of one server, oldest first; used on its event loop."""
+    """The open connections of one server, oldest first; used on its event loop.
+
+    An address may have `client_connections`, a trusted proxy all of them.
+    """
 
     def __init__(self, settings: Settings, most: int) -> None:
         self.limits, self._most = settings.limits, most
         self._proxies = frozenset(map(client_of_address, settings.trusted_proxies))
         self._all: dict[LimitedConnection, None] = {}
-        self._of: dict[str, dict[LimitedConnection, None]] = {}
 
     def add(self, one: LimitedConnection) -> None:
-        """Take in a new connection; close another, or this one, where there is no room for it."""
+        """Take in a new connection; close the oldest that waits, or else this one, for its room."""
         self._all[one] = None
-        self._of.setdefault(one.client_name, {})[one] = None
-        self.make_room(one.client_name)
+        own = () if one.address in self._proxies else self.of(one.address)
+        if len(own) > self.limits.client_connections:
+            _first_waiting(own, one).refuse()
         if len(self._all) > self._most:
-            next((other for other in self._all if not other.is_busy), one).refuse()
-
-    def make_room(self, client_name: str) -> None:
-        """Close the oldest connection of a client that waits for it, if the client has too many."""
-        own = self.of(client_name)
-        waiting = [one for one in own if not one.is_busy]
-        room = max(self.limits.client_connections - len(own) + len(waiting), NEWCOMERS)
-        if len(waiting) > room and client_name not in self._proxies:
-            waiting[0].refuse()
-
-    def rename(self, one: LimitedConnection, client_name: str) -> None:
-        """Count a connection as one of another client."""
-        if one in self._all and one.client_name != client_name:
-            self.remove(one)
-            self._all[one] = None
-            self._of.setdefault(client_name, {})[one] = None
+            _first_waiting(self._all, one).refuse()
 
     def remove(self, one: LimitedConnection) -> None:
         """Forget a connection."""
         self._all.pop(one, None)
-        own = self._of.get(one.client_name, {})
-        own.pop(one, None)
-        if not own:
-            self._of.pop(one.client_name, None)
 
-    def of(self, client_name: str) -> Collection[LimitedConnection]:
-        """The connections of a client."""
-        return self._of.get(client_name, ())
+    def of(self, address: str) -> list[LimitedConnection]:
+        """The connections of an address."""
+        return [one for one in self._all if one.address == address]
+
+
+def _first_waiting(
+    connections: Iterable[LimitedConnection], last: LimitedConnection
+) -> LimitedConnection:
+    return next((one for one in connections if not one.is_busy), last)
 
 
 class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
@@ -89,7 +76,7 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
         self.conn = _LimitedHead(h11.SERVER, table.limits.head)
         # lets an endpoint end the connection, even while a write is blocked
         self.app_state = {**self.app_state, "connection": self}
-        self.client_name = ""  # its address; from the first request on its token if it has one
+        self.address = ""
         self._table, self._limits = table, table.limits
         self._received, self._turn = memoryview(bytearray(AT_ONCE)), FIRST
         self._head_timer: asyncio.TimerHandle | None = None
@@ -103,24 +90,9 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Start the time limit for the first head, and make room."""
         super().connection_made(transport)
-        self.client_name = client_of_address(self.client[0] if self.client else "")
+        self.address = client_of_address(self.client[0] if self.client else "")
         self._table.add(self)
         self._time_head()
-
-    def admit(self, client_name: str) -> None:
-        """Count the connection for the client of its request.
-
-        Raises Problem 503 if the client has as many others with requests as allowed.
-        """
-        self._table.rename(self, client_name)
-        self.client_name = client_name
-        busy = sum(one.is_busy for one in self._table.of(client_name))
-        if busy > self._limits.client_connections:
-            raise Problem(
-                503,
-                f"you have {busy - 1} connections with requests; close some",
-                {"Retry-After": "1", "Connection": "close"},
-            )
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Cancel the time limits of a lost connection."""
@@ -146,7 +118,6 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
         """Continue with the next request; the rest of an unread body has to arrive in time."""
         super().on_response_complete()
         self._time_head()
-        self._table.make_room(self.client_name)
 
     def send_400_response(self, msg: str) -> None:
         """Refuse what is not HTTP; after the begin of a response, hang up."""
@@ -170,7 +141,7 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
         """Start the time limit of a client that reads too slowly; drop what is too much."""
         super().pause_writing()
         self._time_reader()
-        own = self._table.of(self.client_name)
+        own = self._table.of(self.address)
         if sum(one.unread for one in own) > self._limits.client_unread:
             self._reset()
 

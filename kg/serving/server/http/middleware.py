@@ -125,8 +125,7 @@ class RequestGuard:
     def _check(self, scope: Scope, headers: Headers) -> None:
         check_request(self._settings, scope["http_version"], headers)
         address = scope["client"][0] if scope.get("client") else ""
-        client = scope["state"]["client"] = client_of(self._settings, headers, address)
-        scope["state"]["connection"].admit(client)
+        scope["state"]["client"] = client_of(self._settings, headers, address)
         if scope["method"] != "OPTIONS":  # a preflight has no token, and gets no data
             check_origin(self._settings, scope["path"], scope["method"], headers)
             check_token(self._settings, scope["path"], headers)

@@ -23,7 +23,7 @@ class Limits:
     body: int = 8 << 20  # [bytes] of a request, also after decompression
     client_bodies: int = 24 << 20  # [bytes] of the bodies of one client that wait for their answers
     bodies: int = 256 << 20  # [bytes] of the bodies of all clients that wait for their answers
-    client_unread: int = 128 << 20  # [bytes] of answers that one client has not read
+    client_unread: int = 128 << 20  # [bytes] of answers that one address has not read
     result: int = 64 << 20  # [bytes] of an answer
     head: int = 16 << 10  # [bytes] of a request line and its headers
     query_seconds: float = 10.0  # [s] to evaluate one query
@@ -31,7 +31,7 @@ class Limits:
     body_seconds: float = 20.0  # [s] to send the body of a request
     idle_seconds: float = 10.0  # [s] to send the head of a request, or without reading an answer
     connections: int = 512
-    client_connections: int = 64  # of one client
+    client_connections: int = 64  # of one address, unless it is a trusted proxy
     staleness: float = 1.0  # [s] of delay until an answer includes the writes of others
     workers: int = 3  # one client may occupy all except one
     feed_clients: int = 256  # followers of changes and of queries

@@ -54,7 +54,7 @@ def test_address_of_an_object_selects_it(open_page: OpenPage) -> None:
     page = open_page(f"#{CUP}")
     says(page, "#about h2", "cup 1")
     says(page, "#about dl", "1.00, 0.50, 0.80 m")
-    says(page, "#about-history", "appeared")
+    says(page, "#about-history", "new: cup")
 
 
 @pytest.mark.parametrize("fragment", ["#%E0%A4%A", "#javascript:alert(1)", "#%22%3E<img src=x>"])
@@ -274,7 +274,7 @@ def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage)
 def test_the_page_has_no_fault_of_accessibility(scheme: str, open_page: OpenPage) -> None:
     pytest.importorskip("axe_playwright_python")
     page = open_page(f"#{CUP}", color_scheme=scheme, bypass_csp=True)
-    says(page, "#about-history", "appeared")
+    says(page, "#about-history", "new: cup")
     for step in ("#earlier", "#compare"):
         page.wait_for_selector(f"{step}:enabled")
         page.click(step)
@@ -423,7 +423,7 @@ def test_the_page_of_an_object_has_its_place_reasons_and_history(open_page: Open
     page = open_page("object/1")
     says(page, "h1", "cup 1")
     says(page, "#about-why", "cup 1 is a cup")
-    says(page, "#about-history", "appeared")
+    says(page, "#about-history", "new: cup")
     says(page, "#about dl", "in the kitchen")
     page.click(".source summary >> nth=0")
     says(page, ".source[open]", "is a cup")
