@@ -176,7 +176,7 @@ def test_slivers_along_the_edges_of_an_image_are_taken_and_boxes_beyond_refused(
         "bottom": (0, height - 0.5, width, height),
     }[side]
     across = 2 * np.array([width, height] * 2)
-    beyond = tuple(np.where(np.array(sliver) < 1, -across, across) + (0, 0, 1, 1))
+    beyond = np.where(np.array(sliver) < 1, -across, across) + np.array([0, 0, 1, 1])
     refused(frame, "lies outside the image", make_detections(("cup", 0.9, beyond)))
     Mapper(semantic_map).add(frame, make_detections(("cup", 0.9, sliver)))
 
