@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +16,10 @@ from benchmarks.rooms import outcomes as rooms_outcomes
 from benchmarks.rooms.__main__ import main
 from benchmarks.rooms.gate import report, violations
 from benchmarks.rooms.houses import HOUSES
-from benchmarks.rooms.outcomes import DEFAULT, REFERENCE, Outcome, mean, scores
+from benchmarks.rooms.outcomes import CLOSE, DEFAULT, REFERENCE, Outcome, evaluated, mean, scores
 from benchmarks.rooms.stretches import STRETCHES, matcher_of, shown, stretches
 from lab.houses.random_house import random_house
 from lab.maps.complete_truth import TrueObject
-from lab.maps.existence_curve import existence_curve
-from lab.maps.existence_scores import matchings_by_existence
-from lab.maps.map_evaluation import MapEvaluation
-from lab.maps.relation_scores import RelationOutcomes
 from lab.maps.truth_matching import MappedObject, TruthMatcher
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Frame
@@ -88,14 +85,17 @@ def test_what_a_stretch_does_not_show_twice_counts_neither_way() -> None:
     assert ignored(frames[2]) == [True, False, True]
 
 
-def outcome(row: tuple[str, str, str], mapper: str, *found: tuple[float, float]) -> Outcome:
-    """Objects (x, existence) against true cups at 0 and 10 m."""
+def outcome(row: tuple[str, str, str], mapper: str, *found: tuple[Any, ...]) -> Outcome:
+    """Objects (x, existence, "cup" or another label) against true cups at 0 and 10 m."""
     truth = [TrueObject(str(x), "cup", np.array([x, 0.0, 0.0])) for x in (0.0, 10.0)]
     matcher = TruthMatcher(truth, np.eye(4))
-    objects = [MappedObject("cup", np.array([x, 0.0, 0.0]), e) for x, e in found]
-    matchings, curve = matchings_by_existence(objects, matcher), existence_curve(objects, matcher)
-    evaluation = MapEvaluation(matcher, matchings, None, curve, RelationOutcomes())
-    return Outcome(row, mapper, 4, 0.1, evaluation)
+    objects = [
+        MappedObject(*(label or ["cup"]), np.array([x, 0.0, 0.0]), e) for x, e, *label in found
+    ]
+    close = TruthMatcher(truth, np.eye(4), CLOSE)
+    return Outcome(
+        row, mapper, 4, 0.1, evaluated(objects, matcher), evaluated(objects, close), unnamed=3
+    )
 
 
 RIGHT, GHOST = ((0.0, 1.0), (10.0, 1.0)), ((50.0, 0.04),)
@@ -122,8 +122,32 @@ def test_the_gate_fails_where_the_reference_wins() -> None:
     assert list(violations([*same, *looks])) == []  # single frames are apart
     lost = [outcome(("b", "net", "whole"), DEFAULT, *GHOST, RIGHT[0])]
     won = [outcome(("b", "net", "whole"), REFERENCE, *RIGHT)]
-    assert list(violations([*same, *lost, *won])) == ["b, net: AP 0.500, the reference's is 1.000"]
+    assert list(violations([*same, *lost, *won])) == [
+        "b, net: AP 0.500, the reference's is 1.000",
+        "b, net: F1 within 0.3 m 0.667, the reference's is 1.000",
+    ]
     assert list(violations([*same, *lost, outcome(("b", "net", "whole"), REFERENCE)])) == []
+
+
+def test_the_gate_fails_where_the_reference_wins_within_a_narrow_reach() -> None:
+    row = ("a", "net", "whole")
+    beside = [(x + 0.4, e) for x, e in RIGHT]
+    found = [outcome(row, DEFAULT, *beside), outcome(row, REFERENCE, RIGHT[0])]
+    assert list(violations(found)) == [
+        "a, net: F1 within 0.3 m 0.000, the reference's is 0.667",
+    ]
+
+
+def test_names_and_doubles_are_counted_among_what_is_shown() -> None:
+    row = ("a", "net", "whole")
+    found = scores(
+        [
+            outcome(row, DEFAULT, (0.0, 0.9), (0.2, 0.8), (50.0, 0.9)),  # right, a double, a ghost
+            outcome(row, DEFAULT, (0.4, 0.9), (10.0, 0.9, "bowl"), (0.1, 0.4, "bowl")),
+        ]
+    )
+    names = ("right names", "doubles", "unnamed", "recall, 0.3 m", "precision, 0.3 m")
+    assert [found[name] for name in names] == [pytest.approx(2 / 3, abs=1e-3), 1, 6, 0.25, 0.2]
 
 
 def test_the_gate_fails_where_existence_is_badly_calibrated() -> None:

@@ -163,6 +163,24 @@ def test_detections_that_are_not_finite_are_refused(
     refused(make_frame(2.0), r"detection 1 \(bowl\) is not finite", seen)
 
 
+@pytest.mark.parametrize("side", ["left", "top", "right", "bottom"])
+def test_slivers_along_the_edges_of_an_image_are_taken_and_boxes_beyond_refused(
+    semantic_map, make_frame, make_detections, refused, side
+):
+    frame = make_frame(2.0)
+    height, width = frame.depth.shape
+    sliver = {
+        "left": (0, 0, 0.5, height),
+        "top": (0, 0, width, 0.5),
+        "right": (width - 0.5, 0, width, height),
+        "bottom": (0, height - 0.5, width, height),
+    }[side]
+    across = 2 * np.array([width, height] * 2)
+    beyond = np.where(np.array(sliver) < 1, -across, across) + np.array([0, 0, 1, 1])
+    refused(frame, "lies outside the image", make_detections(("cup", 0.9, beyond)))
+    Mapper(semantic_map).add(frame, make_detections(("cup", 0.9, sliver)))
+
+
 def test_scene_scores_of_another_type_are_refused(make_frame, refused):
     refused(make_frame(2.0), "scores must be SceneScores, got dict", scores={"kitchen": 0.9})
 
