@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 NEAREST: Final = 0.25  # [m] surfaces that objects are mapped from lie farther ...
 FARTHEST: Final = 5.05  # [m] ... and nearer than this
+LARGEST: Final = 50.0  # [m] depth of a room
 ACROSS: Final = 160  # samples across an image, about
 SAME: Final = 1e-3  # share of a value by which equal ones differ, by rounding
 AROUND: Final = 30  # such steps to both sides, where few other depths are ...
@@ -118,8 +119,8 @@ def _moved(a: NDArray[np.float64], b: NDArray[np.float64]) -> bool:
 def _peaks(distance: NDArray[np.float32], *, along_ray: bool) -> list[Constant]:
     with np.errstate(invalid="ignore", over="ignore"):
         known = distance[(distance > 0) & (distance < np.inf)]
-    if not len(known):
-        return []
+    if not len(known) or known.min() == known.max() > LARGEST:
+        return []  # a wall in millimetres, which is refused elsewhere
     clipped = np.clip(known, _LOW, _HIGH)
     steps = (np.log(clipped / np.float32(_LOW)) / SAME).astype(np.intp)
     first = int(steps.min())

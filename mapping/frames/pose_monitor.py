@@ -1,6 +1,7 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
+Colour: some frames' colour does not show what their depth shows, as a minority of late images.
 Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
 them is moved by some decimetres.
@@ -22,6 +23,7 @@ from perception.camera.depth_agreement import (
     depth_samples,
     register,
 )
+from perception.camera.depth_edges import ColourJudge
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
 from perception.no_return import UnmovedValues, told
@@ -74,13 +76,18 @@ class PoseMonitor:
         self._last: _View | None = None
         self._motion = np.eye(4)
         self._keys = list[_View]()
-        self._unmoved = UnmovedValues()
+        self._unmoved, self._judge = UnmovedValues(), ColourJudge()
         self._off = 0  # views that were off
         self.problems = dict[str, str]()
 
     def add(self, frame: Frame) -> None:
         """Check one frame."""
         view = _View(frame.id, frame.stamp, frame.T_map_cam, frame.depth, frame.K)
+        if "colour" not in self.problems:
+            self._judge.add(frame.id, frame.rgb, frame.depth)
+            if problem := self._judge.told:
+                self.problems["colour"] = problem
+                _log.warning("%s: %s", self._name, problem)
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view
