@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import FrameError
+from perception.no_return import without_constants
 
 _MAX_SCORE: Final = 1.0001  # by rounding
 
@@ -23,8 +24,10 @@ _MAX_SCORE: Final = 1.0001  # by rounding
 class Frame:
     """RGB-D image, registered, with its pose.
 
-    Raises FrameError, a ValueError, where shapes or types are not the ones below. The values are
-    checked where frames are mapped (`mapping.frames.frame_checks`).
+    Depth becomes nan where many pixels share a value that no surface has, as the far plane of a
+    simulator (`perception.no_return`); the array that was given stays as it is. Raises FrameError,
+    a ValueError, where shapes or types are not the ones below. The values are checked where frames
+    are mapped (`mapping.frames.frame_checks`).
     """
 
     id: str
@@ -45,6 +48,8 @@ class Frame:
             raise FrameError(
                 f"K must be (3, 3) and T_map_cam (4, 4), got {self.K.shape}, {self.T_map_cam.shape}"
             )
+        if self.depth.dtype.kind == "f":
+            object.__setattr__(self, "depth", without_constants(self.depth, self.K))
 
 
 @dataclass(frozen=True, slots=True)

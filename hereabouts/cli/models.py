@@ -15,6 +15,7 @@ from hereabouts.cli.arguments import add_json
 from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
 
 if TYPE_CHECKING:
+    from perception.inference.detector import OnnxDetector
     from perception.inference.model_zoo import ModelCard
 
 
@@ -32,7 +33,13 @@ def add(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "file", metavar="FILE", help="a detector (.onnx, or a name), or a list of labels (.txt)"
     )
+    check.add_argument(
+        "image", metavar="IMAGE", nargs="?", help="a photograph, to draw what the detector finds"
+    )
     check.add_argument("--labels", metavar="FILE", help="labels of the detector, one a line")
+    check.add_argument(
+        "--head", metavar="NAME", help="meaning of its outputs, where an error names two"
+    )
     add_json(check)
     check.set_defaults(run=run_check)
     path = actions.add_parser("path", help="print the path of a network's file")
@@ -111,7 +118,10 @@ def run_check(arguments: argparse.Namespace) -> int:
         labels = read_labels(Path(arguments.file))
     else:
         given = Path(arguments.labels) if arguments.labels else None
-        labels = load_detector(named_detector(arguments.file), labels=given).labels
+        detector = load_detector(named_detector(arguments.file), labels=given, head=arguments.head)
+        if arguments.image is not None:
+            _draw(detector, Path(arguments.image))  # its labels are clear from then on
+        labels = detector.labels
     found = check_labels(
         [label for label in labels if is_object(label)], shipped_ontology().catalogue
     )
@@ -125,6 +135,24 @@ def run_check(arguments: argparse.Namespace) -> int:
     if found.unseen:
         note(f"it cannot see: {', '.join(found.unseen)}")
     return 0
+
+
+def _draw(detector: OnnxDetector, path: Path) -> None:
+    """Draw what a detector finds in an image file beside it, and tell how it was read."""
+    import numpy as np
+
+    from perception.annotate import draw_detections, save_image
+    from perception.frames import Frame
+    from perception.sources.folders.image_files import read_colour
+
+    rgb = read_colour(path)
+    found = detector.detect_image(rgb)
+    depth = np.full(rgb.shape[:2], np.nan, np.float32)
+    drawn = path.with_name(f"{path.stem}-boxes.png")
+    frame = Frame(path.stem, rgb, depth, np.eye(3), np.eye(4), 0.0)
+    save_image(drawn, draw_detections(frame, found))
+    read = detector.head.name if detector.readings.decided else "nothing certain yet"
+    note(f"{len(found)} found in {path.name}, drawn in {drawn}; outputs are read as: {read}")
 
 
 def run_path(arguments: argparse.Namespace) -> int:

@@ -28,6 +28,7 @@ class NetworkOptions:
     second_detector: str | None = None  # runs on new points of view; None: no second one
     scene: str = "none"  # scene classifier
     device: str = "auto"
+    head: str | None = None  # meaning of the detector's outputs; None: as its answers tell
     threshold: float = _REPORTED * _MAPPED  # score below which detectors drop detections
 
 
@@ -61,6 +62,11 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
         help="another detector, which runs on frames from new points of view",
     )
     group.add_argument(
+        "--head",
+        metavar="NAME",
+        help="meaning of the detector's outputs, where an error names two",
+    )
+    group.add_argument(
         "--threshold",
         type=share,
         help="minimum score of a detection (default: 0.2; in reference mode: 0.4)",
@@ -81,6 +87,7 @@ def network_options(arguments: argparse.Namespace) -> NetworkOptions:
         second_detector=arguments.second_detector,
         scene=arguments.scene,
         device=arguments.device,
+        head=arguments.head,
         threshold=_REPORTED * (arguments.threshold or _MAPPED),
     )
 
@@ -98,7 +105,7 @@ def open_networks(options: NetworkOptions, folder: str | None = None) -> Network
     if folder is not None and name.endswith(".json") and not Path(name).exists():
         inside = Path(folder) / name
         name = str(inside) if inside.exists() else name
-    detector: Detector = open_detector(name, threshold=o.threshold, device=o.device)
+    detector: Detector = open_detector(name, threshold=o.threshold, device=o.device, head=o.head)
     if o.second_detector is not None:
         second = open_detector(o.second_detector, threshold=o.threshold, device=o.device)
         detector = DetectorPair(detector, second)

@@ -1,6 +1,8 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
+Colour: some frames' colour does not show what their depth shows, as a minority of late images.
+Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
 them is moved by some decimetres.
 """
@@ -21,8 +23,10 @@ from perception.camera.depth_agreement import (
     depth_samples,
     register,
 )
+from perception.camera.depth_edges import ColourJudge
 from perception.camera.poses import rotation_angle
 from perception.frames import Frame
+from perception.no_return import UnmovedValues, told
 
 Floats = NDArray[np.float64]
 
@@ -72,12 +76,20 @@ class PoseMonitor:
         self._last: _View | None = None
         self._motion = np.eye(4)
         self._keys = list[_View]()
+        self._unmoved, self._judge = UnmovedValues(), ColourJudge()
         self._off = 0  # views that were off
         self.problems = dict[str, str]()
 
     def add(self, frame: Frame) -> None:
         """Check one frame."""
         view = _View(frame.id, frame.stamp, frame.T_map_cam, frame.depth, frame.K)
+        if "colour" not in self.problems:
+            self._judge.add(frame.id, frame.rgb, frame.depth)
+            if problem := self._judge.told:
+                self.problems["colour"] = problem
+                _log.warning("%s: %s", self._name, problem)
+        if "constant" not in self.problems:
+            self._check_constant(frame)
         last, self._last = self._last, view
         if last is not None:
             motion = np.linalg.inv(last.T) @ view.T
@@ -86,6 +98,16 @@ class PoseMonitor:
             self._motion = motion
         if "drift" not in self.problems and self._is_key(view):
             self._check_drift(view)
+
+    def _check_constant(self, frame: Frame) -> None:
+        """Look for a depth that many pixels share and that does not change as the camera moves."""
+        self._unmoved.add(frame.depth, frame.K, frame.T_map_cam)
+        if found := self._unmoved.found:
+            self.problems["constant"] = (
+                f"depth of {told(found)} stays the same while the camera moves, up to frame "
+                f"{frame.id}: it seems to mean no return; nan in its place would work"
+            )
+            _log.warning("%s: %s", self._name, self.problems["constant"])
 
     def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
         a, b = last.samples, view.samples

@@ -26,6 +26,17 @@ STRONG: Final = 4.0  # gradient from which an edge of colour counts no more
 MIN_IMAGES: Final = 6  # with edges that others do not have, to conclude anything
 BLANK: Final = 3.0  # standard deviation of the grey levels of an image that shows nothing
 MIN_EDGES: Final = 20  # such pixels of an image
+STEPS: Final = np.arange(-16, 17, 4)  # [px of WIDTH] by which one frame's edges are moved
+MOVED: Final = 8  # [px of WIDTH] of a frame that is not registered ...
+MOVED_GAIN: Final = 1.3  # ... and by how much its moved edges fit better
+MIN_JUDGED: Final = 150  # edge pixels of a frame that is judged
+OTHERS: Final = 6  # other frames that it is compared with, ...
+OTHERS_APART: Final = 5  # ... each so many frames after the one before
+MIN_OTHERS: Final = 3
+MIN_FRAMES: Final = 12  # judged, to conclude anything
+MIN_BAD: Final = 3  # bad frames that are told
+WORSE: Final = 3.5  # standard deviations by which a bad frame fits worse than the median
+UNLIKE: Final = 1.25  # strength of own edges over others' below which a frame may be bad
 ONE_SCENE: Final = 1.4  # `colour_fit` below which colour and depth show different scenes
 
 Image = NDArray[np.float32]
@@ -103,6 +114,82 @@ def colour_fit(
         if logarithms:
             ratios.append(np.mean(logarithms))
     return float(np.exp(np.mean(ratios))) if len(ratios) >= MIN_IMAGES else None
+
+
+class ColourJudge:
+    """Judge of each frame's colour by its depth: whether it shows the same scene, and registered.
+
+    Edges of depth are compared with edges of the frame's own colour, of the same moved, and of
+    other frames' colour. A frame fits badly where it does so far worse than the others do.
+    """
+
+    def __init__(self, apart: int = OTHERS_APART) -> None:
+        self._apart = apart  # frames between two that others are compared with
+        self._others: list[Image] = []  # gradients of earlier frames
+        self._count = 0
+        self._fits: list[tuple[str, float]] = []  # logarithm of own over others' strength, by id
+        self._moved: list[str] = []  # ids of frames whose edges are moved
+
+    def add(self, name: str, rgb: NDArray[np.uint8], depth: NDArray[np.float32]) -> None:
+        """Judge a frame by its name, colour (H, W, 3) and depth (H, W) [m]."""
+        points = _depth_edges(depth).astype(np.intp)
+        if len(points) < MIN_JUDGED or rgb.std() <= BLANK:
+            return
+        gradient = np.minimum(_gradient(rgb), STRONG)
+        own, best, (right, down) = _moved_strength(gradient, points)
+        if max(abs(right), abs(down)) >= MOVED and best > max(MOVED_GAIN * own, MIN_STRENGTH):
+            self._moved.append(name)
+        if len(self._others) >= MIN_OTHERS and self._others[0].shape == gradient.shape:
+            there = np.median([other[points[:, 1], points[:, 0]].mean() for other in self._others])
+            self._fits.append((name, float(np.log(max(own, 0.1) / max(there, 0.1)))))
+        if self._count % self._apart == 0:
+            self._others = [*self._others[-OTHERS + 1 :], gradient]
+        self._count += 1
+
+    @property
+    def told(self) -> str:
+        """What is wrong with some frames, for people; "" where fewer than MIN_BAD are bad."""
+        bad = self.bad
+        if len(bad) < MIN_BAD:
+            return ""
+        return (
+            f"colour of {len(bad)} of {self.judged} frames does not show what their depth shows, "
+            f"as where images are late, not registered or of another camera: {', '.join(bad[:3])}"
+            f"{', ...' if len(bad) > 3 else ''}"
+        )
+
+    @property
+    def judged(self) -> int:
+        """Frames that were compared with others."""
+        return len(self._fits)
+
+    @property
+    def bad(self) -> list[str]:
+        """Names of the frames whose colour does not fit; none where too few were judged."""
+        if len(self._fits) < MIN_FRAMES:
+            return []
+        fits = np.array([fit for _, fit in self._fits])
+        middle = float(np.median(fits))
+        spread = 1.48 * float(np.median(np.abs(fits - middle)))
+        least = min(middle - WORSE * spread, np.log(UNLIKE))
+        bad = {name for (name, _), fit in zip(self._fits, fits, strict=True) if fit < least}
+        return [name for name, _ in self._fits if name in bad or name in self._moved]
+
+
+def _moved_strength(
+    gradient: Image, points: NDArray[np.intp]
+) -> tuple[float, float, tuple[int, int]]:
+    """Mean gradient at points (n, 2), the greatest of moved ones, and that move [px of WIDTH]."""
+    reach = int(STEPS[-1])
+    field = np.pad(gradient, reach, constant_values=1.0)
+    columns, rows = points[:: max(1, len(points) // 500)].T + reach
+    found = {
+        (dx, dy): float(field[rows + dy, columns + dx].mean())
+        for dx in STEPS.tolist()
+        for dy in STEPS.tolist()
+    }
+    move = max(found, key=lambda one: found[one])
+    return found[0, 0], found[move], move
 
 
 def _nearest(depth: NDArray[np.float32]) -> Image:

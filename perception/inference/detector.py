@@ -17,17 +17,21 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from perception.frames import Detections, Frame
-from perception.inference.class_labels import COCO_IDS, is_object, labels_for
+from perception.inference.class_labels import COCO_IDS, NO_OBJECT, is_object, labels_for
 from perception.inference.heads.candidates import Head, MaskGrid, suppress
-from perception.inference.heads.listed import QueryHead, RegionHead
-from perception.inference.heads.signature import head_of
+from perception.inference.heads.listed import ListHead, QueryHead
+from perception.inference.heads.readings import Answer, Reading, Readings
+from perception.inference.heads.signature import heads_of
 from perception.inference.model_zoo import ModelCard, resolve
 from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
 _HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1 ...
+_FAR: Final = 1e6  # [px] from which a coordinate is no number at all
 _PERCENT: Final = 100.0  # ... and percent, or values before the sigmoid, are up to here
+
+_NOTHING: Final = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +40,28 @@ class OnnxDetector:
 
     name: str
     session: Session
-    labels: tuple[str, ...]
-    head: Head
-    resize: str
-    values: str
+    readings: Readings  # what its outputs may mean
     threshold: float  # least score, 0..1
+
+    @property
+    def head(self) -> Head:
+        """The meaning of its outputs; the likeliest, until a first answer decides."""
+        return self.readings.likeliest.head
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of its classes."""
+        return self.readings.likeliest.labels
+
+    @property
+    def resize(self) -> str:
+        """How images are resized for it."""
+        return self.readings.likeliest.resize
+
+    @property
+    def values(self) -> str:
+        """Range and order of the colours that it takes."""
+        return self.readings.likeliest.values
 
     @property
     def device(self) -> str:
@@ -57,13 +78,23 @@ class OnnxDetector:
 
         A box comes once for each class that the network gives it; of a class at most 100.
         """
+        answer: list[NDArray[np.generic]] = []
         shape = (rgb.shape[0], rgb.shape[1])
-        size = self.session.image_size(self.head.image_input)
-        fitted = fit(rgb, size, self.resize, self.values)
-        answer = self.session.run(self.head.outputs, self.head.inputs(fitted, shape))
+
+        def answer_of(reading: Reading) -> Answer:
+            head = reading.head
+            size = self.session.image_size(head.image_input)
+            fitted = fit(rgb, size, reading.resize, reading.values)
+            answer[:] = self.session.run(head.outputs, head.inputs(fitted, shape))
+            return answer, fitted
+
         try:
-            return self._decoded(answer, fitted, shape)
+            if not self.readings.decide(answer_of, self.threshold):
+                return _NOTHING
+            return self._decoded(*answer_of(self.readings.likeliest), shape)
         except ModelError as error:
+            if str(error).startswith(self.session.path.name):
+                raise
             raise ModelError(f"{self.name}: {error}") from error
         except (IndexError, ValueError) as error:  # shapes that it does not declare
             shapes = ", ".join(str(output.shape) for output in answer)
@@ -81,6 +112,7 @@ class OnnxDetector:
                 f"scores up to {highest:g} are no shares of 1 (percent, or values before the "
                 "sigmoid?): export the network so that its scores lie in 0..1"
             )
+        self._check_inside(found.xyxy, shape)
         xyxy = np.clip(found.xyxy, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         sides = xyxy[:, 2:] - xyxy[:, :2]
         real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]
@@ -98,6 +130,17 @@ class OnnxDetector:
             tuple(self._label(int(i)) for i in found.label[kept]),
             mask=tuple(masks),
         )
+
+    def _check_inside(self, xyxy: NDArray[np.float32], shape: tuple[int, int]) -> None:
+        """Raise ModelError where all boxes lie outside the image, as in another unit."""
+        boxes = xyxy[(np.abs(xyxy) < _FAR).all(axis=1)]
+        centre = (boxes[:, :2] + boxes[:, 2:]) / 2
+        outside = (centre < 0).any(axis=1) | (centre > shape[::-1]).any(axis=1)
+        if len(boxes) and outside.all():
+            raise ModelError(
+                f"all of its {len(boxes)} boxes lie outside the image, as in another unit or of "
+                f"another size; read as {self.head.name}, --head takes another"
+            )
 
     def _label(self, index: int) -> str:
         if 0 <= index < len(self.labels):
@@ -121,13 +164,15 @@ def load_detector(
     *,
     threshold: float = 0.25,
     labels: Sequence[str] | Path | None = None,
+    head: str | None = None,
     threads: int | None = None,
     device: str = "cpu",
 ) -> OnnxDetector:
     """Open a detector: "default", a known name (see perception.inference.model_zoo), or an ONNX
     file.
 
-    `labels` (a list, or a file with one a line) override what the network or its card says.
+    `labels` (a list, or a file with one a line) override what the network or its card says. `head`
+    is the meaning of its outputs, where a first answer leaves two: the error names them.
     `device` is "auto", "cpu", "cuda", ... Raises ModelError for anything that is no detector of a
     known interface, and for a device that is not there.
     """
@@ -135,19 +180,23 @@ def load_detector(
         raise ModelError(f"a score threshold lies in 0..1, got {threshold}")
     path, card = resolve(name_or_path, "detector")
     session = Session(path, threads, device)
-    head = head_of(session)
-    session.image_size(head.image_input)
-    head, known = _labelled(head, session, labels, card)
-    resize, values = _preparation(head, session, card)
-    return OnnxDetector(
-        name=card.name if card is not None else path.stem,
-        session=session,
-        labels=known,
-        head=head,
-        resize=resize,
-        values=values,
-        threshold=threshold,
-    )
+    heads = heads_of(session)
+    for one in heads:
+        session.image_size(one.image_input)
+    if head is not None and head not in (names := [one.name for one in heads]):
+        raise ModelError(f"{path.name} has no head {head!r}; it may have {', '.join(names)}")
+    readings, problems = list[Reading](), list[ModelError]()
+    for one in heads:
+        if head in (None, one.name):
+            try:
+                known, of_labels = _labelled(one, session, labels, card)
+                readings.append(Reading(known, of_labels, *_preparation(one, session, card)))
+            except ModelError as error:
+                problems.append(error)
+    if not readings:
+        raise problems[0]
+    name = card.name if card is not None else path.stem
+    return OnnxDetector(name, session, Readings(readings), threshold)
 
 
 def _labelled(
@@ -159,11 +208,12 @@ def _labelled(
         path, metadata = session.path, session.metadata
         return labels_for(path, classes, given=given, metadata=metadata, card=card)
 
-    if isinstance(head, RegionHead) and given is None and card is None:
+    if isinstance(head, ListHead) and head.first_label == 1:
         try:
             return head, labels(COCO_IDS)
         except ModelError:
-            return head, labels(None)
+            known = labels(None)
+            return head, known if not is_object(known[0]) else (NO_OBJECT, *known)
     try:
         return head, labels(head.classes)
     except ModelError:
@@ -179,7 +229,8 @@ def _preparation(head: Head, session: Session, card: ModelCard | None) -> tuple[
     if card is not None:
         return card.resize, card.values
     resize = session.metadata.get("resize", head.resize)
-    values = session.metadata.get("values", head.values)
+    usual = "0..255" if session.takes_bytes(head.image_input) else head.values
+    values = session.metadata.get("values", usual)
     for name, value, known in (("resize", resize, RESIZES), ("values", values, VALUES)):
         if value not in known:
             raise ModelError(

@@ -57,12 +57,16 @@ class DetectorFactory(Protocol):
 
 
 def open_detector(
-    name_or_path: str | Path, *, threshold: float = 0.25, device: str = "cpu"
+    name_or_path: str | Path,
+    *,
+    threshold: float = 0.25,
+    device: str = "cpu",
+    head: str | None = None,
 ) -> Detector:
     """A detector by name, from an ONNX file, or from a JSON file of recorded detections.
 
-    "default" is the bundled pair; a name may be that of an extension. `device`: see
-    `load_detector`. Raises ModelError for anything else, ExtensionError for a broken extension.
+    "default" is the bundled pair; a name may be that of an extension. `device` and `head`:
+    see `load_detector`. Raises ModelError for anything else, ExtensionError for a broken extension.
     """
     if name_or_path == "default":
         first, second = (
@@ -74,7 +78,7 @@ def open_detector(
     name = str(name_or_path)
     if name not in {card.name for card in cards()} and name in extensions(DETECTORS):
         return _extension(name, threshold, device)
-    return load_detector(name_or_path, threshold=threshold, device=device)
+    return load_detector(name_or_path, threshold=threshold, device=device, head=head)
 
 
 def _extension(name: str, threshold: float, device: str) -> Detector:

@@ -41,6 +41,12 @@ MAX_SIZE = 4096  # ... and the largest side of any
 _SUFFIX = "ExecutionProvider"
 #: devices that "auto" takes, best first; TensorRT builds its plans for minutes
 _PREFERRED = ("cuda", "migraphx", "rocm", "dml", "cpu")
+#: types of images, by onnxruntime's names
+_TYPES: Final = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(uint8)": np.uint8,
+}
 _NO_DEVICES = ("azure",)  # a provider that sends images away
 
 
@@ -125,26 +131,54 @@ class Session:
     ) -> list[NDArray[np.generic]]:
         """The named outputs; raises ModelError where the network refuses its inputs."""
         try:
-            found: list[NDArray[np.generic]] = self._session.run(list(outputs), inputs)
+            adapted = {name: self._adapted(name, value) for name, value in inputs.items()}
+            found: list[NDArray[np.generic]] = self._session.run(list(outputs), adapted)
         except _FAILURES as error:
             reason = str(error).splitlines()[0]
             raise ModelError(f"{self.path.name} failed on an image: {reason}") from error
         return found
 
+    def _adapted(self, name: str, value: NDArray[Any]) -> NDArray[Any]:
+        """An input [1, ...] by the axes, the type and the number of images that it declares."""
+        shape = self.inputs[name]
+        if value.ndim == 4:
+            if len(shape) == 3:
+                value, shape = value[0], [None, *shape]
+            if self._is_channels_last(name):
+                value = np.ascontiguousarray(np.moveaxis(value, -3, -1))
+            if value.ndim == 4 and isinstance(shape[0], int) and shape[0] > 1:
+                value = np.repeat(value, shape[0], axis=0)
+        type_ = _TYPES.get(self.input_types[name], value.dtype)
+        return value if value.dtype == type_ else np.rint(value).astype(type_) if (
+            np.dtype(type_).kind == "u") else value.astype(type_)  # fmt: skip
+
+    def _is_channels_last(self, name: str) -> bool:
+        """Whether an image's colours are the last axis: [N, H, W, 3]."""
+        shape = self.inputs[name]
+        return len(shape) in (3, 4) and shape[-1] == 3 and shape[-3] != 3
+
+    def takes_bytes(self, name: str) -> bool:
+        """Whether an image input takes values of 0 to 255 by its type."""
+        return self.input_types[name] == "tensor(uint8)"
+
     def image_size(self, name: str) -> tuple[int, int]:
-        """(height, width) of image input `name`, [N, 3, H, W] or [3, H, W].
+        """(height, width) of image input `name`: [N, 3, H, W] or [3, H, W], or colours last.
 
         One that takes any size gets that of the metadata `imgsz`, else 640 x 640. Raises ModelError
         for an input that is no such image.
         """
         shape = self.inputs[name][-3:]
+        if self._is_channels_last(name):
+            shape = [3, *shape[:2]]
         if len(self.inputs[name]) not in (3, 4) or (isinstance(shape[0], int) and shape[0] != 3):
             raise ModelError(
-                f"{self.path.name}: input {name} must be [N, 3, H, W], got {self.inputs[name]}"
+                f"{self.path.name}: input {name} must be [N, 3, H, W] or [N, H, W, 3], got "
+                f"{self.inputs[name]}"
             )
-        if self.input_types[name] != "tensor(float)":
+        if self.input_types[name] not in _TYPES:
             raise ModelError(
-                f"{self.path.name}: input {name} must be float32, got {self.input_types[name]}"
+                f"{self.path.name}: input {name} must be float32, float16 or uint8, got "
+                f"{self.input_types[name]}"
             )
         height, width = (
             side if isinstance(side, int) else usual

@@ -19,7 +19,13 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
-from perception.camera.depth_edges import ONE_SCENE, EdgeOffset, colour_fit, edge_offset
+from perception.camera.depth_edges import (
+    ONE_SCENE,
+    ColourJudge,
+    EdgeOffset,
+    colour_fit,
+    edge_offset,
+)
 from perception.camera.poses import CONVENTIONS, Pose, motion
 from perception.frames import Frame
 
@@ -144,6 +150,11 @@ def depth_findings(
         warnings.append(_unregistered(name, offset))
     elif shows_two_scenes(fit := colour_fit(images)):
         warnings.append(two_scenes(name, fit))
+    else:
+        judge = ColourJudge(apart=1)
+        for one in shown:
+            judge.add(one.id, one.rgb, one.depth)
+        warnings += [f"{name}: {judge.told}"] if judge.told else []
     return DepthFindings(share, offset, error, tuple(warnings))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import time
@@ -32,6 +33,13 @@ from perception.camera.intrinsics import (
 )
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
 from perception.frames import Frame
+from perception.no_return import (
+    Constant,
+    UnmovedValues,
+    shared_values,
+    told,
+    without_constants,
+)
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
 from perception.sources.depth_check import check_depth, depth_findings
@@ -71,6 +79,7 @@ FORMATS: tuple[Format, ...] = (
 )
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _log = logging.getLogger(__name__)
+SAMPLED = 16  # images, spread evenly, that are looked through for constants
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -89,6 +98,7 @@ class FolderRecording:
     transform_given: bool = False  # whether the caller gave T_map_world
     turns: int = 0  # quarters, counter-clockwise, that images are turned by; poses are turned too
     estimate: TrackingReport | None = None  # of poses that were estimated from the images
+    no_return: tuple[Constant, ...] = ()  # depths that mean that nothing was measured
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""
@@ -130,15 +140,17 @@ class FolderRecording:
         camera, apart = self.rectifier.camera, self.listing.depth_camera
         if apart is not None:
             own = _rectifier_of(apart.intrinsics.fitted(width, height))
+            measured = without_constants(own.depth(depth), own.camera.K, self.no_return)
             return register_depth(
-                own.depth(depth), own.camera.K, camera.K, apart.T_colour_depth, camera.size
+                measured, own.camera.K, camera.K, apart.T_colour_depth, camera.size
             )
         if abs(width * camera.size[1] / (height * camera.size[0]) - 1) > ASPECT_TOLERANCE:
             raise RecordingError(
                 f"{entry.depth} is {width}x{height} and colour {camera.width}x{camera.height}: "
                 "another aspect, so depth is not registered to colour"
             )
-        return self.rectifier.depth(depth)
+        rectified = self.rectifier.depth(depth)
+        return without_constants(rectified, camera.K, self.no_return)
 
 
 def open_recording(
@@ -184,6 +196,7 @@ def open_recording(
         start_time=begin if relative else 0.0,
     )
     _check_images(recording)
+    recording = _without_constants(recording, tell=o.check)
     if estimating:
         return _by_estimated_poses(recording, o, on_estimated)
     if o.check:
@@ -203,6 +216,30 @@ def open_recording(
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecording:
+    """The recording without depths that mean no return, with a line that names them."""
+    entries, apart = recording.listing.entries, recording.listing.depth_camera
+    unmoved, known = UnmovedValues(), dict[str, Constant]()
+    for entry in entries[:: max(1, len(entries) // SAMPLED)]:
+        with contextlib.suppress(RecordingError):  # told where the frame is read
+            depth = entry.depth.depth(recording.depth_scale)
+            camera = recording.rectifier.camera if apart is None else apart.intrinsics
+            K = camera.fitted(depth.shape[1], depth.shape[0]).K
+            unmoved.add(depth, K, entry.T_world_cam)
+            for one in shared_values(depth, K):
+                if not one.measurable:
+                    known.setdefault(f"{one.value:.3g}", one)
+    known |= {f"{one.value:.3g}": one for one in unmoved.found}
+    if known:
+        _log.log(
+            logging.WARNING if tell else logging.INFO,
+            "%s: depth of %s is taken for no return: no surface is shared by so many pixels",
+            recording.name,
+            told(known.values()),
+        )
+    return replace(recording, no_return=tuple(known.values()))
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:

@@ -83,6 +83,14 @@ class Head(Protocol):
     """Meaning of a network's inputs and outputs."""
 
     @property
+    def name(self) -> str:
+        """Name of this reading, for `--head`."""
+
+    @property
+    def first_label(self) -> int:
+        """Number of the first class: 0, or 1 where 0 is the background."""
+
+    @property
     def image_input(self) -> str:
         """Name of the input that takes the image."""
 
@@ -108,6 +116,9 @@ class Head(Protocol):
 
     def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
         """The network's inputs for an image of `shape` (height, width)."""
+
+    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+        """Whether the values of an answer may have this meaning."""
 
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float

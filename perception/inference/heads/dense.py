@@ -27,6 +27,12 @@ PLUS_STRIDES: Final = (8, 16, 32, 64)  # of NanoDet-Plus
 BOX: Final = 5  # numbers before the classes in YOLOX: centre, size, objectness
 BINS: Final = 8  # of a side's distribution in NanoDet
 
+REAL: Final = 0.9  # share of a network's boxes that are boxes in its input ...
+OUTSIDE: Final = 0.6  # ... or so far outside, in its sides ...
+MIN_SIDE: Final = 1.0  # ... with sides of so many pixels
+HIGHEST: Final = 100.0  # scores above 1 are refused with a line of their own
+_ROUNDING: Final = 1e-3
+
 Floats = NDArray[np.float32]
 
 
@@ -49,18 +55,45 @@ class DenseHead:
     resize: str
     values: str
     decode: Callable[[list[Floats]], Dense]
+    name: str = "boxes-scores"
+    objectness: bool = False  # whether a column of it, which is no constant, tells this head
+    corners: bool | None = None  # whether rows begin with x1, y1, x2, y2; None: all one
     overlapping: bool = True
+    first_label: int = 0
 
     def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
         """The image alone."""
         return {self.image_input: fitted.tensor}
+
+    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+        """Whether nearly all boxes lie in the input, and scores are shares of 1."""
+        arrays = [output.astype(np.float32)[0] for output in outputs]
+        with np.errstate(all="ignore"):
+            found = self.decode(arrays)
+        raw = arrays[0]
+        if self.objectness and len(raw) and np.ptp(raw[:, 4]) == 0:
+            return False
+        # of centres and sizes some are in another order than corners
+        ordered = bool((raw[:, 2:4] > raw[:, :2]).all())
+        if self.corners is not None and len(raw) > 1 and ordered != self.corners:
+            return False
+        size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
+        good = np.isfinite(found.xyxy).all(axis=1) & np.isfinite(found.scores).all(axis=1)
+        boxes, scores = found.xyxy[good], found.scores[good]
+        if not len(boxes):
+            return True  # nothing tells
+        sides = boxes[:, 2:] - boxes[:, :2]
+        inside = ((boxes > -OUTSIDE * size) & (boxes < (1 + OUTSIDE) * size)).all(axis=1)
+        real = inside & (sides >= MIN_SIDE).all(axis=1)
+        return bool(real.mean() >= REAL and scores.min() >= -_ROUNDING and scores.max() <= HIGHEST)
 
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
         """Every pair of box and class above the threshold."""
         arrays = [output.astype(np.float32)[0] for output in outputs]
-        found = self.decode(arrays)
+        with np.errstate(all="ignore"):
+            found = self.decode(arrays)
         check_equal_length(found.xyxy, found.scores)
         # a box that is not finite would suppress every other: nan compares as overlapping
         usable = np.isfinite(found.xyxy).all(axis=1, keepdims=True)
@@ -149,10 +182,23 @@ def nanodet(height: int, width: int, strides: tuple[int, ...]) -> Callable[[list
     return decode
 
 
-def yolo_v5(outputs: list[Floats]) -> Dense:
-    """Rows (n, 5 + C): centre, size, objectness, classes."""
-    raw = outputs[0]
-    return Dense(_corners(raw[:, :2], raw[:, 2:4]), raw[:, 4:5] * raw[:, BOX:])
+def decoded(
+    size: tuple[int, int], *, corners: bool = False, shares: bool = False, objectness: bool = False
+) -> Callable[[list[Floats]], Dense]:
+    """Decoder of rows (n, 4 + C), or (n, 5 + C) with objectness, of finished boxes.
+
+    These are corners, or centre and size, in pixels of the input or as `shares` of its `size`
+    (height, width).
+    """
+    scale = np.array([size[1], size[0]] * 2, np.float32) if shares else np.float32(1)
+
+    def decode(outputs: list[Floats]) -> Dense:
+        raw = outputs[0]
+        boxes = raw[:, :4] if corners else _corners(raw[:, :2], raw[:, 2:4])
+        scores = raw[:, 4:5] * raw[:, BOX:] if objectness else raw[:, 4:]
+        return Dense(boxes * scale, scores)
+
+    return decode
 
 
 def yolo_v8(prototypes: int) -> Callable[[list[Floats]], Dense]:

@@ -5,16 +5,19 @@ set prediction   exports of RT-DETR, D-FINE and DEIM with `orig_target_sizes`: l
 queries          DETR and its kin as trained: logits (Q, C), boxes (Q, 4) centre and size as shares
                  of the image; Carion et al. 2020 (arXiv 2005.12872), softmax over C - 1 classes and
                  "no object", later ones a sigmoid for each class; masks (Q, h, w) of logits
-end to end       YOLOv10 and later, and exports with suppression inside: rows x1, y1, x2, y2 [px of
-                 the input], score, class, and of segmenting ones coefficients of prototype masks
-regions          torchvision's: boxes [px of the input], labels from 1, scores, and of Mask R-CNN
-                 (He et al. 2017, arXiv 1703.06870) probabilities, of the image or of each box
+rows             YOLOv10 and later, and exports with suppression inside: x1, y1, x2, y2 [px of the
+                 input], score, class, in this order or another, and of segmenting ones coefficients
+                 of prototype masks
+lists            boxes, labels, scores apart: torchvision's (labels from 1), EfficientNMS,
+                 OpenMMLab's, TensorFlow's (shares of the image, y first), and of Mask R-CNN (He et
+                 al. 2017, arXiv 1703.06870) probabilities, of the image or of each box
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +28,11 @@ from perception.inference.heads.dense import check_equal_length, prototype_masks
 from perception.inference.session import Fitted
 
 Floats = NDArray[np.float32]
+UNUSED_IDS: Final = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)  # of COCO's 1 to 90
+_ROUNDING: Final = 1e-3
+_MOST: Final = 10_000  # classes of a network
+_SHARES: Final = 1.5  # up to which coordinates are shares of the input
+_BORDER: Final = 0.3  # share of the input by which boxes may lie outside
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +46,12 @@ class SetPredictionHead:
     resize: str = "stretch"
     values: str = "0..1"
     overlapping: bool = False
+    name: str = "set-prediction"
+    first_label: int = 0
+
+    def fits(self, *_: object) -> bool:
+        """Yes: names tell this head."""
+        return True
 
     def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
         """The image, and its width and height."""
@@ -65,6 +79,12 @@ class QueryHead:
     mask_input: tuple[str, tuple[int, ...]] | None = None  # of the mask of valid pixels
     resize: str = "stretch"
     overlapping: bool = False
+    name: str = "queries"
+    first_label: int = 0
+
+    def fits(self, *_: object) -> bool:
+        """Yes: names tell this head."""
+        return True
 
     def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
         """The image, and where the network asks for it a mask that takes all of it."""
@@ -102,41 +122,69 @@ class QueryHead:
 
 
 @dataclass(frozen=True, slots=True)
-class EndToEndHead:
-    """Rows (K, 6 + M) of finished detections, and with M > 0 prototypes (M, h, w)."""
+class RowsHead:
+    """Rows (K, 6 + M) of finished detections, and with M > 0 prototypes (M, h, w).
+
+    `order` has the columns of x1, y1, x2, y2, score and class.
+    """
 
     image_input: str
     outputs: tuple[str, ...]
-    classes: int | None = None
+    order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
+    name: str = "rows"
     resize: str = "letterbox"
+    scaled: bool = False  # whether the network takes the scale of the image, and undoes it
+    size_inputs: tuple[str, ...] = ()
+    classes: int | None = None
     values: str = "0..1"
     overlapping: bool = False
+    first_label: int = 0
 
     def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
-        """The image alone."""
-        return {self.image_input: fitted.tensor}
+        """The image, and its scale and size where the network takes them."""
+        return {self.image_input: fitted.tensor} | _size_inputs(self.size_inputs, fitted)
+
+    def _rows(self, outputs: list[NDArray[np.generic]]) -> Floats:
+        rows = outputs[0].astype(np.float32)
+        return rows[0] if rows.ndim == 3 else rows
+
+    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+        """Whether scores are shares of 1, classes whole numbers and boxes in order."""
+        rows = self._rows(outputs)[:, list(self.order)]
+        score, label = rows[:, 4], rows[:, 5]
+        return bool(
+            ((score <= 1 + _ROUNDING) & (score >= -1)).all()
+            and ((label == np.rint(label)) & (label >= -1) & (label < _MOST)).all()
+            and (rows[:, 2:4] >= rows[:, :2]).all()
+        )
 
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
         """The candidates above the threshold."""
-        rows = outputs[0].astype(np.float32)[0]
-        rows = rows[rows[:, 4] > threshold]
+        whole = self._rows(outputs)
+        whole = whole[whole[:, self.order[4]] > threshold]
+        rows = whole[:, list(self.order)]
         mask = None
         if len(outputs) > 1:
-            mask = prototype_masks(rows[:, 6:], outputs[1].astype(np.float32)[0], fitted)
-        boxes = fitted.to_image(rows[:, :4])
+            mask = prototype_masks(whole[:, 6:], outputs[1].astype(np.float32)[0], fitted)
+        boxes = rows[:, :4] if self.scaled else in_image(rows[:, :4], fitted)
         return Candidates(boxes, rows[:, 4], _whole_numbers(rows[:, 5]), mask)
 
 
 @dataclass(frozen=True, slots=True)
-class RegionHead:
-    """boxes (n, 4) [px of the input], labels (n,), scores (n,), and perhaps masks of each."""
+class ListHead:
+    """boxes (n, 4) [px of the input, or shares of it], labels (n,), scores (n,), perhaps masks.
+
+    Without scores the boxes are (n, 5), and the last column has them.
+    """
 
     image_input: str
     outputs: tuple[str, ...]
-    batched: bool  # whether the boxes have a batch dimension
-    image_batched: bool  # whether the image has one
+    with_scores: bool = True
+    down_first: bool = False  # whether boxes are y1, x1, y2, x2
+    first_label: int = 1
+    name: str = "list"
     classes: int | None = None
     resize: str = "stretch"
     values: str = "0..1"
@@ -144,17 +192,44 @@ class RegionHead:
 
     def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
         """The image alone."""
-        return {self.image_input: fitted.tensor if self.image_batched else fitted.tensor[0]}
+        return {self.image_input: fitted.tensor}
+
+    def _arrays(
+        self, outputs: list[NDArray[np.generic]]
+    ) -> tuple[Floats, NDArray[np.generic], Floats, list[NDArray[np.generic]]]:
+        """Boxes (n, 4), labels (n,), scores (n,), and masks of each."""
+        boxes, labels, *rest = outputs
+        first = boxes.astype(np.float32)
+        if first.ndim == 3:
+            first, rest = first[0], [one[0] for one in rest]
+            labels = labels[0]
+        labels = labels.reshape(-1) if labels.ndim > 1 else labels
+        if self.with_scores:
+            score = rest.pop(0).astype(np.float32)
+            score = score.reshape(-1) if score.ndim > 1 else score
+        else:
+            first, score = first[:, :4], first[:, 4]
+        check_equal_length(first, score, labels, *rest)
+        return (first[:, [1, 0, 3, 2]] if self.down_first else first), labels, score, rest
+
+    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+        """Whether labels begin with this one's first, and boxes are in order and in the image."""
+        boxes, labels, score, _ = self._arrays(outputs)
+        good = score > threshold
+        size = _extent_of(boxes[good], fitted)
+        within = boxes[good] <= size * np.float32(1 + _BORDER)
+        label = _whole_numbers(labels.astype(np.float32)[good])
+        unused = self.first_label == 1 and np.isin(label, UNUSED_IDS).any()
+        return bool((label >= self.first_label).all() and within.all() and not unused)
 
     def candidates(
         self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
     ) -> Candidates:
         """The candidates above the threshold."""
-        boxes, labels, scores, *masks = (o[0] if self.batched else o for o in outputs)
-        check_equal_length(boxes, scores, labels, *masks)
+        boxes, labels, scores, masks = self._arrays(outputs)
         found = _listed(boxes, scores, labels, threshold)
-        chosen = np.nonzero(scores.astype(np.float32) > threshold)[0]
-        image = fitted.to_image(found.xyxy)
+        chosen = np.nonzero(scores > threshold)[0]
+        image = in_image(found.xyxy, fitted)
         mask = None
         if masks:
             grids = masks[0].astype(np.float32)[chosen]
@@ -162,6 +237,32 @@ class RegionHead:
             whole = grids.shape[1:] == fitted.tensor.shape[2:]
             mask = _whole_masks(grids, fitted) if whole else _box_masks(grids, image)
         return Candidates(image, found.score, found.label, mask)
+
+
+def in_image(boxes: Floats, fitted: Fitted) -> Floats:
+    """Boxes (n, 4) in the image's pixels: of the input's, or shares of it, as their values tell."""
+    size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
+    return fitted.to_image(boxes * size if _are_shares(boxes) else boxes)
+
+
+def _are_shares(boxes: Floats) -> bool:
+    known = boxes[np.isfinite(boxes).all(axis=1)]
+    return bool(len(known)) and float(np.abs(known).max()) <= _SHARES
+
+
+def _extent_of(boxes: Floats, fitted: Fitted) -> Floats:
+    """x, y, x, y of the lower right corner in the boxes' unit."""
+    size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
+    return np.ones(4, np.float32) if _are_shares(boxes) else size
+
+
+def _size_inputs(names: tuple[str, ...], fitted: Fitted) -> dict[str, NDArray[np.generic]]:
+    """Inputs of PaddleDetection's networks: the input's size, and the scale of the image."""
+    known = {
+        "im_shape": np.array([fitted.tensor.shape[2:]], np.float32),
+        "scale_factor": np.array([fitted.scale[::-1]], np.float32),
+    }
+    return {name: known[name] for name in names}
 
 
 def _listed(

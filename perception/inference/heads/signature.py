@@ -1,7 +1,12 @@
-"""Recognition of a network's head by names, types and shapes of its inputs and outputs."""
+"""Recognition of a network's heads by names, types and shapes of its inputs and outputs.
+
+Where these fit several readings, the values of a first answer decide
+(`perception.inference.heads.readings`).
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -12,18 +17,19 @@ from perception.inference.heads.dense import (
     BOX,
     PLUS_STRIDES,
     STRIDES,
+    Dense,
     DenseHead,
     boxes_and_scores,
     cells,
+    decoded,
     nanodet,
-    yolo_v5,
     yolo_v8,
     yolox,
 )
 from perception.inference.heads.listed import (
-    EndToEndHead,
+    ListHead,
     QueryHead,
-    RegionHead,
+    RowsHead,
     SetPredictionHead,
 )
 from perception.inference.session import Session
@@ -31,24 +37,59 @@ from perception.inference.session import Session
 KNOWN: Final = (
     "images, orig_target_sizes -> labels, boxes, scores (RT-DETR, D-FINE, DEIM); image -> logits, "
     "pred_boxes (DETR); boxes [1, N, 4], scores [1, N, C]; [1, N, 5 + C] (YOLOX, YOLOv5); "
-    "[1, 4 + C, N] (YOLOv8, 11), with prototypes; [1, N, 6] (YOLOv10); [1, N, C + 32] (NanoDet); "
-    "boxes [n, 4], labels [n], scores [n], masks (torchvision)"
+    "[1, 4 + C, N] (YOLOv8, 11), with prototypes; rows of boxes, scores and classes, [1, N, 6] or "
+    "[N, 7]; [1, N, C + 32] (NanoDet); boxes [n, 4], labels [n], scores [n], masks (torchvision, "
+    "TensorFlow, OpenMMLab, EfficientNMS)"
 )
 _SIZES: Final = ("orig_target_sizes", "orig_sizes", "target_sizes")
+_SCALES: Final = ("im_shape", "scale_factor")  # inputs of PaddleDetection
 _QUERIES: Final = (
     # logits, boxes, masks, values of images
     ("logits", "pred_boxes", "pred_masks", "0..1"),
     ("pred_logits", "pred_boxes", "pred_masks", "0..1"),
     ("labels", "dets", "masks", "imagenet"),  # RF-DETR
 )
-_MAX_ROWS: Final = 1000  # rows of an end-to-end head
+_MAX_ROWS: Final = 1000  # rows of a list
 _OTHER_TASKS: Final = ("classify", "pose", "obb")
+_STRIDE_SETS: Final = (STRIDES, PLUS_STRIDES, (4, 8, 16, 32))
+#: columns of x1, y1, x2, y2, score and class in rows, by the number of columns
+_ORDERS: Final = {
+    6: {
+        "rows": (0, 1, 2, 3, 4, 5),
+        "rows-class-score": (0, 1, 2, 3, 5, 4),
+        "rows-class-first": (2, 3, 4, 5, 1, 0),
+        "rows-score-first": (2, 3, 4, 5, 0, 1),
+    },
+    7: {
+        "rows-of-batch": (1, 2, 3, 4, 5, 6),
+        "rows-of-batch-class-score": (1, 2, 3, 4, 6, 5),
+        "rows-of-batch-class-first": (3, 4, 5, 6, 2, 1),
+    },
+}
+#: roles of outputs by their names, the first that matches; what is left has none
+_ROLES: Final = (
+    ("", r"^raw_|anchor|multiclass|index"),
+    ("masks", r"mask"),
+    ("count", r"^num|num_|count"),
+    ("scores", r"score|conf|prob"),
+    ("labels", r"class|label|categor"),
+    ("boxes", r"box|^dets|_dets"),
+)
+#: heads of lists by all their outputs' names: (pattern, y first, first labels, resize)
+_LISTS: Final = (
+    (r"num_dets|graph\d*_|pred_(boxes|classes)|(^|,)dets(,|$)", (False,), (0,), "letterbox"),
+    (r"detection_boxes", (True,), (1,), "stretch"),
+    (r"^boxes,labels,scores", (False,), (1,), "stretch"),
+    (r"^boxes,(scores,(classes|labels)|classes,scores)", (False,), (0,), "letterbox"),
+    (r"(^|,)num|num_", (False,), (0,), "letterbox"),
+    (r"", (False,), (0, 1), "stretch"),
+)
 
 Shape = list[Any]
 
 
-def head_of(session: Session, labels: int | None = None) -> Head:
-    """The head of a network; `labels` is the number of its labels where these are known.
+def heads_of(session: Session) -> list[Head]:
+    """The readings of a network that its inputs and outputs allow, the likeliest first.
 
     Raises ModelError for a network of another interface.
     """
@@ -56,25 +97,23 @@ def head_of(session: Session, labels: int | None = None) -> Head:
     if task in _OTHER_TASKS:
         raise ModelError(f"{session.path.name} is a network to {task}; detect or segment would do")
     for match in _MATCHES:
-        head = match(session, labels)
-        if head is not None:
-            return head
+        found = list(match(session))
+        if found:
+            return found
     raise ModelError(
         f"{session.path.name} is no detector of a known interface ({session.interface()}); "
         f"known: {KNOWN}"
     )
 
 
-def _set_prediction(session: Session, _: int | None) -> Head | None:
+def _set_prediction(session: Session) -> Iterator[Head]:
     size = next((name for name in session.inputs if name in _SIZES), None)
-    if len(session.inputs) != 2 or size is None:
-        return None
-    if not {"labels", "boxes", "scores"} <= set(session.outputs):
-        return None
-    return SetPredictionHead(next(name for name in session.inputs if name != size), size)
+    named = {"labels", "boxes", "scores"} <= set(session.outputs)
+    if len(session.inputs) == 2 and size is not None and named:
+        yield SetPredictionHead(next(name for name in session.inputs if name != size), size)
 
 
-def _queries(session: Session, _: int | None) -> Head | None:
+def _queries(session: Session) -> Iterator[Head]:
     for logits, boxes, masks, values in _QUERIES:
         if not {logits, boxes} <= set(session.outputs):
             continue
@@ -87,8 +126,8 @@ def _queries(session: Session, _: int | None) -> Head | None:
         image = next(name for name in session.inputs if real is None or name != real[0])
         with_masks = (masks,) if masks in session.outputs else ()
         outputs = (logits, boxes, *with_masks)
-        return QueryHead(image, outputs, classes[2], values, mask_input=real)
-    return None
+        yield QueryHead(image, outputs, classes[2], values, mask_input=real)
+        return
 
 
 def _real_pixels(session: Session) -> tuple[str, tuple[int, ...]] | None:
@@ -100,27 +139,53 @@ def _real_pixels(session: Session) -> tuple[str, tuple[int, ...]] | None:
     return "pixel_mask", (1, *(n if isinstance(n, int) else side for n, side in given))
 
 
-def _regions(session: Session, _: int | None) -> Head | None:
-    if len(session.inputs) != 1:
-        return None
+def _roles(session: Session) -> dict[str, str]:
+    """Outputs of a list by their roles: by names, else by types and shapes."""
+    found = dict[str, str]()
+    for name in session.outputs:
+        role = next((role for role, names in _ROLES if re.search(names, name.lower())), None)
+        if role:
+            found.setdefault(role, name)
+    if {"boxes", "labels"} <= set(found):
+        return found
     shapes = session.outputs
-    for batched in (False, True):
-        rank = 1 + batched
+    for rank in (1, 2):
         boxes = [n for n, s in shapes.items() if len(s) == rank + 1 and s[-1] == 4]
         flat = [n for n, s in shapes.items() if len(s) == rank]
         labels = [n for n in flat if "int" in session.output_types[n] and n != "num_dets"]
         scores = [n for n in flat if "float" in session.output_types[n]]
-        masks = [n for n, s in shapes.items() if len(s) >= 3 + batched and n not in boxes]
+        masks = [n for n, s in shapes.items() if len(s) >= 2 + rank and n not in boxes]
         if len(boxes) == len(labels) == len(scores) == 1 and len(masks) <= 1:
+            roles = ("boxes", "labels", "scores", "masks")
+            return dict(zip(roles, (*boxes, *labels, *scores, *masks), strict=False))
+    return {}
+
+
+def _lists(session: Session) -> Iterator[Head]:
+    roles, shapes = _roles(session), session.outputs
+    if len(session.inputs) != 1 or not {"boxes", "labels"} <= set(roles):
+        return
+    boxes, with_scores = shapes[roles["boxes"]], "scores" in roles
+    flat = [shapes[roles[one]] for one in ("labels", "scores") if one in roles]
+    listed = all(len(s) < len(boxes) or (len(s) == len(boxes) and s[-1] == 1) for s in flat)
+    if len(boxes) not in (2, 3) or boxes[-1] != (4 if with_scores else 5) or not listed:
+        return
+    names = ",".join(shapes).lower()
+    downs: tuple[bool, ...]
+    _, downs, firsts, resize = next(one for one in _LISTS if re.search(one[0], names))
+    if downs == (True,) and "int" in session.output_types[roles["labels"]]:
+        downs, firsts = (True, False), (0,)  # EfficientNMS has TensorFlow's names, too
+    outputs = tuple(roles[one] for one in ("boxes", "labels", "scores", "masks") if one in roles)
+    for down in downs:
+        for first in firsts:
+            name = f"list{'-y-first' * down}-labels-from-{first}"
             image = next(iter(session.inputs))
-            outputs = (*boxes, *labels, *scores, *masks)
-            return RegionHead(image, outputs, batched, len(session.inputs[image]) == 4)
-    return None
+            yield ListHead(image, outputs, with_scores, down, first, name, resize=resize)
 
 
-def _boxes_and_scores(session: Session, _: int | None) -> Head | None:
+def _boxes_and_scores(session: Session) -> Iterator[Head]:
     if len(session.inputs) != 1:
-        return None
+        return
     shapes = {name: s for name, s in session.outputs.items() if len(s) == 3}
     if {"boxes", "scores"} <= set(shapes):
         names = ("boxes", "scores")
@@ -128,61 +193,89 @@ def _boxes_and_scores(session: Session, _: int | None) -> Head | None:
         first, second = sorted(shapes, key=lambda name: shapes[name][2] != 4)
         names = (first, second)
     else:
-        return None
+        return
     boxes, scores = (shapes[name] for name in names)
-    unlike = names != ("boxes", "scores") and boxes[1] != scores[1]
-    if boxes[2] != 4 or not isinstance(scores[2], int) or unlike:
-        return None
+    # [1, C, N], as PaddleDetection has it
+    by_class = boxes[1] == scores[2] and isinstance(scores[1], int) and boxes[1] > 10 * scores[1]
+    classes = scores[1] if by_class else scores[2]
+    unlike = names != ("boxes", "scores") and boxes[1] != scores[1] and not by_class
+    if boxes[2] != 4 or not isinstance(classes, int) or unlike:
+        return
+
+    def decode(outputs: list[Any]) -> Dense:
+        return boxes_and_scores([outputs[0], outputs[1].T if by_class else outputs[1]])
+
     image = next(iter(session.inputs))
-    return DenseHead(image, names, scores[2], "letterbox", "0..255", boxes_and_scores)
+    yield DenseHead(image, names, classes, "letterbox", "0..255", decode)
 
 
-def _rows(session: Session, labels: int | None) -> Head | None:
+def _rows(session: Session) -> Iterator[Head]:
     """Heads of one output of rows or columns, and perhaps prototypes of masks."""
+    sizes = tuple(name for name in session.inputs if name in _SCALES)
+    images = [name for name in session.inputs if name not in _SCALES]
     prototypes = [name for name, s in session.outputs.items() if len(s) == 4]
-    rows = [name for name, s in session.outputs.items() if len(s) == 3]
-    if len(session.inputs) != 1 or len(rows) != 1 or len(prototypes) > 1:
-        return None
-    if len(rows) + len(prototypes) != len(session.outputs):
-        return None
+    rows = [
+        n for n, s in session.outputs.items() if len(s) == 3 or (len(s) == 2 and s[1] in (6, 7))
+    ]
+    counts = [name for name, s in session.outputs.items() if len(s) <= 1]
+    if len(images) != 1 or len(rows) != 1 or len(prototypes) > 1:
+        return
+    if len(rows) + len(prototypes) + len(counts) != len(session.outputs):
+        return
     channels = session.outputs[prototypes[0]][1] if prototypes else 0
     if not isinstance(channels, int):
-        return None
-    image, names = next(iter(session.inputs)), (rows[0], *prototypes)
+        return
+    image, names = images[0], (rows[0], *prototypes)
     shape, size = session.outputs[rows[0]], session.image_size(image)
-    if shape[2] == 6 + channels and isinstance(shape[1], int | str) and _is_list(shape[1]):
-        return EndToEndHead(image, names)
-    heads = _grid_heads(shape, size, channels, labels)
-    return next((DenseHead(image, names, *rest) for rest in heads), None)
-
-
-def _is_list(rows: int | str) -> bool:
-    return isinstance(rows, str) or rows <= _MAX_ROWS
-
-
-_Rest = tuple[int, str, str, Callable[..., Any]]
+    width, many = shape[-1], shape[-2]
+    listed = isinstance(many, str) or (isinstance(many, int) and many <= _MAX_ROWS)
+    if isinstance(width, int) and listed and not (channels and width != 6 + channels):
+        resize = "stretch" if sizes else "letterbox"
+        for name, order in _ORDERS.get(width - channels, {}).items():
+            yield RowsHead(image, names, order, name, resize, "scale_factor" in sizes, sizes)
+    if len(shape) == 3 and not sizes:
+        yield from _grid_heads(image, names, shape, size, channels)
 
 
 def _grid_heads(
-    shape: Shape, size: tuple[int, int], prototypes: int, labels: int | None
-) -> Iterator[_Rest]:
-    """(classes, resize, values, decoder) of the heads that a shape [1, N, W] or [1, W, N] fits."""
+    image: str, names: tuple[str, ...], shape: Shape, size: tuple[int, int], prototypes: int
+) -> Iterator[Head]:
+    """The heads that a shape [1, N, W] or [1, W, N] fits."""
     _, high, wide = shape
-    count = cells(*size)
-    is_columns = wide == count or isinstance(wide, str)
-    if is_columns and isinstance(high, int) and high > 4 + prototypes:
-        yield high - 4 - prototypes, "letterbox", "0..1", yolo_v8(prototypes)
-    if prototypes or not isinstance(wide, int) or not isinstance(high, int):
+    counts = {cells(*size, strides) * anchors for strides in _STRIDE_SETS for anchors in (1, 3)}
+    columns = wide in counts or (isinstance(wide, str) and isinstance(high, int))
+    if columns and isinstance(high, int) and high > 4 + prototypes:
+        head = yolo_v8(prototypes)
+        yield DenseHead(image, names, high - 4 - prototypes, "letterbox", "0..1", head, "yolov8")
+    if prototypes or not isinstance(wide, int):
         return
+    one, three = cells(*size), 3 * cells(*size)
+    few = isinstance(high, int) and high <= _MAX_ROWS
+    unknown = not isinstance(high, int)
     of_nanodet = wide - 4 * BINS
-    strides = {count: STRIDES, cells(*size, PLUS_STRIDES): PLUS_STRIDES}.get(high)
-    plausible = strides == PLUS_STRIDES or of_nanodet == (labels or 80)
-    if strides is not None and of_nanodet > 0 and plausible:
-        yield of_nanodet, "stretch", "imagenet bgr", nanodet(*size, strides)
-    if high == count and wide > BOX:
-        yield wide - BOX, "letterbox", "0..255 bgr", yolox(*size)
-    if high == 3 * count and wide > BOX:
-        yield wide - BOX, "letterbox", "0..1", yolo_v5
+    strides = {one: STRIDES, cells(*size, PLUS_STRIDES): PLUS_STRIDES}.get(high)
+    if strides is not None and of_nanodet > 0 and (strides == PLUS_STRIDES or of_nanodet == 80):
+        decode = nanodet(*size, strides)
+        yield DenseHead(image, names, of_nanodet, "stretch", "imagenet bgr", decode, "nanodet")
+    #: name, whether the shape allows it, numbers before the classes, resize, values, decoder
+    centres, with_object = decoded(size), decoded(size, objectness=True)
+    corners_, shares = decoded(size, corners=True), decoded(size, shares=True)
+    box, rgb = "letterbox", "0..1"
+    table: tuple[tuple[str, bool, int, str, str, Callable[..., Any]], ...] = (
+        ("yolox", high == one, BOX, box, "0..255 bgr", yolox(*size)),
+        ("yolox-decoded", high == one, BOX, box, "0..255 bgr", with_object),
+        ("yolov5", high in (one, three) or unknown, BOX, box, rgb, with_object),
+        ("yolov8-rows", high in counts or unknown, 4, box, rgb, centres),
+        ("corners-rows", high in counts or few, 4, box, rgb, corners_),
+        ("rtdetr", few or unknown, 4, "stretch", rgb, shares),
+    )  # fmt: skip
+    for name, allowed, before, resize, values, decode in table:
+        if allowed and wide > before:
+            corners = None if name == "yolox" else name == "corners-rows"
+            objectness = name == "yolox-decoded"
+            yield DenseHead(
+                image, names, wide - before, resize, values, decode, name, objectness, corners
+            )
 
 
-_MATCHES: Final = (_set_prediction, _queries, _regions, _boxes_and_scores, _rows)
+_MATCHES: Final = (_set_prediction, _queries, _lists, _boxes_and_scores, _rows)

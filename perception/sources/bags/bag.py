@@ -21,7 +21,13 @@ from perception.camera.poses import Pose, checked_pose
 from perception.sources.bags.bag_file import bag_path
 from perception.sources.bags.bag_images import MessageSource, frame_id, images_of
 from perception.sources.bags.bag_index import BagIndex, Stream, read_index
-from perception.sources.bags.bag_poses import PoseSource, UnposedError, pose_source, up_of_camera
+from perception.sources.bags.bag_poses import (
+    PoseSource,
+    UnposedError,
+    pose_source,
+    up_of_camera,
+    warn_of_publishers,
+)
 from perception.sources.bags.bag_topics import (
     camera_topic,
     cameras,
@@ -136,6 +142,8 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
             "recorded after the last time is read",
             index.path,
         )
+    if poses is not None:
+        warn_of_publishers(str(index.path), poses, colour.frame)
     if poses is not None and poses.others and poses.topic is not None:
         _log.warning(
             "%s: poses of %s are taken for those of %s; --pose-frame %s if they are of that frame",

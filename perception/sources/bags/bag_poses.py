@@ -7,6 +7,7 @@ a bag, by the namespace of its tf, has a tree of its own.
 from __future__ import annotations
 
 import itertools
+import logging
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,14 +23,21 @@ from perception.sources.bags.bag_file import BagFile
 from perception.sources.bags.bag_index import ODOMETRY, PATH, POSES, BagIndex, Stream
 from perception.sources.listing import Streams
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name, nanoseconds
-from perception.sources.ros.transform_tree import TransformTree, pose_of_origin, read_mounts
+from perception.sources.ros.transform_tree import (
+    MAP_FRAMES,
+    TransformTree,
+    pose_of_origin,
+    read_mounts,
+)
 
-MAP_FRAMES: Final = ("map", "world", "odom")
 POSE_TYPES: Final = (ODOMETRY, *POSES, PATH)
 MAX_NAMED: Final = 12  # frames in an error
 _AIM: Final = re.compile("goal|target|initialpose|clicked|setpoint|command|desired|reference")
 OPTICAL: Final = ("optical", "camera", "cam")  # in names of frames, the likeliest first
 BODIES: Final = ("base_link", "base_footprint", "base", "body", "imu")
+
+
+_log = logging.getLogger(__name__)
 
 
 class UnposedError(RecordingError):
@@ -139,7 +147,34 @@ def mount(given: str) -> Pose:
     return pose_of_origin(numbers[:3], numbers[3:])
 
 
+def warn_of_publishers(path: str, poses: PoseSource, camera: str) -> None:
+    """Warn of frames with several parents, and of transforms that contradict each other."""
+    tree, chain = poses.tree, poses.tree.ancestors(camera)
+    for child, parent, others in tree.other_parents(chain[:-1]):
+        _log.warning(
+            "%s: %s is below %s and %s; %s is taken, --map-frame %s takes another",
+            path,
+            child,
+            parent,
+            ", ".join(others),
+            parent,
+            others[0],
+        )
+    for child in chain[:-1]:
+        if apart := tree.contradiction(child):
+            _log.warning(
+                "%s: transforms %s -> %s contradict each other by %.2f m, as of two publishers; "
+                "--pose-topic TOPIC of one of them, --poses FILE or --poses estimate would work",
+                path,
+                tree.parent(child),
+                child,
+                apart,
+            )
+
+
 def _by_tf(tree: TransformTree, camera: str, streams: Streams) -> PoseSource | None:
+    if streams.map_frame is not None:
+        tree.lead(camera, streams.map_frame)
     above = tree.ancestors(camera)
     linked = [f for f, chain in tree.chains().items() if chain[-1] == above[-1] and f != camera]
     given = streams.map_frame

@@ -19,6 +19,7 @@ from perception.camera.gravity_alignment import FRAMES, Up, gravity_aligned_tran
 from perception.camera.intrinsics import Intrinsics, Rectifier
 from perception.camera.poses import Pose
 from perception.frames import Frame
+from perception.no_return import UnmovedValues, told, without_constants
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.folders.image_files import ImageFile
@@ -96,6 +97,7 @@ class LiveRecording:
                     break
             if self._failed and not self._first:
                 raise self._failed[0]
+            self._drop_constants()
             if check and self._first and self.tracker is None:
                 poses = [frame.T_map_cam for frame in self._first]
                 scale, at = self.stream.depth_scale, self._first.__getitem__
@@ -122,6 +124,18 @@ class LiveRecording:
             if up is not None:
                 return frame.T_map_cam[:3, :3] @ up
         return None
+
+    def _drop_constants(self) -> None:
+        """Drop depths that stay the same while the camera moves, here and in later frames."""
+        unmoved = UnmovedValues()
+        for one in self._first if self.tracker is None else ():
+            unmoved.add(one.depth, one.K, one.T_map_cam)
+        if known := unmoved.found:
+            _log.warning("%s: depth of %s is taken for no return", self.name, told(known))
+            self.stream.drop(known)
+            self._first = [
+                replace(f, depth=without_constants(f.depth, f.K, known)) for f in self._first
+            ]
 
     def _leveled(self, up: Up | None) -> Pose:
         try:

@@ -24,6 +24,7 @@ from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Rectifier, clear_turns, turned_poses
 from perception.camera.poses import CONVENTIONS, Pose, gridded_pose
 from perception.frames import Frame
+from perception.no_return import Constant
 from perception.sources.bags.bag import (
     Choice,
     camera_of,
@@ -368,6 +369,11 @@ class FrameStream:
             return None
         self._counts.taken += 1
         return frame
+
+    def drop(self, constants: tuple[Constant, ...]) -> None:
+        """Take depths of these values for no return from now on."""
+        if self._camera is not None:
+            self._camera = replace(self._camera, no_return=constants)
 
     def _opened(self, entry: FrameEntry) -> FolderRecording:
         """Recording without frames that decodes images: the cameras, fitted to the first image."""

@@ -32,7 +32,11 @@ MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still in
 MAX_LINKS: Final = 10_000  # in a tree
 MAX_DEPTH: Final = 100  # links between a frame and its root
 MAX_TRANSFORMS: Final = 1_000  # in a message
+MAP_FRAMES: Final = ("map", "world", "odom")  # the parents that lead to them are preferred
 CORRECTED: Final = "odom"  # frame whose transform in its parent corrects odometry
+APART: Final = 0.05  # [m] between transforms of one moment by two publishers ...
+TOLD: Final = 0.05  # ... of this share of all, ...
+MIN_TOLD: Final = 10  # ... which are so many
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -144,14 +148,56 @@ class TransformTree:
         return tuple(sorted({*self._links, *(p for links in self._links.values() for p in links)}))
 
     def parent(self, child: str) -> str | None:
-        """Parent of a frame, None of a root; of several, the one with the most transforms."""
+        """Parent of a frame, None of a root.
+
+        Of several, the one that map, world or odom is above of, in this order; then the one with
+        the most transforms.
+        """
         links = self._links.get(frame_name(child))
         if not links:
             return None
         preferred = self._preferred.get(frame_name(child))
         if preferred in links:
             return preferred
-        return max(links, key=lambda parent: (len(links[parent]), parent))
+        if len(links) == 1:
+            return next(iter(links))
+        return max(links, key=lambda p: (-self._map_frame_above(p), len(links[p]), p))
+
+    def _map_frame_above(self, frame: str) -> int:
+        """Index of the first of MAP_FRAMES that a frame is or is below of, by any parents."""
+        above = {one.rpartition("/")[2] for one in self._all_above(frame)}
+        return next((i for i, name in enumerate(MAP_FRAMES) if name in above), len(MAP_FRAMES))
+
+    def _all_above(self, frame: str) -> dict[str, str]:
+        """`frame` and all frames above it by any parents, each with the one below it."""
+        found, left = {frame: ""}, [frame]
+        while left:
+            child = left.pop()
+            for parent in self._links.get(child, ()):
+                if parent not in found:
+                    found[parent] = child
+                    left.append(parent)
+        return found
+
+    def lead(self, child: str, target: str) -> None:
+        """Prefer the parents by which `target` is above `child`, where any are."""
+        below, target = self._all_above(frame_name(child)), frame_name(target)
+        while below.get(target):
+            self.prefer(target, below[target])
+            target = below[target]
+
+    def other_parents(self, chain: Sequence[str]) -> list[tuple[str, str, list[str]]]:
+        """Frames of a chain with their parent in it, where they have others, and these."""
+        links = [(child, self.parent(child), self._links.get(child, {})) for child in chain]
+        return [
+            (child, parent, sorted(one for one in parents if one != parent))
+            for child, parent, parents in links
+            if parent is not None and len(parents) > 1
+        ]
+
+    def contradiction(self, child: str) -> float:
+        """Distance [m] between what two publishers tell of a frame in its parent; 0 for one."""
+        return 0.0 if self.parent(child) is None else self._link(child).contradiction()
 
     def is_static(self, child: str) -> bool:
         """Whether the link of `child` to its parent is static."""
@@ -287,6 +333,23 @@ class _Link:
             q = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
             self._ordered = Trajectory(table[:, 0], table[:, 1:4], q)
         return self._ordered
+
+    def contradiction(self) -> float:
+        """Distance [m] of transforms that jump away and back, as by two publishers; else 0."""
+        if self.static or len(self) < MIN_TOLD:
+            return 0.0
+        table = np.frombuffer(self._rows).reshape(-1, 8)
+        table = table[np.argsort(table[:, 0], kind="stable")]
+        before, now, after = (table[i : len(table) - 2 + i, 1:4] for i in range(3))
+        off = np.linalg.norm(now - (before + after) / 2, axis=1)
+        there = np.linalg.norm(after - before, axis=1)
+        away = (off > APART) & (off > 2 * there)
+        same = np.diff(table[:, 0]) == 0
+        apart = np.linalg.norm(np.diff(table[:, 1:4], axis=0), axis=1)
+        twice = apart[same & (apart > APART)]
+        if away.mean() < TOLD and len(twice) < TOLD * len(table):
+            return 0.0
+        return float(np.median(np.concatenate([off[away], twice])))
 
     def at(self, stamp: float) -> Pose | None:
         trajectory = self.trajectory()
