@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rosbags")
-from perception.sources.bags.bag_file import RawMessage, decoded, message_types
+from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live import connection, ros1, ros1_publisher, tcpros
 from perception.sources.live.ros1 import ask
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.tcpros import TcprosConnection
+from perception.sources.ros.message_types import message_types
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.waiting import until
 

@@ -10,12 +10,13 @@ import pytest
 
 pytest.importorskip("rosbags")
 from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, NOTE_TOPIC
-from perception.sources.bags.bag_file import RawMessage, message_types
+from perception.sources.bags.bag_file import RawMessage
 from perception.sources.listing import Streams
 from perception.sources.live import connection, stream
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
+from perception.sources.ros.message_types import message_types
 
 Messages = Callable[[str], list[RawMessage]]
 
