@@ -86,7 +86,7 @@ class Publisher(Protocol):
 #: topic of a scene -> topic that a robot hears: /map belongs to its own localisation
 PUBLISHED: Final = {
     topic: "/hereabouts/floor" if topic == "/map" else topic
-    for topic in ("/map", _OBJECTS, _MARKERS, _SURFACE, "/hereabouts/plan")
+    for topic in ("/map", _OBJECTS, _MARKERS, _SURFACE)
 }
 #: the frame of the map in tf, levelled and with its floor at 0, and the number of each category
 FRAME: Final = "hereabouts"
@@ -147,4 +147,5 @@ class RosViewer(TopicViewer):
             count = {"database_location": CLASSES, "database_version": len(self._classes)}
             info = self._messages.make(_INFO, header=header, method="hereabouts", **count)
             self._publisher.publish(INFO, info)
-        self._publisher.publish(PUBLISHED[topic], message)
+        if topic in PUBLISHED:  # a plan has no place here
+            self._publisher.publish(PUBLISHED[topic], message)

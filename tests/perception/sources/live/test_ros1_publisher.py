@@ -105,6 +105,24 @@ def test_what_is_published_is_heard_and_latched_for_who_comes_later(master: Fake
     assert not master.publishers[TOPIC]
 
 
+def test_a_subscriber_that_stalls_misses_messages_and_holds_nobody_up(master: FakeMaster) -> None:
+    large = string("x" * 1_000_000)
+    with publisher(master) as made, socket.create_connection(tcpros_address(master)) as stalled:
+        connection = TcprosConnection(stalled, "test", threading.Event())
+        connection.send_fields({"callerid": "/test", "topic": TOPIC, "md5sum": "*"})
+        connection.fields()  # and reads nothing more for now
+        with listening(master) as inbox:
+            until(lambda: made.subscribers(TOPIC) == 2)
+            for _ in range(30):  # far more than the sockets buffer
+                made.publish(TOPIC, large)
+                assert inbox.heard.get(timeout=20) == large.data
+        made.publish(TOPIC, string("the last"))
+        heard = [connection.block(1 << 21)]
+        while heard[-1] != b"\x08\x00\x00\x00the last":
+            heard.append(connection.block(1 << 21))
+        assert len(heard) < 31
+
+
 def test_a_restarted_master_gets_to_know_the_node_again(master: FakeMaster) -> None:
     with publisher(master) as made:
         master.forget()
