@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
         if run is None:
             raise RecordingError(f"{arguments.recording}: no frame was mapped")
         through_outages(arguments.into, ended, mapped, run)
-    return 0
+    return 0 if mapped.count or connection is None else 1
 
 
 @contextmanager
