@@ -13,12 +13,11 @@ import argparse
 import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import chain, count
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from hereabouts.cli.arguments import end_at_latest, positive, title_for, whole
 from hereabouts.cli.console import note
@@ -36,13 +35,20 @@ from hereabouts.cli.network_options import (
     open_networks,
 )
 from hereabouts.cli.recording_options import add_source_arguments, source_options
+from hereabouts.cli.ros_connections import (
+    PUBLISH,
+    REALSENSE,
+    SOURCES,
+    connection_to,
+    publish_to,
+)
 from hereabouts.cli.server_outages import MappedFrames, through_outages
 from hereabouts.cli.teach import with_taught_rooms
 from hereabouts.cli.viewers import open_viewers
 from kg.model.errors import RecordingError
-from kg.model.extensions import CONNECTIONS, extensions
 
 if TYPE_CHECKING:
+    from hereabouts.cli.ros_connections import Publish
     from hereabouts.display.viewers.viewer import Viewer
     from kg.maps.semantic_map import SemanticMap
     from mapping.alignment.pose_correction import LiveCorrection
@@ -56,13 +62,6 @@ if TYPE_CHECKING:
     from perception.sources.live.stream_counts import StreamCounts
     from perception.sources.recording_options import RecordingOptions
 
-SOURCES: Final = (
-    "ros1 or ros1://HOST:11311, ros2 or ros2://DOMAIN, ws://HOST:8765 (Foxglove), realsense, "
-    "realsense:SERIAL or realsense:FILE.db3 (a recording, played), or a folder that is being "
-    "written"
-)
-REALSENSE: Final = "realsense"
-
 
 def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
@@ -71,13 +70,15 @@ def add(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--idle", type=positive, metavar="SECONDS", help="end after so long without a frame"
     )
+    parser.add_argument("--publish", nargs="?", const="", metavar="TO", help=PUBLISH)
     add_source_arguments(parser)
     add_network_arguments(parser)
     add_mapping_arguments(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    connection = _connection(arguments.recording)
+    connection = connection_to(arguments.recording)
+    publish = publish_to(arguments, arguments.recording)
     if connection is not None and (arguments.format != "auto" or arguments.same_frame):
         arguments.usage_error(
             "--format and --same-frame need a folder; poses of topics have a map frame "
@@ -90,69 +91,11 @@ def run(arguments: argparse.Namespace) -> int:
     prepare = _folder_run if connection is None else partial(_stream_run, connection)
     with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
         mapped = MappedFrames()
-        run = prepare(arguments, source, networks, options, viewer, ended, mapped)
+        run = prepare(arguments, source, networks, options, viewer, ended, mapped, publish)
         if run is None:
             raise RecordingError(f"{arguments.recording}: no frame was mapped")
         through_outages(arguments.into, ended, mapped, run)
-    return 0
-
-
-def _connection(source: str) -> Connection | None:
-    """The connection to `source`; None for a folder. Raises RecordingError for neither."""
-    is_address = "://" in source or source in ("ros1", "ros2")
-    scheme = source.partition("://")[0] if is_address else ""
-    if scheme in ("ros1", "ros2", "ws", "wss"):
-        require_ros(source, "rosbags")
-    if scheme == "ros1":
-        from perception.sources.live.ros1 import Ros1Master
-
-        return Ros1Master.at(source)
-    if scheme == "ros2":
-        require_ros(source, "cyclonedds", "dds")
-        from perception.sources.live.ros2 import Ros2Domain
-
-        return Ros2Domain.at(source)
-    if scheme in extensions(CONNECTIONS):
-        require_ros(source, "rosbags")
-        from perception.sources.live.connection import AddedConnection
-
-        return AddedConnection.at(source)
-    if scheme in ("ws", "wss"):
-        require_ros(source, "websockets")
-        from perception.sources.live.foxglove import FoxgloveConnection
-
-        return FoxgloveConnection.at(source)
-    if source.partition(":")[0] == REALSENSE and not Path(source).is_dir():
-        require_ros(source, "rosbags", REALSENSE)
-        require_ros(source, "pyrealsense2", REALSENSE)
-        from perception.sources.live.realsense import RealSenseCamera
-
-        return RealSenseCamera.at(source)
-    if source == "oak" and not Path(source).exists():
-        raise RecordingError(
-            "there is no driver of OAK cameras here; ros2 launch depthai_ros_driver "
-            "camera.launch.py, then `hereabouts live ros2` would work"
-        )
-    if scheme or not Path(source).is_dir():
-        raise RecordingError(f"{source!r} is no source of frames; give {SOURCES}")
-    return None
-
-
-def require_ros(source: str, package: str, extra: str = "ros") -> None:
-    """Raise RecordingError if the package that `source` needs is missing, or does not load."""
-    from importlib import import_module
-
-    try:
-        import_module(package)
-    except ModuleNotFoundError as error:
-        raise RecordingError(
-            f"{source} needs the package {package}: pip install 'hereabouts[{extra}]'"
-        ) from error
-    except ImportError as error:  # pyrealsense2 needs libusb of the system
-        raise RecordingError(
-            f"{source} needs the package {package}, which does not load: {error}; the system's "
-            "package of that library would work (libusb-1.0-0 in Debian and Ubuntu)"
-        ) from error
+    return 0 if mapped.count or connection is None else 1
 
 
 @contextmanager
@@ -188,6 +131,7 @@ def _stream_run(
     viewer: Viewer | None,
     ended: threading.Event,
     mapped: MappedFrames,
+    publish: Publish,
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
     from mapping.alignment.pose_correction import LiveCorrection
@@ -210,6 +154,7 @@ def _stream_run(
             closing(recording),
             KeptFrames() as kept,
             open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections),
+            ExitStack() as stack,
         ):
             taught = with_taught_rooms(networks, arguments.into)
             known = {one.name: one.T_map_world for one in semantic_map.recordings()}
@@ -219,6 +164,9 @@ def _stream_run(
                 if known:
                     _place(recording, semantic_map)
                 taught = replace(taught, detector=RememberingDetector(taught.detector, MAX_FRAMES))
+            choice = stream.choice
+            frame = "" if choice is None or choice.poses is None else choice.map_frame
+            stack.enter_context(publish(semantic_map, frame, lambda: recording.T_map_world))
             correction = LiveCorrection(recording, kept)
             counted = mapped.counted(_keeping(correction, on_detections))
 
@@ -314,6 +262,7 @@ def _folder_run(
     viewer: Viewer | None,
     ended: threading.Event,
     mapped: MappedFrames,
+    publish: Publish,
 ) -> Callable[[], None] | None:
     """A function that maps a growing folder's frames until it is ended; None without a frame."""
     from mapping.alignment.recording_fit import check_fit
@@ -330,7 +279,10 @@ def _folder_run(
     source = replace(source, check=False, start_time=first.start_time or None)
 
     def run() -> None:
-        with open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections):
+        with (
+            open_for_mapping(arguments, options, viewer) as (semantic_map, on_detections),
+            publish(semantic_map, "", lambda: first.T_map_world),
+        ):
             taught = with_taught_rooms(networks, arguments.into)
             placed = resumed(first, semantic_map)
             fit = check_fit(placed, semantic_map, same_frame=options.same_frame)

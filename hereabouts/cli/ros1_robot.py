@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import add_device, share
-from hereabouts.cli.live import require_ros
 from hereabouts.cli.network_options import NetworkOptions, open_networks
 from hereabouts.cli.recording_options import add_stream_arguments, stream_options
+from hereabouts.cli.ros_connections import require_ros
 
 if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions

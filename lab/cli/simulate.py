@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import add_json, count, positive, share
 from hereabouts.cli.console import note, print_table, progress, write_json
-from hereabouts.cli.live import require_ros, until_signal
+from hereabouts.cli.live import until_signal
+from hereabouts.cli.ros_connections import require_ros
 from hereabouts.cli.simulated_house import add_hide, house_with
 
 if TYPE_CHECKING:

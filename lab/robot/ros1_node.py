@@ -25,7 +25,7 @@ from perception.sources.bag_writer import (
     IMAGE_TOPICS,
     MAP,
 )
-from perception.sources.bags.bag_file import RawMessage, decoded, message_types
+from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name
@@ -89,7 +89,7 @@ class Ros1HouseNode:
         self._goals = deque[_Goal](maxlen=100)
         self._orders = deque[tuple[str, Any]](maxlen=100)
         self._cancelled = deque[str](maxlen=100)  # ids of goals that have not arrived yet
-        self._maker = MessageMaker(message_types(True), is_ros1=True)
+        self._maker = MessageMaker(is_ros1=True)
         topics = {
             **IMAGE_TOPICS,
             "/tf": _TRANSFORMS,
@@ -212,18 +212,12 @@ class Ros1HouseNode:
     def _end(self, goal: _Goal, status: int, text: str) -> None:
         goal.status, goal.text, goal.ended = status, text, time.monotonic()
         self._publish_status()
-        result = self._maker.make("move_base_msgs/msg/MoveBaseResult")
-        message = self._maker.make(
-            _RESULT,
-            header=self._maker.header(self._stamp, ""),
-            status=self._status(goal),
-            result=result,
-        )
+        header = self._maker.header(self._stamp, "")
+        message = self._maker.make(_RESULT, header=header, status=self._status(goal))
         self._publisher.publish(f"{self._navigation}/result", message)
 
-    def _status(self, goal: _Goal) -> Any:
-        fields = {"goal_id": goal.id, "status": goal.status, "text": goal.text}
-        return self._maker.make("actionlib_msgs/msg/GoalStatus", **fields)
+    def _status(self, goal: _Goal) -> dict[str, Any]:
+        return {"goal_id": goal.id, "status": goal.status, "text": goal.text}
 
     def _publish_status(self) -> None:
         """Publish the status of the active goal and of those that ended lately."""

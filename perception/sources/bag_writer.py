@@ -19,11 +19,11 @@ from typing import Any, Final
 from kg.model.errors import RecordingError
 from perception.camera.poses import Pose
 from perception.frames import Frame
-from perception.sources.bags.bag_file import message_types
 from perception.sources.bags.bag_index import MIN_TIME, NOTE_TOPIC
 from perception.sources.recording import FolderRecording
 from perception.sources.ros.image_messages import NANOSECONDS
 from perception.sources.ros.message_maker import MessageMaker
+from perception.sources.ros.message_types import message_types, serialised
 
 WORLD: Final = "world"
 MAP: Final = "map"
@@ -110,7 +110,7 @@ class _Writer:
             ) from error
         self._is_ros1 = path.suffix == ".bag"
         self._types = message_types(self._is_ros1)
-        self._maker = MessageMaker(self._types, self._is_ros1)
+        self._maker = MessageMaker(self._is_ros1)
         self._bag: Any
         if self._is_ros1:
             self._bag = rosbag1.Writer(path)
@@ -195,7 +195,6 @@ class _Writer:
         make.number += 1
 
     def _write(self, topic: str, stamp: int, message: Any) -> None:
-        types, kind = self._types, _TOPICS[topic]
-        serialize = types.serialize_ros1 if self._is_ros1 else types.serialize_cdr
         time = max(stamp, MIN_TIME)
-        self._bag.write(self._connections[topic], time, serialize(message, kind))
+        data = serialised(_TOPICS[topic], message, is_ros1=self._is_ros1)
+        self._bag.write(self._connections[topic], time, data)

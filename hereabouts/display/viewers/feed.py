@@ -61,8 +61,14 @@ class LiveFeed:
     """Shows the scene of an open map whenever it changes, on a thread of its own."""
 
     def __init__(
-        self, semantic_map: SemanticMap, viewer: Viewer, wake: threading.Event | None = None
+        self,
+        semantic_map: SemanticMap,
+        viewer: Viewer,
+        wake: threading.Event | None = None,
+        *,
+        period: float = _LIVE_PERIOD,
     ) -> None:
+        self._period = period  # [s] between scenes
         self._map, self._reader, self._viewer = semantic_map, SceneReader(semantic_map), viewer
         self._wake = wake or threading.Event()
         self._ended = threading.Event()
@@ -89,7 +95,7 @@ class LiveFeed:
             except HereaboutsError as error:
                 # for example while the ontology is replaced; the next change is shown again
                 self._viewer.remark(str(error), time.time())
-            self._ended.wait(_LIVE_PERIOD)
+            self._ended.wait(self._period)
 
 
 class SearchFeed:

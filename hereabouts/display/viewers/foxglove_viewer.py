@@ -7,7 +7,6 @@ import math
 import threading
 import time
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -18,11 +17,12 @@ from foxglove.websocket import ServerListener
 
 from hereabouts.display.viewers.ros_messages import LIVE_TOPICS, TOPICS, RosMessages, nanoseconds_of
 from hereabouts.display.viewers.scene import Point, Scene
+from hereabouts.display.viewers.topic_viewer import TopicViewer
 from hereabouts.display.viewers.viewer import FLUSHED, ROUNDING, check_new_file, picture_errors
 from kg.model.errors import ServerError
 from kg.model.records import RobotRecord
 from perception.frames import Detections, Frame
-from perception.sources.bags.bag_file import message_types
+from perception.sources.ros.message_types import message_types, serialised
 
 _STEP: Final = 0.1  # [m] between points of the trail
 _MAX_POINTS: Final = 500  # of the trail; above it every second point is dropped
@@ -31,52 +31,34 @@ _KINDS: Final = TOPICS | LIVE_TOPICS
 _ROS2: Final = MCAPWriteOptions(profile="ros2")
 
 
-class FoxgloveViewer:
+class FoxgloveViewer(TopicViewer):
     """Viewer that logs messages of ROS 2 to the sinks of its `context`."""
 
     def __init__(self) -> None:
         self.context = foxglove.Context()
-        self._types = message_types(is_ros1=False)
-        self._messages = RosMessages(self._types, is_ros1=False)
+        super().__init__(RosMessages(is_ros1=False))
         self._channels = {topic: self._channel(topic, kind) for topic, kind in _KINDS.items()}
-        self._written: dict[str, object] = {}
-        self._renewed = threading.Event()
         self._moving = threading.RLock()  # held by mapper or live feed while a pose is written
         self._trail: list[Point] = []
         self._step = _STEP
         self._robot_stamp = -math.inf  # [s] of the pose written last
 
     def _channel(self, topic: str, kind: str) -> Channel:
-        definition = self._types.generate_msgdef(kind, ros_version=2)[0].encode()
+        definition = message_types(False).generate_msgdef(kind, ros_version=2)[0].encode()
         schema = Schema(name=kind, encoding="ros2msg", data=definition)
         return Channel(topic, schema=schema, message_encoding="cdr", context=self.context)
 
     def show(self, scene: Scene, stamp: float) -> None:
-        """Write the floor and the markers if they changed, each as a whole."""
-        if self._renewed.is_set():
-            self._renewed.clear()
-            self._written.clear()
-            with self._moving:
-                self._robot_stamp = -math.inf
-                self._log_trail(stamp)
-        make, drawn = self._messages, replace(scene, robot=None)  # poses have a topic of their own
-        if scene.floor is not None and self._changed("/map", scene.floor):
-            self._log("/map", make.occupancy_grid(scene.floor, stamp), stamp)
-        markers = drawn.objects, drawn.places, drawn.relations, drawn.plan, drawn.floor
-        if self._changed("/hereabouts/markers", markers):
-            self._log("/hereabouts/markers", make.marker_array(drawn, stamp), stamp)
-        if len(scene.surface) and self._changed("/hereabouts/surface", scene.surface):
-            self._log("/hereabouts/surface", make.point_cloud(scene.surface, stamp), stamp)
-        if self._changed("/hereabouts/plan", scene.plan):
-            self._log("/hereabouts/plan", make.path(scene.plan, stamp), stamp)
+        """Write what changed, and the robot where it moved."""
+        super().show(scene, stamp)
         with self._moving:
             if scene.robot is not None and scene.robot.stamp > self._robot_stamp + ROUNDING:
                 self.robot(scene.robot)
 
-    def _changed(self, topic: str, part: object) -> bool:
-        """Whether `part` differs from the one written last."""
-        before, self._written[topic] = self._written.get(topic), part
-        return before != part
+    def _start_again(self, stamp: float) -> None:
+        with self._moving:
+            self._robot_stamp = -math.inf
+            self._log_trail(stamp)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
         """Write the camera's pose and intrinsics, and the image with boxes."""
@@ -102,10 +84,6 @@ class FoxgloveViewer:
         """Write a line of the log."""
         self._log("/rosout", self._messages.log(text, stamp), stamp)
 
-    def renew(self) -> None:
-        """Let the next `show` write everything, changed or not; from any thread."""
-        self._renewed.set()
-
     def close(self) -> None:
         """Nothing is left to write."""
 
@@ -114,7 +92,7 @@ class FoxgloveViewer:
             self._log("/hereabouts/trail", self._messages.way(self._trail, stamp), stamp)
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        data = bytes(self._types.serialize_cdr(message, _KINDS[topic]))
+        data = serialised(_KINDS[topic], message, is_ros1=False)
         self._channels[topic].log(data, log_time=nanoseconds_of(stamp))
 
 

@@ -1,6 +1,6 @@
 """Scenes as ROS messages (MarkerArray, OccupancyGrid, Path, and more), and as ROS 1 bags.
 
-Messages are those of a `rosbags` typestore, of ROS 1 or ROS 2; no ROS is needed. A MarkerArray is
+Messages are of ROS 1 or ROS 2; no ROS is needed. A MarkerArray is
 a whole state that replaces the one before, since a player that jumps to a moment reads the last
 message of each topic alone.
 """
@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.colors import to_rgb
 from rosbags.rosbag1 import Writer
-from rosbags.typesys import Stores, get_typestore
 
 from hereabouts.display.plots.palette import INK, ROUTE, WALL
 from hereabouts.display.viewers.scene import (
@@ -44,8 +44,10 @@ from kg.model.records import FREE, LOW, TALL, UNKNOWN, RobotRecord
 from perception.annotate import draw_detections, encode_jpeg
 from perception.frames import Detections, Frame
 from perception.sources.ros.message_maker import MessageMaker
+from perception.sources.ros.message_types import message_types, serialised
 from planner.execution.protocol import cleaned
 
+_DETECTIONS: Final = "vision_msgs/msg/Detection3DArray"
 #: topic -> type; ROS 1 leaves out the "msg"
 TOPICS: Final = {
     "/map": "nav_msgs/msg/OccupancyGrid",
@@ -59,6 +61,7 @@ LIVE_TOPICS: Final = {
     "/tf": "tf2_msgs/msg/TFMessage",
     "/camera/camera_info": "sensor_msgs/msg/CameraInfo",
     "/camera/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "/hereabouts/objects": _DETECTIONS,
     "/hereabouts/trail": "nav_msgs/msg/Path",
     "/rosout": "rcl_interfaces/msg/Log",
 }
@@ -73,8 +76,11 @@ _INFO: Final = 20
 _FLOAT32: Final = 7  # of PointField
 
 
+@dataclass(slots=True)
 class RosMessages(MessageMaker):
-    """Makes messages of one typestore; stamps are [s] since 1970."""
+    """Makes messages of ROS 1 or ROS 2; stamps are [s] since 1970."""
+
+    map_frame: str = MAP
 
     def of(self, scene: Scene, stamp: float) -> Iterator[tuple[str, Any]]:
         """Topic and message of everything that `scene` has, at `stamp` [s]."""
@@ -105,21 +111,38 @@ class RosMessages(MessageMaker):
         if scene.robot is not None:
             markers.append(self._arrow(header, "robot", scene.robot.p_map, scene.robot.heading))
         for number, marker in enumerate(markers):
-            marker.id = number
+            marker["id"] = number
         return self.make("visualization_msgs/msg/MarkerArray", markers=markers)
+
+    def detections(self, scene: Scene, stamp: float, classes: Mapping[str, int]) -> Any:
+        """The objects, as vision_msgs/Detection3DArray, each with its category and its box.
+
+        ROS 1 has a number for a category: that of `classes`, which has each object's `text`.
+        """
+        header, found = self._header(stamp), []
+        for thing in scene.objects:
+            pose, extent = _pose(thing.p_map, thing.yaw), thing.extent or (0.0, 0.0, 0.0)
+            kind = {"score": thing.existence}
+            result: dict[str, Any] = {"hypothesis": {"class_id": thing.text, **kind}}
+            if self.is_ros1:
+                result = {"id": classes[thing.text], **kind}
+            name = {} if self.is_ros1 else {"id": thing.name}
+            box = {"center": pose, "size": _point(extent)}
+            results = [{**result, "pose": {"pose": pose}}]
+            found.append({"header": header, "results": results, "bbox": box, **name})
+        return self.make(_DETECTIONS, header=header, detections=found)
 
     def occupancy_grid(self, floor: SceneFloor, stamp: float) -> Any:
         """The floor: -1 unknown, 0 free, 100 occupied; rows along x."""
         grid = floor.grid
         width, height = grid.states.shape
-        info = self.make(
-            "nav_msgs/msg/MapMetaData",
-            map_load_time=self.time(nanoseconds_of(stamp)),
-            resolution=grid.resolution,
-            width=width,
-            height=height,
-            origin=self._pose((float(grid.origin[0]), float(grid.origin[1]), floor.height)),
-        )
+        info = {
+            "map_load_time": self.time(nanoseconds_of(stamp)),
+            "resolution": grid.resolution,
+            "width": width,
+            "height": height,
+            "origin": _pose((float(grid.origin[0]), float(grid.origin[1]), floor.height)),
+        }
         data = np.ascontiguousarray(_OCCUPANCY[grid.states].T).ravel()
         return self.make(
             "nav_msgs/msg/OccupancyGrid", header=self._header(stamp), info=info, data=data
@@ -128,9 +151,7 @@ class RosMessages(MessageMaker):
     def point_cloud(self, surface: Surface, stamp: float) -> Any:
         """The surface: x, y, z [m] and rgb, four floats a point as RViz and Foxglove read them."""
         fields = [
-            self.make(
-                "sensor_msgs/msg/PointField", name=name, offset=4 * n, datatype=_FLOAT32, count=1
-            )
+            {"name": name, "offset": 4 * n, "datatype": _FLOAT32, "count": 1}
             for n, name in enumerate(("x", "y", "z", "rgb"))
         ]
         points = np.zeros(len(surface), [("at", "<f4", (3,)), ("bgra", "u1", (4,))])
@@ -150,7 +171,7 @@ class RosMessages(MessageMaker):
     def robot(self, robot: RobotRecord, stamp: float) -> Any:
         """The robot's position, its heading along x."""
         x, y, z = (float(c) for c in robot.p_map)
-        pose = self._pose((x, y, z), robot.heading)
+        pose = _pose((x, y, z), robot.heading)
         return self.make("geometry_msgs/msg/PoseStamped", header=self._header(stamp), pose=pose)
 
     def robot_transform(self, robot: RobotRecord) -> Any:
@@ -187,10 +208,7 @@ class RosMessages(MessageMaker):
     def way(self, points: Iterable[Point], stamp: float) -> Any:
         """A line through `points`, as nav_msgs/Path."""
         header = self._header(stamp)
-        poses = [
-            self.make("geometry_msgs/msg/PoseStamped", header=header, pose=self._pose(point))
-            for point in points
-        ]
+        poses = [{"header": header, "pose": _pose(point)} for point in points]
         return self.make("nav_msgs/msg/Path", header=header, poses=poses)
 
     def _object(self, header: Any, thing: SceneObject) -> Iterator[Any]:
@@ -270,50 +288,29 @@ class RosMessages(MessageMaker):
     ) -> Any:
         red, green, blue = colour
         x, y, z = scale
-        return self.make(
-            "visualization_msgs/msg/Marker",
-            header=header,
-            ns=ns,
-            type=kind,
-            action=action,
-            pose=self._pose(at, heading),
-            scale=self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-            color=self.make("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=alpha),
-            points=[self._point(point) for point in points],
-            text=text,
-        )
-
-    def _pose(self, at: Point, heading: float = 0.0) -> Any:
-        x, y, z, w = heading_quaternion(heading)
-        turn = self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
-        return self.make("geometry_msgs/msg/Pose", position=self._point(at), orientation=turn)
-
-    def _point(self, at: Point) -> Any:
-        x, y, z = at
-        return self.make("geometry_msgs/msg/Point", x=x, y=y, z=z)
-
-    def _header(self, stamp: float) -> Any:
-        return self.header(nanoseconds_of(stamp), MAP)
-
-    def make(self, kind: str, **fields: Any) -> Any:
-        """A message with these fields; the other fields are empty."""
-        made = self.types.types[kind]
-        empty = {
-            name: self._empty(str(field.type))
-            for name, field in made.__dataclass_fields__.items()
-            if name not in fields and "ClassVar" not in str(field.type)
+        return {
+            "header": header,
+            "ns": ns,
+            "type": kind,
+            "action": action,
+            "pose": _pose(at, heading),
+            "scale": {"x": x, "y": y, "z": z},
+            "color": {"r": red, "g": green, "b": blue, "a": alpha},
+            "points": [_point(point) for point in points],
+            "text": text,
         }
-        return made(**fields, **empty)
 
-    def _empty(self, kind: str) -> Any:
-        plain = {"str": "", "int": 0, "float": 0.0, "bool": False}
-        if kind in plain:
-            return plain[kind]
-        if kind.startswith("list["):
-            return []
-        if kind.startswith("np.ndarray"):
-            return np.empty(0, np.uint8)
-        return self.make(kind.replace("__", "/"))
+    def _header(self, stamp: float) -> dict[str, Any]:
+        return self.header(nanoseconds_of(stamp), self.map_frame)
+
+
+def _pose(at: Point, heading: float = 0.0) -> dict[str, Any]:
+    turned = dict(zip("xyzw", heading_quaternion(heading), strict=True))
+    return {"position": _point(at), "orientation": turned}
+
+
+def _point(at: Point) -> dict[str, float]:
+    return dict(zip("xyz", at, strict=True))
 
 
 def nanoseconds_of(stamp: float) -> int:
@@ -329,8 +326,8 @@ def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
 
     Topics are latched: a later subscriber gets the last message.
     """
-    types = get_typestore(Stores.ROS1_NOETIC)
-    messages = RosMessages(types, is_ros1=True)
+    types = message_types(is_ros1=True)
+    messages = RosMessages(is_ros1=True)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scene.bag"
         with Writer(path) as bag:
@@ -341,6 +338,6 @@ def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
             for scene, stamp in scenes:
                 at = max(nanoseconds_of(stamp), 1)  # ROS 1 has no time 0
                 for topic, message in messages.of(scene, at / 1e9):
-                    data = bytes(types.serialize_ros1(message, TOPICS[topic]))
+                    data = serialised(TOPICS[topic], message, is_ros1=True)
                     bag.write(connections[topic], at, data)
         return path.read_bytes()

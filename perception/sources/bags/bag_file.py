@@ -23,6 +23,7 @@ from kg.model.errors import RecordingError, in_one_line
 from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
 from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
+from perception.sources.ros.message_types import message_types
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 MAX_FILE: Final = 1 << 44  # [bytes] of a bag, which is read in parts
@@ -30,21 +31,6 @@ MAX_METADATA: Final = 1 << 24  # [bytes] of the list of a bag's files
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
 _PART: Final = re.compile(r"_(\d+)\.(bag|mcap|db3)(\.active)?$")
-_TRANSFORMS: Final = "geometry_msgs/TransformStamped[] transforms"
-_ACTION: Final = "Header header\nactionlib_msgs/"
-#: messages of ROS 1 that rosbags does not define: tf2, tf of old bags, and goals of move_base
-_ROS1_TYPES: Final = {
-    "tf2_msgs/msg/TFMessage": _TRANSFORMS,
-    "tf/msg/tfMessage": _TRANSFORMS,
-    "move_base_msgs/msg/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
-    "move_base_msgs/msg/MoveBaseResult": "",
-    "move_base_msgs/msg/MoveBaseFeedback": "geometry_msgs/PoseStamped base_position",
-    "move_base_msgs/msg/MoveBaseActionGoal": f"{_ACTION}GoalID goal_id\nMoveBaseGoal goal",
-    "move_base_msgs/msg/MoveBaseActionResult": f"{_ACTION}GoalStatus status\nMoveBaseResult result",
-    "move_base_msgs/msg/MoveBaseActionFeedback": (
-        f"{_ACTION}GoalStatus status\nMoveBaseFeedback feedback"
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,19 +230,6 @@ def _limited_sqlite(limit: StepLimit) -> Iterator[None]:
         yield
     finally:
         apsw.connection_hooks.remove(hook)
-
-
-@functools.cache
-def message_types(is_ros1: bool) -> Any:
-    """Message types of ROS 1 or ROS 2, as rosbags serialises them."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    if not is_ros1:
-        return get_typestore(Stores.ROS2_HUMBLE)
-    types = get_typestore(Stores.ROS1_NOETIC)
-    for name, definition in _ROS1_TYPES.items():
-        types.register(get_types_from_msg(definition, name))
-    return types
 
 
 @contextlib.contextmanager

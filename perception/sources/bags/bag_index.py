@@ -42,6 +42,7 @@ WANTED: Final = frozenset((*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES, PATH)
 MIN_TIME: Final = 1  # [ns] when a message may be recorded; `rosbag play` leaves out those at 0
 SIMULATED: Final = 10**17  # [ns] stamps below count from the start of a simulation
 SMALL: Final = 512  # [bytes] of a message of an image; smaller ones may have no pixels
+STAMPED: Final = 12  # [bytes] of a message of ROS up to the end of its stamp
 NOTE_TOPIC: Final = "/hereabouts/recording"  # what `hereabouts convert` adds to ROS' own messages
 _log = logging.getLogger(__name__)
 
@@ -265,6 +266,19 @@ def stamp_of(bag: Decoder, raw: RawMessage, path: Path | str) -> int:
     except (struct.error, IndexError) as error:
         raise RecordingError(f"{path}: a message of {raw.topic} is cut short") from error
     return int(sec) * NANOSECONDS + int(nsec)
+
+
+def frame_of(bag: Decoder, raw: RawMessage, path: Path | str) -> str:
+    """Frame of a message's header; of one of ROS, without decoding the rest."""
+    encoding = raw.encoding or ("ros1" if bag.is_ros1 else "cdr")
+    if encoding not in ("ros1", "cdr"):
+        return str(bag.decoded(raw).header.frame_id)
+    order = "<" if encoding == "ros1" or raw.data[1] & 1 else ">"
+    if len(raw.data) < STAMPED + 4:
+        raise RecordingError(f"{path}: a message of {raw.topic} is cut short")
+    (size,) = struct.unpack_from(f"{order}I", raw.data, STAMPED)
+    name = raw.data[STAMPED + 4 : STAMPED + 4 + size]
+    return bytes(name).rstrip(b"\x00").decode("utf-8", "replace")
 
 
 def _note(message: Any, path: Path | str) -> dict[str, Any]:

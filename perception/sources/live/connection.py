@@ -151,7 +151,7 @@ def _pauses() -> Iterator[float]:
         pause = min(2 * pause, MAX_PAUSE)
 
 
-HELD: Final = 64  # messages of a topic that wait, ...
+HELD: Final = 256  # messages of a topic that wait, ...
 HELD_BYTES: Final = 1 << 27  # ... and their size [bytes]
 
 

@@ -26,7 +26,8 @@ from perception.sources.folders.image_files import ImageFile
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.connection import Connection
 from perception.sources.live.live_tracker import LiveTracker
-from perception.sources.live.stream import PATIENCE, SETTLING, SILENT, UNPOSED, FrameStream
+from perception.sources.live.silence import SilenceTeller
+from perception.sources.live.stream import PATIENCE, SETTLING, UNPOSED, FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_writer import DEPTH_FACTOR, RecordingWriter
 
@@ -227,19 +228,23 @@ class LiveRecording:
         return replace(frame, T_map_cam=T @ frame.T_map_cam)
 
     def _until_ended(self) -> Iterator[Frame]:
-        last, warning = time.monotonic(), ""
+        last, teller = time.monotonic(), SilenceTeller()
         while not self.ended.is_set() and (self.limit is None or self._given < self.limit):
             frame = self._next_frame()
             now = time.monotonic()
             if frame is not None:
                 self._given += 1
+                self._tell(teller.frame())
                 yield frame
                 last = time.monotonic()
             elif self._is_over(last, now):
                 return
-            elif self.stream.problem not in ("", warning) and now - last >= SILENT:
-                warning = self.stream.problem
-                _log.warning("waiting: %s", warning)
+            elif teller.is_long:
+                self._tell(teller.silent(self.stream.silence()))
+
+    def _tell(self, line: str) -> None:
+        if line:
+            _log.warning("%s: %s", self.connection.address, line)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,11 +19,12 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
-from perception.sources.bags.bag_file import MAX_FILE, RawMessage, message_types
+from perception.sources.bags.bag_file import MAX_FILE, RawMessage
 from perception.sources.bags.bag_index import CAMERA, IMAGES, TRANSFORMS
 from perception.sources.bags.bag_poses import IMU
 from perception.sources.live.connection import Inbox
 from perception.sources.ros.message_maker import MessageMaker
+from perception.sources.ros.message_types import serialised
 
 QUEUED: Final = 64  # frames of all sensors that wait to become messages
 SILENT: Final = 1.0  # [s] without a frame, after which the camera may be gone
@@ -130,7 +131,7 @@ class _Messages:
     def __init__(self, streams: dict[str, tuple[int, Any]], unit: float) -> None:
         self._profiles = {kind: profile for kind, (_, profile) in streams.items()}
         self._unit = np.float32(unit)  # [m] of depth
-        self._make = MessageMaker(message_types(False), is_ros1=False)
+        self._make = MessageMaker(is_ros1=False)
         self._described = set[str]()  # streams whose camera and place were sent
 
     def of(self, frame: Any) -> Iterator[RawMessage]:
@@ -171,7 +172,7 @@ class _Messages:
             yield self._raw(f"/{kind}/camera_info", stamp, info)
 
     def _raw(self, topic: str, stamp: int, message: Any) -> RawMessage:
-        data = bytes(self._make.types.serialize_cdr(message, TOPICS[topic]))
+        data = serialised(TOPICS[topic], message, is_ros1=False)
         return RawMessage(topic, TOPICS[topic], stamp, data)
 
 

@@ -9,22 +9,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import socket
 import threading
 import time
 import xmlrpc.server
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
 from socketserver import ThreadingMixIn
 from typing import Any, Final
 
-from perception.sources.bags.bag_file import message_types
 from perception.sources.live.connection import Retry
 from perception.sources.live.ros1 import CALLER, FAILURES, PATIENCE, Ros1Master
 from perception.sources.live.tcpros import TcprosConnection, block
+from perception.sources.ros.message_types import message_types, serialised
 
 CHECK_INTERVAL: Final = 1.0  # [s] between two checks that the master still knows the node
 MAX_CONNECTIONS: Final = 64  # of subscribers, with or without a topic so far
+WAITING: Final = 10  # messages that wait for a subscriber; then the oldest are dropped
 MAX_REQUEST: Final = 1 << 20  # [bytes]
 
 
@@ -42,9 +45,10 @@ class Ros1Publisher:
         self.name = f"{CALLER}_{os.getpid()}_{time.monotonic_ns()}"
         self._master = replace(master, caller=self.name)
         self._types, self._latched = dict(types), latched
-        self._subscribers: dict[str, list[socket.socket]] = {topic: [] for topic in types}
+        self._subscribers: dict[str, list[deque[bytes]]] = {topic: [] for topic in types}
         self._last: dict[str, bytes] = {}
-        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._lock, self._ended = threading.Condition(), threading.Event()
+        self._connections = set[threading.Thread]()
         self._free = threading.Semaphore(MAX_CONNECTIONS)
         self._host, bound = _own_host(master)
         self._listener = socket.create_server((bound, 0))
@@ -64,19 +68,27 @@ class Ros1Publisher:
         """The master, called in the name of this node."""
         return self._master
 
+    def set_parameter(self, name: str, value: Any) -> None:
+        """Set a parameter of the master; left out where the master is away."""
+        with contextlib.suppress(*FAILURES):
+            self._master.ask("setParam", name, value)
+
     def subscribers(self, topic: str) -> int:
         """Number of a topic's subscribers now."""
         with self._lock:
             return len(self._subscribers[topic])
 
     def publish(self, topic: str, message: Any) -> None:
-        """Send a message of the topic's type; subscribers slower than PATIENCE are dropped."""
-        data = block(bytes(message_types(True).serialize_ros1(message, self._types[topic])))
+        """Send a message of the topic's type; does not wait for subscribers, of whom slow ones miss
+        messages.
+        """
+        data = block(serialised(self._types[topic], message, is_ros1=True))
         with self._lock:
             if topic in self._latched:
                 self._last[topic] = data
-            for one in list(self._subscribers[topic]):
-                self._send(topic, one, data)
+            for waiting in self._subscribers[topic]:
+                waiting.append(data)
+            self._lock.notify_all()
 
     def close(self) -> None:
         """Unregister, and close all connections after the messages already sent."""
@@ -92,19 +104,11 @@ class Ros1Publisher:
             self._listener.shutdown(socket.SHUT_RDWR)
         self._listener.close()
         with self._lock:
-            for connections in self._subscribers.values():
-                for one in connections:
-                    with contextlib.suppress(OSError):
-                        one.shutdown(socket.SHUT_RDWR)  # messages sent before still arrive
-        for thread in self._threads:
-            thread.join(PATIENCE)
-
-    def _send(self, topic: str, one: socket.socket, data: bytes) -> None:
-        try:
-            one.sendall(data)
-        except OSError:
-            self._subscribers[topic].remove(one)
-            one.close()
+            self._lock.notify_all()
+            connections = list(self._connections)
+        until = time.monotonic() + PATIENCE
+        for thread in (*self._threads, *connections):  # messages sent before still arrive
+            thread.join(max(until - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
         self._server.serve_forever(0.05)
@@ -139,37 +143,50 @@ class Ros1Publisher:
             if not self._free.acquire(blocking=False):
                 connected.close()
                 continue
-            threading.Thread(target=self._answer_subscriber, args=(connected,), daemon=True).start()
+            thread = threading.Thread(
+                target=self._answer_subscriber, args=(connected,), daemon=True
+            )
+            with self._lock:
+                self._connections.add(thread)
+            thread.start()
 
     def _answer_subscriber(self, connected: socket.socket) -> None:
-        """Serve one connection: accept its subscription to a topic, and hold it until it ends."""
+        """Serve one connection: accept its subscription to a topic, and send until it ends."""
         try:
             connection = TcprosConnection(connected, self.name, self._ended)
             topic = self._accepted_topic(connection, connection.fields())
             if topic is not None:
-                connected.settimeout(PATIENCE)
-                with self._lock:
-                    self._subscribers[topic].append(connected)
-                    if topic in self._last:
-                        self._send(topic, connected, self._last[topic])
-                self._wait_for_end(topic, connected)
+                self._send_messages(topic, connected)
         except FAILURES:
             pass
         finally:
             connected.close()
             self._free.release()
+            with self._lock:
+                self._connections.discard(threading.current_thread())
 
-    def _wait_for_end(self, topic: str, connected: socket.socket) -> None:
-        while not self._ended.is_set():
-            try:
-                if not connected.recv(4096):
-                    break
-            except TimeoutError:
-                continue
-            except OSError:
-                break
-        with self._lock, contextlib.suppress(ValueError):
-            self._subscribers[topic].remove(connected)
+    def _send_messages(self, topic: str, connected: socket.socket) -> None:
+        """Send a topic's messages, however slowly they are taken, until either side ends."""
+        waiting = deque[bytes](maxlen=WAITING)
+        with self._lock:
+            waiting.extend([self._last[topic]] if topic in self._last else [])
+            self._subscribers[topic].append(waiting)
+        connected.settimeout(None)
+        try:
+            while True:
+                with self._lock:
+                    if not waiting and not self._ended.is_set():
+                        self._lock.wait(CHECK_INTERVAL)
+                    data = waiting.popleft() if waiting else None
+                if data is not None:
+                    connected.sendall(data)
+                elif self._ended.is_set() or _has_left(connected):
+                    return
+        finally:
+            with self._lock:
+                self._subscribers[topic] = [
+                    one for one in self._subscribers[topic] if one is not waiting
+                ]
 
     def _accepted_topic(self, connection: TcprosConnection, asked: Mapping[str, str]) -> str | None:
         """Answer a subscriber's header; returns its topic, None where the topic is refused."""
@@ -212,6 +229,12 @@ class Ros1Publisher:
 
     def _shutdown(self, caller: str, reason: str = "") -> list[Any]:
         return [0, "it ends when its program does", 0]
+
+
+def _has_left(connected: socket.socket) -> bool:
+    """Whether the other side closed the connection; what it sends is dropped."""
+    readable, _, _ = select.select([connected], [], [], 0)
+    return bool(readable) and not connected.recv(4096)
 
 
 class _Request(xmlrpc.server.SimpleXMLRPCRequestHandler):

@@ -13,15 +13,17 @@ import os
 import re
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
 from kg.model.errors import RecordingError
-from perception.sources.bags.bag_file import RawMessage, message_types
+from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import IMAGES
 from perception.sources.live.connection import MAX_WARNINGS, Inbox, max_size
+from perception.sources.ros.message_types import message_types
 
 POLL: Final = 0.2  # [s] between two readings of the publishers
 MAX_READERS: Final = 100
@@ -29,7 +31,7 @@ MAX_WRITERS: Final = 10_000
 MAX_DOMAIN: Final = 232
 TAKEN: Final = 32  # messages of a topic at once
 KEPT: Final = {True: 5, False: 100}  # messages of a topic that wait, of images and others
-_TOPIC: Final = "rt"
+TOPIC_PREFIX: Final = "rt"
 _TYPE: Final = re.compile(r"(\w+)::msg::dds_::(\w+)_")
 
 _log = logging.getLogger(__name__)
@@ -75,15 +77,22 @@ class Ros2Domain:
 
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
         """Offer messages to `inbox` until `ended`; raises RecordingError without a network."""
-        from cyclonedds.core import DDSException
-
-        try:
+        with network_errors(self.address):
             _Participant(self.number, inbox).run(ended)
-        except DDSException as error:
-            reason = " ".join(str(error).split())
-            raise RecordingError(
-                f"{self.address}: {reason[:200]}; CYCLONEDDS_URI may name a network interface"
-            ) from error
+
+
+@contextmanager
+def network_errors(address: str) -> Iterator[None]:
+    """Turn errors of DDS into a RecordingError about the domain at `address`."""
+    from cyclonedds.core import DDSException
+
+    try:
+        yield
+    except DDSException as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(
+            f"{address}: {reason[:200]}; CYCLONEDDS_URI may name a network interface"
+        ) from error
 
 
 class _Participant:
@@ -149,7 +158,7 @@ class _Participant:
             Policy.History.KeepLast(KEPT[topic.type in IMAGES]),
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )
-        made = Topic(self._participant, f"{_TOPIC}{topic.name}", idl_type(topic.type))
+        made = Topic(self._participant, f"{TOPIC_PREFIX}{topic.name}", idl_type(topic.type))
         return DataReader(self._participant, made, qos=quality)
 
     def _warn(self, topic: _Topic, error: object) -> None:
@@ -173,12 +182,14 @@ def topics_of(writers: Iterable[Any]) -> list[_Topic]:
     for writer in writers:
         name, match = str(writer.topic_name), _TYPE.fullmatch(str(writer.type_name))
         kind = f"{match[1]}/msg/{match[2]}" if match else ""
-        if not name.startswith(f"{_TOPIC}/") or kind not in known:
+        if not name.startswith(f"{TOPIC_PREFIX}/") or kind not in known:
             continue
         # an image is large and soon outdated: a lost one is not sent again
         reliable = Policy.Reliability.BestEffort not in writer.qos and kind not in IMAGES
         durable = reliable and Policy.Durability.TransientLocal in writer.qos
-        before = found.setdefault(name, _Topic(name.removeprefix(_TOPIC), kind, reliable, durable))
+        before = found.setdefault(
+            name, _Topic(name.removeprefix(TOPIC_PREFIX), kind, reliable, durable)
+        )
         if before.type == kind:
             both = before.reliable and reliable, before.durable and durable
             found[name] = _Topic(before.name, kind, *both)
@@ -203,8 +214,17 @@ def idl_type(name: str) -> Any:
     fields = {field: _idl_of(node) for field, node in definition}
     typename = f"{package}::msg::dds_::{last}_"
     made: Any = make_idl_struct(f"{last}_", typename, fields)
-    made.deserialize = Sample  # readers call it
+    made.deserialize = Sample  # readers call it, and writers:
+    made.serialize = lambda sample, use_version_2=None: sample.cdr
+    made.of = classmethod(_of_cdr)
     return made
+
+
+def _of_cdr(kind: Any, cdr: bytes) -> Any:
+    """A sample of a type that is serialised already."""
+    sample = kind.__new__(kind)
+    sample.cdr = cdr
+    return sample
 
 
 def _idl_of(node: tuple[Any, Any]) -> Any:

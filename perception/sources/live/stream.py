@@ -2,7 +2,8 @@
 
 Topics are chosen, colour and depth paired and poses looked up as in bags (`perception.sources`):
 nearest stamps within a tolerance, the transform at colour's stamp. A pair waits until no nearer
-partner can come and transforms reach its stamp, for PATIENCE at most.
+partner can come and transforms reach its stamp, for PATIENCE at first. A CameraInfo that changes
+and a colour image of another frame are taken from then on.
 """
 
 from __future__ import annotations
@@ -37,21 +38,26 @@ from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import (
     IMAGES,
     NOTE_TOPIC,
+    STAMPED,
     TRANSFORMS,
     WANTED,
     BagIndex,
     add_message,
+    frame_of,
     stamp_of,
 )
 from perception.sources.bags.bag_poses import IMU, Reading, add_poses, up_by_imu
 from perception.sources.listing import FrameEntry, RecordingListing, nearest_pairs
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
+from perception.sources.live.silence import Arrivals, Silence
 from perception.sources.live.stream_counts import StreamCounts
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
-from perception.sources.ros.image_messages import NANOSECONDS
+from perception.sources.ros.image_messages import NANOSECONDS, frame_name
 
-PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp
+PATIENCE: Final = 0.5  # [s] for a nearer partner, and for transforms that reach a pair's stamp, ...
+MAX_PATIENCE: Final = 8.0  # ... for which up to this is waited where they come later
+LATER: Final = 1.5  # times as long as they were late
 SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
 UNPOSED: Final = 10.0  # [s] wait for poses that reach the camera, before they are estimated
 SILENT: Final = 3.0  # [s] the same wait while an advertised topic has had no message
@@ -86,6 +92,11 @@ class FrameStream:
     _held: dict[str, HeldImages] = field(default_factory=dict)  # waiting images, by topic
     _imus: dict[str, deque[Reading]] = field(default_factory=dict)  # the last, by topic
     _camera: FolderRecording | None = None  # decodes images; made for the first frame
+    _is_outdated: bool = False  # whether the cameras changed since
+    _infos: dict[str, bytes] = field(default_factory=dict)  # CameraInfo by topic, without its stamp
+    _arrivals: Arrivals = field(default_factory=Arrivals)
+    _late: float = PATIENCE  # [s] for which transforms are waited for
+    _unposed: LiveImage | None = None  # an image that transforms have not reached in this time
     _warned: set[str] = field(default_factory=set)  # topics that had their one warning
     _changed: threading.Condition = field(default_factory=threading.Condition)  # and the lock
 
@@ -124,6 +135,13 @@ class FrameStream:
             noted = noted_transform(self._index, self._choice)
             return None if T is None else (T if noted is None else noted @ T, stamp)
 
+    def silence(self) -> Silence | None:
+        """Why no frame comes now; None where all that a frame needs comes."""
+        with self._changed:
+            if self._choice is None:
+                return Silence(self.problem, self.problem) if self.problem else None
+            return self._arrivals.silence(self._choice, self.options.streams.tolerance)
+
     @property
     def noted_transform(self) -> Pose | None:
         """Transform (4, 4) of the poses' frame to the map that the source itself tells."""
@@ -158,6 +176,7 @@ class FrameStream:
             if choice is not None:
                 images = {choice.colour.topic, choice.depth.topic}
                 images.add(self._pose_topic or "")
+                images |= self._info_topics
                 types = TRANSFORMS if choice.poses else (*TRANSFORMS, IMU)
                 wanted = {n for n in wanted if topics[n] in types or n in images}
             elif given.colour is not None and given.depth is not None:
@@ -205,15 +224,55 @@ class FrameStream:
             frame = self.options.streams.pose_frame
             add_poses(index, raw.topic, chosen.poses.tree, chosen.colour.frame, frame)
             self._trim(raw.topic, poses=0)
+        elif chosen is not None and raw.topic in self._info_topics:
+            self._add_camera(raw, decoder)
         if raw.type in IMAGES and self._is_used(raw.topic):
             self._received[raw.topic] += 1
             stamp = stamp_of(decoder, raw, self.address) or raw.time
+            self._arrivals.add(raw.topic, stamp / NANOSECONDS)
+            if chosen is not None and raw.topic == chosen.colour.topic:
+                self._check_frame(raw, decoder)
             image = LiveImage(raw, decoder, stamp, time.monotonic())
             self._held.setdefault(raw.topic, HeldImages()).add(image)
             while sum(held.size for held in self._held.values()) > MAX_BYTES:
                 largest = max(self._held.values(), key=lambda held: held.size)
                 largest.drop(largest.images[0])
             self._changed.notify_all()
+
+    @property
+    def _info_topics(self) -> set[str]:
+        """Topics of CameraInfo that frames depend on."""
+        choice = self._choice
+        if choice is None or self.options.intrinsics is not None:
+            return set()
+        return {info.topic for info in (choice.camera, choice.depth_camera) if info is not None}
+
+    def _add_camera(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        """Take a CameraInfo that differs from the one before."""
+        assert self._choice is not None
+        body = raw.data[STAMPED:]
+        if self._infos.get(raw.topic) == body:
+            return
+        self._infos[raw.topic] = body
+        stream, images = self._index.streams[raw.topic], self._choice.colour
+        new = replace(stream, first=decoder.decoded(raw))
+        before = camera_of(self._index, stream, images)
+        if camera_of(self._index, new, images) != before:
+            stream.first, self._is_outdated = new.first, True
+            _log.warning("%s: %s has changed, and counts from now on", self.address, raw.topic)
+
+    def _check_frame(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        """Take the frame of a colour image for that of its poses."""
+        assert self._choice is not None
+        colour = self._choice.colour
+        name = frame_name(frame_of(decoder, raw, self.address))
+        if name == colour.frame:
+            return
+        if name not in self._warned:
+            self._warned.add(name)
+            line = "%s: %s is of the frame %r now, not of %r; poses are those of %r"
+            _log.warning(line, self.address, raw.topic, name, colour.frame, name)
+        colour.frame = name
 
     @property
     def _pose_topic(self) -> str | None:
@@ -263,13 +322,14 @@ class FrameStream:
         pairs = nearest_pairs(c, d, self.options.streams.tolerance)
         for i, j in sorted(pairs, key=lambda ij: -c[ij[0]]):
             colour, depth = colours.images[i], depths.images[j]
-            waited = now - max(colour.came, depth.came) >= PATIENCE
+            since = now - max(colour.came, depth.came)
+            waited = since >= PATIENCE
             apart = abs(c[i] - d[j])
             # later images are farther apart than this pair
             nearest = d.max() >= c[i] + apart and c.max() >= d[j] + apart
             if not (nearest or waited):
                 continue
-            final, T = self._pose(colour.seconds, waited=waited)
+            final, T = self._pose(colour, waited=since >= self._late)
             if T is not None:
                 for held, last in ((colours, colour), (depths, depth)):
                     for image in [one for one in held.images if one.stamp <= last.stamp]:
@@ -285,17 +345,26 @@ class FrameStream:
     def _convert(self, T: Pose) -> Pose:
         return T if self.estimates else CONVENTIONS[self.options.pose_convention](T)
 
-    def _pose(self, stamp: float, *, waited: bool) -> tuple[bool, Pose | None]:
-        """Whether the pose at `stamp` [s] is final, and the pose, or None without transforms."""
+    def _pose(self, image: LiveImage, *, waited: bool) -> tuple[bool, Pose | None]:
+        """Whether the pose of an image is final, and the pose, or None without transforms."""
         assert self._choice is not None
         poses = self._choice.poses
         if poses is None:
             return True, np.eye(4)
         tree, names = poses.tree, (poses.map_frame, self._choice.colour.frame)
+        stamp, missed = image.seconds, self._unposed
         try:
             span = tree.span(*names)
+            if missed and span and span[1] >= missed.seconds:  # transforms go on: were they late?
+                if tree.at(*names, missed.seconds) is not None:
+                    late = LATER * (time.monotonic() - missed.came)
+                    self._late = min(max(late, self._late), MAX_PATIENCE)
+                self._unposed = None
             if waited or span is None or span[1] >= stamp:
-                return True, tree.at(*names, stamp)
+                T = tree.at(*names, stamp)
+                if T is None:
+                    self._unposed = self._unposed or image
+                return True, T
         except RecordingError as error:
             self._warn("/tf", error)
             return waited, None
@@ -359,7 +428,8 @@ class FrameStream:
     def _frame(self, entry: FrameEntry) -> Frame | None:
         """The frame of an entry; None, and counted, where it cannot be read."""
         try:
-            if self._camera is None:
+            if self._camera is None or self._is_outdated:
+                self._is_outdated = False
                 self._camera = self._opened(entry)
             T = turned_poses(entry.T_world_cam, self._camera.turns)
             frame = self._camera.decoded(replace(entry, T_world_cam=gridded_pose(T)))
@@ -386,7 +456,9 @@ class FrameStream:
             with self._changed:
                 apart = depth_camera_of(self._index, choice, entry.stamp)
         noted, (height, width) = self.noted_transform, entry.colour.colour().shape[:2]
-        relative = entry.stamp < ABSOLUTE_STAMP
+        start_time = time.time() - entry.stamp if entry.stamp < ABSOLUTE_STAMP else 0.0
+        if self._camera is not None:  # times go on where a camera has changed
+            start_time = self._camera.start_time
         return FolderRecording(
             name=self.address,
             format="live",
@@ -394,7 +466,7 @@ class FrameStream:
             listing=RecordingListing((), camera, MILLIMETRES, apart),
             rectifier=Rectifier.for_camera(camera.fitted(width, height)),
             depth_scale=self.options.depth_scale or camera.depth_scale or MILLIMETRES,
-            start_time=time.time() - entry.stamp if relative else 0.0,
+            start_time=start_time,
             turns=0
             if self.estimates
             else clear_turns(

@@ -18,31 +18,31 @@ from perception.camera.image_decoding import MILLIMETRES, metres
 from perception.camera.poses import Pose, quaternion_from_pose
 from perception.frames import Frame
 from perception.sources.ros.image_messages import NANOSECONDS
+from perception.sources.ros.message_types import made
 
 _PNG: Final = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 
 
 @dataclass(slots=True)
 class MessageMaker:
-    """Makes messages of a `rosbags` typestore."""
+    """Makes messages of ROS 1 or ROS 2."""
 
-    types: Any
     is_ros1: bool
     number: int = 0  # in headers of ROS 1
 
     def make(self, kind: str, **fields: Any) -> Any:
-        """A message of a type with all its fields."""
-        return self.types.types[kind](**fields)
+        """A message of a type; parts may be dictionaries, and all other fields are 0 or empty."""
+        return made(kind, fields, is_ros1=self.is_ros1)
 
-    def header(self, stamp: int, frame: str) -> Any:
+    def header(self, stamp: int, frame: str) -> dict[str, Any]:
         """std_msgs/Header of a stamp [ns]."""
         number = {"seq": self.number} if self.is_ros1 else {}
-        return self.make("std_msgs/msg/Header", stamp=self.time(stamp), frame_id=frame, **number)
+        return {"stamp": self.time(stamp), "frame_id": frame, **number}
 
-    def time(self, stamp: int) -> Any:
-        """A stamp [ns] as a message."""
+    def time(self, stamp: int) -> dict[str, int]:
+        """A stamp [ns]."""
         sec, nanosec = divmod(stamp, NANOSECONDS)
-        return self.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        return {"sec": sec, "nanosec": nanosec}
 
     def colour(self, frame: Frame, header: Any) -> Any:
         """sensor_msgs/CompressedImage of a frame's colour."""
@@ -72,7 +72,6 @@ class MessageMaker:
             height=pixels.shape[0],
             width=pixels.shape[1],
             encoding=encoding,
-            is_bigendian=0,
             step=little[0].nbytes,
             data=little.view(np.uint8).ravel(),
         )
@@ -92,51 +91,36 @@ class MessageMaker:
         numbers = {"d": np.array(dist), "k": K.ravel(), "r": np.eye(3).ravel(), "p": P.ravel()}
         if self.is_ros1:
             numbers = {name.upper(): array for name, array in numbers.items()}
-        region = self.make(
-            "sensor_msgs/msg/RegionOfInterest",
-            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False,
-        )  # fmt: skip
         return self.make(
             "sensor_msgs/msg/CameraInfo",
             header=header,
             height=shape[0],
             width=shape[1],
             distortion_model="plumb_bob",
-            binning_x=0,
-            binning_y=0,
-            roi=region,
             **numbers,
         )
 
     def acceleration(self, a: Sequence[float], header: Any) -> Any:
         """sensor_msgs/Imu with an acceleration (3,) [m/s^2] alone."""
-        vector, unknown = "geometry_msgs/msg/Vector3", np.full(9, -1.0)
+        unknown = np.full(9, -1.0)
         return self.make(
             "sensor_msgs/msg/Imu",
             header=header,
-            orientation=self.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation={"w": 1.0},
             orientation_covariance=unknown,
-            angular_velocity=self.make(vector, x=0.0, y=0.0, z=0.0),
             angular_velocity_covariance=unknown,
-            linear_acceleration=self.make(vector, **dict(zip("xyz", a, strict=True))),
-            linear_acceleration_covariance=np.zeros(9),
+            linear_acceleration=dict(zip("xyz", a, strict=True)),
         )
 
     def transforms(self, stamp: int, parent: str, child: str, T: Pose) -> Any:
         """tf2_msgs/TFMessage with one transform (4, 4), of `child` to `parent` coordinates."""
-        x, y, z, w = (float(n) for n in quaternion_from_pose(T))
-        tx, ty, tz = (float(n) for n in T[:3, 3])
-        transform = self.make(
-            "geometry_msgs/msg/Transform",
-            translation=self.make("geometry_msgs/msg/Vector3", x=tx, y=ty, z=tz),
-            rotation=self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
-        )
-        stamped = self.make(
-            "geometry_msgs/msg/TransformStamped",
-            header=self.header(stamp, parent),
-            child_frame_id=child,
-            transform=transform,
-        )
+        turned = dict(zip("xyzw", map(float, quaternion_from_pose(T)), strict=True))
+        moved = dict(zip("xyz", map(float, T[:3, 3]), strict=True))
+        stamped = {
+            "header": self.header(stamp, parent),
+            "child_frame_id": child,
+            "transform": {"translation": moved, "rotation": turned},
+        }
         return self.make("tf2_msgs/msg/TFMessage", transforms=[stamped])
 
 

@@ -242,12 +242,35 @@ class TransformTree:
 
     def span(self, target: str, source: str) -> tuple[float, float] | None:
         """First and last stamp [s] that all moving links between two frames cover; None: static."""
-        up, down = self.ancestors(source), self.ancestors(target)
-        links = [self._link(frame) for frame in {*up} ^ {*down} if self.parent(frame) is not None]
-        moving = [link.trajectory().stamp for link in links if not link.static]
+        moving = [link.trajectory().stamp for link in self._moving(target, source).values()]
         if not moving:
             return None
         return float(max(s[0] for s in moving)), float(min(s[-1] for s in moving))
+
+    def last_link(self, target: str, source: str) -> tuple[str, str, float] | None:
+        """Parent, child and last stamp [s] of the moving link that ends first; None: all static.
+
+        Raises RecordingError where no transforms link the two frames.
+        """
+        up, down = self.ancestors(source), self.ancestors(target)
+        if up[-1] != down[-1]:
+            raise RecordingError(self._apart(target, source, down, up))
+        ends = [
+            (float(link.trajectory().stamp[-1]), child)
+            for child, link in self._moving(target, source).items()
+        ]
+        if not ends:
+            return None
+        stamp, child = min(ends)
+        return self.parent(child) or "", child, stamp
+
+    def _moving(self, target: str, source: str) -> dict[str, _Link]:
+        """The moving links between two frames, by their children."""
+        up, down = self.ancestors(source), self.ancestors(target)
+        links = {
+            frame: self._link(frame) for frame in {*up} ^ {*down} if self.parent(frame) is not None
+        }
+        return {frame: link for frame, link in links.items() if not link.static}
 
     def _link(self, child: str) -> _Link:
         parent = self.parent(child)

@@ -15,12 +15,12 @@ import threading
 import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from kg.model.errors import RecordingError, RobotError
 from perception.camera.poses import Pose
 from perception.frames import Detector, Frame
-from perception.sources.bags.bag_file import RawMessage, decoded, message_types
+from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.stream import FrameStream
@@ -78,7 +78,7 @@ class MoveBase:
         self._publisher = Ros1Publisher(
             master, {self._goal_topic: _GOAL, self._cancel_topic: _CANCEL}
         )
-        self._maker = MessageMaker(message_types(True), is_ros1=True)
+        self._maker = MessageMaker(is_ros1=True)
         self._goal: _Goal | None = None
         self._lock = threading.Lock()
         self._warned = set[str]()  # topics
@@ -112,20 +112,14 @@ class MoveBase:
         goal = _Goal(f"hereabouts-{os.getpid()}-{time.time_ns()}", time.monotonic())
         with self._lock:
             self._goal = goal
-        make = self._maker.make
-        position = make("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
-        z, w = math.sin(heading / 2), math.cos(heading / 2)
-        turned = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=w)
-        pose = make(
-            "geometry_msgs/msg/PoseStamped",
-            header=self._maker.header(stamp, frame),
-            pose=make("geometry_msgs/msg/Pose", position=position, orientation=turned),
-        )
-        message = make(
+        turned = {"z": math.sin(heading / 2), "w": math.cos(heading / 2)}
+        header = self._maker.header(stamp, frame)
+        pose = {"position": {"x": x, "y": y}, "orientation": turned}
+        message = self._maker.make(
             _GOAL,
-            header=self._maker.header(stamp, frame),
-            goal_id=self._id(goal, stamp),
-            goal=make("move_base_msgs/msg/MoveBaseGoal", target_pose=pose),
+            header=header,
+            goal_id={"stamp": header["stamp"], "id": goal.id},
+            goal={"target_pose": {"header": header, "pose": pose}},
         )
         self._publisher.publish(self._goal_topic, message)
 
@@ -144,15 +138,12 @@ class MoveBase:
         with self._lock:
             goal, self._goal = self._goal, None
         if goal is not None and goal.outcome is None:
-            self._publisher.publish(self._cancel_topic, self._id(goal, 0))
+            self._publisher.publish(self._cancel_topic, self._maker.make(_CANCEL, id=goal.id))
 
     def close(self) -> None:
         """Cancel the goal under way, and leave."""
         self.cancel()
         self._publisher.close()
-
-    def _id(self, goal: _Goal, stamp: int) -> Any:
-        return self._maker.make(_CANCEL, stamp=self._maker.time(stamp), id=goal.id)
 
     def _update(self, number: str, status: int, text: str) -> None:
         with self._lock:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.sources.bag_writer import write_bag
-from perception.sources.bags.bag_file import message_types
 from perception.sources.listing import Streams
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import Selection
 from perception.sources.ros.message_maker import whole_millimetres
+from perception.sources.ros.message_types import message_types
 from tests.perception.conftest import SIZE, K, look_at, room_depth
 
 pytest.importorskip("rosbags")

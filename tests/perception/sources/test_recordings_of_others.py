@@ -24,7 +24,8 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 from mcap.writer import CompressionType, Writer
 
-from perception.sources.bags.bag_file import BagFile, message_types
+from perception.sources.bags.bag_file import BagFile
+from perception.sources.ros.message_types import message_types
 from tests.perception.sources.test_bags import BEGIN, MOUNT, Bag, robot_bag, views
 
 # MOUNT as --camera-in has it: the camera looks ahead, so only its place is left

@@ -30,7 +30,8 @@ from kg.model.errors import PictureError, ServerError
 from kg.model.records import FREE, TALL, MapUpdate, RobotRecord
 from kg.serving.opening import in_memory_map
 from perception.frames import Detections, Frame
-from perception.sources.bags.bag_file import BagFile, message_types
+from perception.sources.bags.bag_file import BagFile
+from perception.sources.ros.message_types import message_types
 
 
 def read(data: bytes) -> list[tuple[str, str, int, Any]]:
@@ -67,6 +68,7 @@ def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap)
     by_topic = {topic: content for topic, _, _, content in messages}
     assert {(topic, schema) for topic, schema, _, _ in messages} == {
         ("/hereabouts/markers", "visualization_msgs/msg/MarkerArray"),
+        ("/hereabouts/objects", "vision_msgs/msg/Detection3DArray"),
         ("/hereabouts/plan", "nav_msgs/msg/Path"),
         ("/hereabouts/robot", "geometry_msgs/msg/PoseStamped"),
         ("/map", "nav_msgs/msg/OccupancyGrid"),
@@ -107,7 +109,7 @@ def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
 
 def test_an_empty_map_is_a_valid_file() -> None:
     messages = read(scenes_as_mcap([(SceneReader(in_memory_map()).read(), math.nan)]))
-    assert [topic for topic, _, _, _ in messages] == ["/hereabouts/markers"]
+    assert [topic for topic, *_ in messages] == ["/hereabouts/objects", "/hereabouts/markers"]
 
 
 def test_frames_have_image_with_boxes_intrinsics_and_pose(tmp_path: Path) -> None:

@@ -69,7 +69,7 @@ def test_an_empty_map_is_a_bag_that_clears_the_view(tmp_path: Path) -> None:
 
 def test_the_same_messages_are_made_for_ros_2(kitchen: SemanticMap) -> None:
     types = get_typestore(Stores.ROS2_JAZZY)
-    for topic, message in RosMessages(types, is_ros1=False).of(SceneReader(kitchen).read(), 1.0):
+    for topic, message in RosMessages(is_ros1=False).of(SceneReader(kitchen).read(), 1.0):
         data = types.serialize_cdr(message, TOPICS[topic])
         again = types.deserialize_cdr(data, TOPICS[topic])
         assert bytes(types.serialize_cdr(again, TOPICS[topic])) == bytes(data)

@@ -17,10 +17,11 @@ class FakeMaster:
     def __init__(self) -> None:
         self.types: dict[str, str] = {}
         self.publishers: dict[str, dict[str, str]] = {}  # topic -> node -> its API
+        self.parameters: dict[str, Any] = {}
         self.server = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
         for name in ("getTopicTypes", "getSystemState", "lookupNode"):
             self.server.register_function(getattr(self, name), name)
-        for name in ("registerPublisher", "unregisterPublisher"):
+        for name in ("registerPublisher", "unregisterPublisher", "setParam"):
             self.server.register_function(getattr(self, name), name)
         self._thread = threading.Thread(target=self.server.serve_forever, args=(0.02,))
         self._thread.start()
@@ -55,6 +56,10 @@ class FakeMaster:
 
     def unregisterPublisher(self, caller: str, topic: str, api: str) -> list[Any]:  # noqa: N802
         return [1, "", int(self.publishers.get(topic, {}).pop(caller, None) is not None)]
+
+    def setParam(self, caller: str, name: str, value: Any) -> list[Any]:  # noqa: N802
+        self.parameters[name] = value
+        return [1, "", 0]
 
 
 @contextmanager

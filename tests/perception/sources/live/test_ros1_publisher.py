@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rosbags")
-from perception.sources.bags.bag_file import RawMessage, decoded, message_types
+from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live import connection, ros1, ros1_publisher, tcpros
 from perception.sources.live.ros1 import ask
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.tcpros import TcprosConnection
+from perception.sources.ros.message_types import message_types
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.waiting import until
 
@@ -102,6 +103,24 @@ def test_what_is_published_is_heard_and_latched_for_who_comes_later(master: Fake
         until(lambda: made.subscribers(TOPIC) == 0)
         made.publish(TOPIC, string("nobody hears this"))
     assert not master.publishers[TOPIC]
+
+
+def test_a_subscriber_that_stalls_misses_messages_and_holds_nobody_up(master: FakeMaster) -> None:
+    large = string("x" * 1_000_000)
+    with publisher(master) as made, socket.create_connection(tcpros_address(master)) as stalled:
+        connection = TcprosConnection(stalled, "test", threading.Event())
+        connection.send_fields({"callerid": "/test", "topic": TOPIC, "md5sum": "*"})
+        connection.fields()  # and reads nothing more for now
+        with listening(master) as inbox:
+            until(lambda: made.subscribers(TOPIC) == 2)
+            for _ in range(30):  # far more than the sockets buffer
+                made.publish(TOPIC, large)
+                assert inbox.heard.get(timeout=20) == large.data
+        made.publish(TOPIC, string("the last"))
+        heard = [connection.block(1 << 21)]
+        while heard[-1] != b"\x08\x00\x00\x00the last":
+            heard.append(connection.block(1 << 21))
+        assert len(heard) < 31
 
 
 def test_a_restarted_master_gets_to_know_the_node_again(master: FakeMaster) -> None:

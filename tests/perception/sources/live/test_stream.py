@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
-from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, NOTE_TOPIC
-from perception.sources.bags.bag_file import RawMessage, message_types
+from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, DEPTH_INFO, NOTE_TOPIC
+from perception.sources.bags.bag_file import RawMessage
 from perception.sources.listing import Streams
 from perception.sources.live import connection, stream
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
+from perception.sources.ros.message_types import message_types
 
 Messages = Callable[[str], list[RawMessage]]
 
@@ -164,8 +165,88 @@ def test_topics_are_those_of_the_options(messages: Messages) -> None:
     assert COLOUR not in given.wanted(types)
     offered(given, [raw for raw in [*raws, *other] if raw.topic in given.wanted(types)])
     assert given.next_frame(5) is not None
-    wanted = {"/rear/color", DEPTH, "/tf", "/tf_static", NOTE_TOPIC}
+    wanted = {"/rear/color", DEPTH, COLOUR_INFO, DEPTH_INFO, "/tf", "/tf_static", NOTE_TOPIC}
     assert given.wanted(types) == wanted - {NOTE_TOPIC}
+
+
+def test_a_camera_that_changes_is_taken(
+    messages: Messages, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second, third, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    before = made.next_frame(5)
+    assert before is not None
+
+    def zoomed(raw: RawMessage) -> RawMessage:
+        if raw.topic != COLOUR_INFO:
+            return raw
+        types = message_types(True)
+        info = types.deserialize_ros1(raw.data, raw.type)
+        K = info.K * [1.25, 1, 1, 1, 1.25, 1, 1, 1, 1]
+        return replace(raw, data=bytes(types.serialize_ros1(replace(info, K=K), raw.type)))
+
+    offered(made, second)
+    same = made.next_frame(5)
+    assert same is not None and np.array_equal(same.K, before.K)
+    assert "has changed" not in caplog.text
+    offered(made, [zoomed(raw) for raw in third])
+    after = made.next_frame(5)
+    assert after is not None
+    assert after.K[0, 0] == pytest.approx(1.25 * before.K[0, 0])
+    assert after.stamp > same.stamp
+    assert caplog.text.count("has changed") == 1
+
+
+def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(
+    messages: Messages, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second, third, *_ = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    types = message_types(True)
+
+    def renamed(raw: RawMessage) -> RawMessage:
+        message = types.deserialize_ros1(raw.data, raw.type)
+        if raw.topic == COLOUR:
+            message = replace(message, header=replace(message.header, frame_id="tilted"))
+        elif raw.topic == "/tf":
+            (one,) = message.transforms
+            up = replace(one.transform.translation, z=one.transform.translation.z + 1)
+            tilted = replace(one.transform, translation=up)
+            both = [one, replace(one, child_frame_id="tilted", transform=tilted)]
+            message = replace(message, transforms=both)
+        else:
+            return raw
+        return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
+
+    offered(made, second)
+    before = made.next_frame(5)
+    offered(made, [renamed(raw) for raw in third])
+    after = made.next_frame(5)
+    assert before is not None and after is not None
+    camera = "camera_color_optical_frame"
+    plain = made._index.tree.at("world", camera, float(after.id))
+    assert plain is not None
+    T = made.noted_transform if made.noted_transform is not None else np.eye(4)
+    assert (np.linalg.inv(T) @ after.T_map_cam)[2, 3] == pytest.approx(plain[2, 3] + 1)
+    assert f"of the frame 'tilted' now, not of '{camera}'" in caplog.text
+
+
+def test_transforms_that_come_late_are_waited_for_longer(messages: Messages) -> None:
+    first, *rest = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    assert made.next_frame(5) is not None
+    waiting: list[RawMessage] = []
+    made._late = 0.05
+    for number in range(6):  # transforms come 0.4 s after their images, 8 times the patience
+        for raw in (moved(raw, number + 1) for raw in rest[0] if raw.topic != "/tf_static"):
+            waiting.append(raw) if raw.topic == "/tf" else made.offer(raw, is_ros1=True)
+        made.next_frame(0.4)
+        offered(made, waiting)
+        waiting.clear()
+        made.next_frame(0)
+    counts = made.counts
+    assert (counts.without_pose, counts.taken) == (1, 6)  # then they are waited for
 
 
 def test_what_is_missing_is_said(messages: Messages) -> None:
