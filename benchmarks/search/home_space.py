@@ -20,8 +20,8 @@ from planner.search.viewpoints.candidate_views import (
     Motion,
     Sensor,
     candidate_views,
-    room_viewpoints,
 )
+from planner.search.viewpoints.covering_viewpoints import room_viewpoints
 
 
 class HomeSpace:
@@ -68,7 +68,7 @@ class HomeSpace:
             heading=views.heading[turns],
             extent=views.extent[turns],
             seconds=views.seconds[turns],
-            chance=views.chance[turns],
+            chance=views.chance.rows(turns),
         )
 
     def fresh(

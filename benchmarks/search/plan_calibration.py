@@ -50,7 +50,7 @@ def planned(
     hidden.begin()
     found_at = len(steps)
     for number, step in enumerate(steps):
-        robot.drive(views.fields[int(views.viewpoint[step.view])])
+        robot.drive(views.ways.field(int(views.viewpoints[views.viewpoint[step.view]])))
         if robot.turn_and_look(hidden, step.heading, step.extent):
             found_at = number
             break

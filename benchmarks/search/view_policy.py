@@ -37,7 +37,6 @@ class ViewPolicy:
     ) -> None:
         self._manner, self._state = manner, state
         self.robot = building.robot(start)
-        self._viewpoint: int | None = None
 
     def search(self, hidden: HiddenObject) -> TrialOutcome:
         """Take views until the object is found or no view gains enough."""
@@ -58,17 +57,12 @@ class ViewPolicy:
 
     def _next(self) -> int | None:
         robot = self.robot
-        return self._state.next_view(RobotState(robot.cell, robot.heading, self._viewpoint))
+        return self._state.next_view(RobotState(robot.cell, robot.heading))
 
     def _gone(self, look: int, hidden: HiddenObject) -> bool:
         views = self._state.views
-        viewpoint = int(views.viewpoint[look])
-        if self.robot.drive(
-            views.fields[viewpoint], hidden, self._seen_nothing, self._manner.apart
-        ):
-            return True
-        self._viewpoint = viewpoint
-        return False
+        field = views.ways.field(int(views.viewpoints[views.viewpoint[look]]))
+        return self.robot.drive(field, hidden, self._seen_nothing, self._manner.apart)
 
     def _looked(self, look: int, hidden: HiddenObject) -> bool:
         views = self._state.views

@@ -34,18 +34,126 @@ def distance_fields(space: FreeSpace, sources: ArrayLike) -> NDArray[np.float32]
     Infinite for cells that no path reaches, and off the floor.
     """
     cells = np.asarray(sources, np.intp).reshape(-1)
-    links = tuple(
-        (passage.a, passage.b, max(round(passage.metres / space.cell * UNIT), 1))
-        for passage in space.passages
-    )
+    steps = StepLengths.over(space.free, _links(space, np.array([(0, 0), space.shape])))
     metres = np.empty((len(cells), space.room.size), np.float32)
     done = 0
-    for lengths in path_lengths(StepLengths.over(space.free, links), cells):
-        part = metres[done : done + len(lengths)]
-        np.multiply(lengths, space.cell / UNIT, out=part, casting="same_kind")
-        part[lengths >= FAR] = np.inf
+    for lengths in path_lengths(steps, cells):
+        _in_metres(lengths, space.cell, metres[done : done + len(lengths)])
         done += len(lengths)
     return metres.reshape(len(cells), *space.shape)
+
+
+def _in_metres(
+    lengths: NDArray[np.int32], cell: float, out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Path lengths in metres, infinite where no way leads."""
+    metres = np.empty(lengths.shape, np.float32) if out is None else out
+    np.multiply(lengths, cell / UNIT, out=metres, casting="same_kind")
+    metres[lengths >= FAR] = np.inf
+    return metres
+
+
+def _links(space: FreeSpace, box: NDArray[np.intp]) -> tuple[Link, ...]:
+    """The passages within a box ((first cell), (end)) of the grid, by numbers of cells in it."""
+    found, shape = list[Link](), box[1] - box[0]
+    for passage in space.passages:
+        a, b = (np.array(divmod(cell, space.shape[1])) - box[0] for cell in (passage.a, passage.b))
+        if (np.minimum(a, b) >= 0).all() and (np.maximum(a, b) < shape).all():
+            length = max(round(passage.metres / space.cell * UNIT), 1)
+            found.append((int(a @ (shape[1], 1)), int(b @ (shape[1], 1)), length))
+    return tuple(found)
+
+
+LAST_STEPS: Final = 3  # cells before the end of a way by which the robot's heading is known
+_BOX: Final = 60_000  # cells of a grid from which on ways stay within a box around their ends, ...
+_AROUND: Final = 5.0  # ... and as many metres around it
+_KEPT: Final = 32e6  # bytes of whole fields that are kept
+
+
+class ShortestWays:
+    """Shortest ways between the cells `ends` (n,) of a floor, and to them.
+
+    Fields over the whole floor are computed as they are asked for. On a large floor, ways between
+    `ends` that leave a box around them are left out, if all can be reached within it.
+    """
+
+    def __init__(self, space: FreeSpace, ends: NDArray[np.intp]) -> None:
+        self._space, self.ends = space, ends
+        self._fields: dict[int, NDArray[np.float32]] = {}
+        self._headings: dict[int, NDArray[np.float64]] = {}
+        self._number = {int(cell): number for number, cell in enumerate(ends)}
+        self._near = _around(space, ends, LAST_STEPS)
+        lengths = _between(space, ends, self._near)
+        self._metres = _in_metres(lengths, space.cell)  # (cells near an end, n)
+        between = self._metres[np.searchsorted(self._near, ends)].astype(np.float64)
+        #: (n, n) [m] between ends
+        self.metres: NDArray[np.float64] = np.minimum(between, between.T)
+
+    def field(self, cell: int) -> NDArray[np.float32]:
+        """(nx, ny) [m] the shortest way from each cell to `cell`."""
+        if cell not in self._fields:
+            made = distance_fields(self._space, [cell])[0]
+            while self._fields and (len(self._fields) + 1) * made.nbytes > _KEPT:
+                self._fields.pop(next(iter(self._fields)))
+            self._fields[cell] = made
+        return self._fields[cell]
+
+    def metres_from(self, cell: int) -> NDArray[np.float64]:
+        """(n,) [m] the shortest way from `cell` to each end."""
+        number = self._number.get(cell)
+        if number is not None:
+            return np.asarray(self.metres[number], np.float64)
+        return self.field(cell).reshape(-1)[self.ends].astype(np.float64)
+
+    def arriving(self, cell: int) -> NDArray[np.float64]:
+        """(n,) [rad] headings with which shortest ways from `cell` arrive at each end."""
+        if cell not in self._headings:
+            number, space = self._number.get(cell), self._space
+            if number is None:
+                field = self.field(cell)
+            else:
+                field = np.full(space.shape, np.inf, np.float32)
+                field.reshape(-1)[self._near] = self._metres[:, number]
+            way = space.centres(self.ends)
+            way = way - space.centres(cells_before(space, field, self.ends, LAST_STEPS))
+            self._headings[cell] = np.arctan2(way[:, 1], way[:, 0])
+        return self._headings[cell]
+
+
+def _around(space: FreeSpace, cells: NDArray[np.intp], steps: int) -> NDArray[np.intp]:
+    """Cells at most `steps` rows and columns from any of `cells`, ascending."""
+    nx, ny = space.shape
+    off = np.arange(-steps, steps + 1)
+    ix, iy = (at[:, None] + off for at in np.divmod(cells, ny))
+    ix, iy = np.clip(ix, 0, nx - 1)[:, :, None], np.clip(iy, 0, ny - 1)[:, None, :]
+    return np.unique(ix * ny + iy)
+
+
+def _between(space: FreeSpace, ends: NDArray[np.intp], near: NDArray[np.intp]) -> NDArray[np.int32]:
+    """(m, n) path lengths from each of `ends` (n,) to the cells `near` (m,)."""
+    box = whole = np.array([(0, 0), space.shape])
+    if space.room.size > _BOX and len(ends):
+        at, margin = np.stack(np.divmod(ends, space.shape[1]), axis=1), _AROUND / space.cell
+        around = np.array([at.min(axis=0) - margin, at.max(axis=0) + margin + 1], np.intp)
+        box = np.clip(around, 0, space.shape)
+    found = _within(space, box, ends, near)
+    if (found[np.searchsorted(near, ends)] >= FAR).any() and (box != whole).any():
+        return _within(space, whole, ends, near)
+    return found
+
+
+def _within(
+    space: FreeSpace, box: NDArray[np.intp], ends: NDArray[np.intp], near: NDArray[np.intp]
+) -> NDArray[np.int32]:
+    """As `_between`, by ways within a box ((first cell), (end)) of the grid."""
+    window = tuple(slice(*side) for side in box.T)
+    there, source = (
+        (np.stack(np.divmod(cells, space.shape[1]), axis=1) - box[0]) @ (box[1, 1] - box[0, 1], 1)
+        for cells in (near, ends)
+    )
+    steps = StepLengths.over(space.free[window], _links(space, box))
+    parts = [np.ascontiguousarray(part.T[there]) for part in path_lengths(steps, source)]
+    return np.concatenate(parts, axis=1) if parts else np.zeros((len(near), 0), np.int32)
 
 
 def shortest_path(space: FreeSpace, field: NDArray[np.float32], start: int) -> NDArray[np.intp]:

@@ -81,9 +81,20 @@ class FreeSpace:
 
     def nearest(self, p_map: ArrayLike, room: int | None = None) -> int:
         """The floor cell nearest to `p_map` (2,) [m], in `room` if given."""
-        cells = self.floor(room)
-        offset = self.centres(cells) - np.asarray(p_map, np.float64)[:2]
-        return int(cells[np.argmin((offset**2).sum(axis=1))])
+        p = np.asarray(p_map, np.float64)[:2]
+        free = self.free if room is None else self.free & (self.room == room)
+        at, reach = np.nan_to_num((p - self.origin) / self.cell - 0.5), 2
+        while True:  # in ever larger windows, until nothing beyond can be nearer
+            low, high = (np.clip(np.rint(at) + s * reach, 0, self.shape) for s in (-1, 1))
+            (x, y), (xe, ye) = low.astype(np.intp), high.astype(np.intp) + 1
+            ix, iy = np.nonzero(free[x:xe, y:ye])
+            whole = not (x or y) and xe >= self.shape[0] and ye >= self.shape[1]
+            off = (ix + x - at[0]) ** 2 + (iy + y - at[1]) ** 2
+            if whole or (len(off) and off.min() < (reach - 0.5) ** 2):
+                cells = (ix + x) * self.shape[1] + iy + y
+                offset = self.centres(cells) - p
+                return int(cells[np.argmin((offset**2).sum(axis=1))])
+            reach *= 8
 
     def off_floor(self, p_map: ArrayLike, what: str = "start") -> str:
         """A line about a position (2,) [m] that is off the floor, or "".

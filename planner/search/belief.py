@@ -13,7 +13,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -92,6 +93,12 @@ class TargetBelief:
     parts: tuple[Contribution, ...]
     alike: NDArray[np.bool_]  # (k, k) whether two instances are in rooms of one kind
     doubt: Weights  # (k,) 1 / (alpha + beta) of the distribution of such rooms; 0 learns nothing
+    before: NDArray[np.bool_] = field(init=False)  # (k, k) `alike`, of earlier instances alone
+    total: Weights = field(init=False)  # (k,) weight of each instance
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "before", np.tril(self.alike, -1))
+        object.__setattr__(self, "total", np.maximum(self.weight.sum(axis=1), 1e-12))
 
     @staticmethod
     def apart(
@@ -105,22 +112,28 @@ class TargetBelief:
         alike = np.zeros((count, count), np.bool_)
         return TargetBelief(cells, weight, target, parts, alike, np.zeros(count))
 
-    def learned(self, unseen: Weights, alike: NDArray[np.bool_]) -> Weights:
+    def searched(self, unseen: Weights) -> Weights:
+        """(k,) weight of each instance in the cells that views have shown."""
+        return np.asarray(self.weight @ (1.0 - unseen))
+
+    def _learned(self, searched: Weights, alike: NDArray[np.bool_]) -> Weights:
         """(k,) what searches of `alike` (k, k) rooms in vain leave of each instance's weight."""
-        present = np.maximum(self.weight.sum(axis=1), 1e-12)
-        searched = self.weight @ (1.0 - unseen) / present
-        return np.asarray(1.0 / (1.0 + self.doubt * (alike @ searched)))
+        return np.asarray(1.0 / (1.0 + self.doubt * (alike @ (searched / self.total))))
 
     def present(self, unseen: Weights) -> Weights:
         """(k,) by how much failed views raise or lower the weight in cells that none has seen."""
-        learned = self.learned(unseen, self.alike)
-        found = learned * (self.weight @ (1.0 - unseen))
-        return np.asarray(learned / np.maximum(1.0 - found, 1e-12))
+        searched = self.searched(unseen)
+        learned = self._learned(searched, self.alike)
+        return np.asarray(learned / np.maximum(1.0 - learned * searched, 1e-12))
 
     def still_missing(self, unseen: Weights, targets: int) -> Weights:
         """(targets,) probability that no instance of each target has been seen."""
-        before = np.tril(self.alike, -1)  # by the chain rule, an instance learns from those before
-        found = self.learned(unseen, before) * (self.weight @ (1.0 - unseen))
+        return self.missing_after(self.searched(unseen), targets)
+
+    def missing_after(self, searched: Weights, targets: int) -> Weights:
+        """As `still_missing`, from what `searched` gives."""
+        # by the chain rule, an instance learns from those before
+        found = self._learned(searched, self.before) * searched
         log = np.log(np.maximum(1.0 - found, 1e-12))
         return np.exp(np.bincount(self.target, log, minlength=targets))
 
@@ -198,6 +211,8 @@ class _Instances:
         self._room = ground.space.room.reshape(-1)[cells]
         self._seen = np.zeros(len(cells)) if ground.seen is None else ground.seen.reshape(-1)[cells]
         self._uniform = np.full(len(cells), 1.0 / len(cells))
+        self._all_over = cache(self._spread)
+        self._anywhere = self._all_places()
 
     def all(self) -> list[_Instance]:
         """The parts of each instance."""
@@ -207,7 +222,8 @@ class _Instances:
             *(self._of_room(room) for room in rooms),
         ]
 
-    def _all_over(self, room: int) -> Weights:
+    def _spread(self, room: int) -> Weights:
+        """(c,) distribution over a room."""
         inside = self._room == room
         return np.asarray(inside / max(int(inside.sum()), 1))
 
@@ -242,8 +258,7 @@ class _Instances:
         weight[inside] = site_weights(self._ground.space, self._cells[inside], known.p_map, sigma)
         return weight
 
-    @property
-    def _anywhere(self) -> Weights:
+    def _all_places(self) -> Weights:
         """(c,) distribution over all places by their probability to contain the target."""
         total = sum(c.probability for c in self._places.values())
         if total <= 0:

@@ -34,7 +34,7 @@ class RoomBaselines:
         self._evaluator = evaluator
         views = evaluator.state.views
         self._room_of = evaluator.state.space.room.reshape(-1)[views.viewpoints]
-        self._reached = np.isfinite(views.metres_from(evaluator.at.cell))
+        self._reached = np.isfinite(views.ways.metres_from(evaluator.at.cell))
         self.rooms = [int(r) for r in np.unique(self._room_of[self._reached])]
         self._sweeps = {room: self._sweep(room) for room in self.rooms}
 
@@ -45,12 +45,13 @@ class RoomBaselines:
         among = np.flatnonzero(np.isin(views.viewpoint, viewpoints))
         inside = state.space.room.reshape(-1)[views.cells] == room
         left = np.where(inside, state.weights(state.unseen), 0.0)
-        goal = (1 - _SWEPT) * float(left @ views.chance[among].max(axis=0))
+        goal = (1 - _SWEPT) * float(left @ views.chance.rows(among).greatest())
         at, order = self._middle(viewpoints), list[int]()
         while len(order) < _MAX_VIEWS and len(among):
-            gains = views.chance[among] @ left.astype(np.float32)
+            chance = views.chance.rows(among)
+            gains = chance @ left
             view = int(among[np.argmax(gains / state.next_best_view.costs(at, among))])
-            if float(gains.max()) <= 0 or float(left @ views.chance[among].max(axis=0)) <= goal:
+            if float(gains.max()) <= 0 or float(left @ chance.greatest()) <= goal:
                 break
             left = left * (1.0 - views.chance[view])
             order.append(view)
@@ -62,15 +63,19 @@ class RoomBaselines:
         state = self._evaluator.state
         xy = state.space.centres(state.views.viewpoints[viewpoints])
         best = viewpoints[int(np.argmin(((xy - xy.mean(axis=0)) ** 2).sum(axis=1)))]
-        return RobotState(int(state.views.viewpoints[best]), 0.0, int(best))
+        return RobotState(int(state.views.viewpoints[best]))
 
     def nearest_first(self) -> list[int]:
         """Rooms in nearest-neighbour order."""
         views = self._evaluator.state.views
-        first = views.metres_from(self._evaluator.at.cell)
+        first, between = views.ways.metres_from(self._evaluator.at.cell), views.ways.metres
 
         def metres(here: int | None, room: int) -> float:
-            last = first if here is None else views.metres[views.viewpoint[self._sweeps[here][-1]]]
+            last = (
+                first
+                if here is None
+                else views.ways.metres[views.viewpoint[self._sweeps[here][-1]]]
+            )
             return float(last[self._room_of == room].min())
 
         return list(nearest_neighbour((r for r in self.rooms if self._sweeps[r]), metres))
@@ -85,9 +90,13 @@ class RoomBaselines:
         if not p.sum() > 0:
             return rooms
         speed = views.motion.speed
-        far = float(np.max(views.metres[np.isfinite(views.metres)], initial=1.0)) * 10 / speed
-        between = views.metres[np.ix_(last, first)] / speed
-        there = views.metres_from(self._evaluator.at.cell)[first] / speed
+        far = (
+            float(np.max(views.ways.metres[np.isfinite(views.ways.metres)], initial=1.0))
+            * 10
+            / speed
+        )
+        between = views.ways.metres[np.ix_(last, first)] / speed
+        there = views.ways.metres_from(self._evaluator.at.cell)[first] / speed
         sweeps = np.array([self._seconds(self._sweeps[room]) for room in rooms])
         order = room_order(
             p,
@@ -98,8 +107,7 @@ class RoomBaselines:
 
     def _seconds(self, sweep: Sequence[int]) -> float:
         state, total = self._evaluator.state, 0.0
-        viewpoint = int(state.views.viewpoint[sweep[0]])
-        at = RobotState(int(state.views.viewpoints[viewpoint]), 0.0, viewpoint)
+        at = RobotState(int(state.views.viewpoints[state.views.viewpoint[sweep[0]]]))
         for view in sweep:
             total += self._evaluator.cost(at, view)
             at = state.next_best_view.after(at, view)

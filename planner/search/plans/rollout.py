@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.search.plans.search_state import PlanningState
-from planner.search.viewpoints.next_best_view import RobotState
+from planner.search.viewpoints.next_best_view import RevisitModel, RobotState
 from planner.settings import ENOUGH, MAX_VIEWS
 
 Floats = NDArray[np.float64]
@@ -25,6 +25,8 @@ class Rollout:
     metres: Floats  # (n,) [m] driven until then
     found: Floats  # (n + 1, targets) probability that each target was found before view i
     unseen: Floats  # (n + 1, c) probability that an object in a cell was missed before view i
+    searched: Floats  # (n + 1, k) weight of each instance that was shown before view i
+    robots: tuple[RobotState, ...]  # (n + 1,) before each view, and after the last one
 
     @property
     def gains(self) -> Floats:
@@ -55,34 +57,66 @@ class PlanEvaluator:
 
     def __init__(self, state: PlanningState, at: RobotState, before: float = 0.0) -> None:
         self.state, self.at, self._before = state, at, before
-        count = len(state.targets)
-        self._wanted = np.isin(np.arange(count), state.wanted)
-        self._missing = state.target_belief.still_missing(state.unseen, count)
-        self.limit = self._p_found(np.where(state.next_best_view.seeable, 0.0, state.unseen))
+        self._count, belief = len(state.targets), state.target_belief
+        self._wanted = np.isin(np.arange(self._count), state.wanted)
+        self._by_cell = np.ascontiguousarray(belief.weight.T)  # (c, k)
+        searched = belief.searched(state.unseen)
+        self._missing = belief.missing_after(searched, self._count)
+        all_shown = belief.searched(np.where(state.next_best_view.seeable, 0.0, state.unseen))
+        self.limit = self._p_found(all_shown)
+        self._empty = Rollout(
+            (),
+            np.zeros(0),
+            np.zeros(0),
+            self._p_found(searched)[None],
+            state.unseen[None],
+            searched[None],
+            (at,),
+        )
 
-    def _p_found(self, unseen: Floats) -> Floats:
+    def _p_found(self, searched: Floats) -> Floats:
         """(targets,) probability to have been found since the plan began."""
-        count = len(self.state.targets)
-        missing = self.state.target_belief.still_missing(unseen, count) / self._missing
+        missing = self.state.target_belief.missing_after(searched, self._count) / self._missing
         return np.where(self._wanted, 1.0 - np.minimum(missing, 1.0), 0.0)
 
-    def play(self, order: Sequence[int]) -> Rollout:
-        """Rollout of the views `order`."""
-        state, at, revisits = self.state, self.at, self.state.revisits.copy()
-        seconds, metres = np.zeros(len(order)), np.zeros(len(order))
-        unseen = np.empty((len(order) + 1, len(state.unseen)))
-        unseen[0] = state.unseen
-        found = [self._p_found(unseen[0])]
-        for i, view in enumerate(order):
-            seconds[i] = self.cost(at, view)
+    def _show(self, view: int, unseen: Floats, searched: Floats, revisits: RevisitModel) -> None:
+        """Take a view: update `unseen` (c,) and `searched` (k,) in place, and `revisits`."""
+        cells, _ = self.state.views.chance.shown(view)
+        chance = revisits.chance(view)[cells]
+        left = unseen[cells] * (1.0 - chance)
+        searched += (unseen[cells] - left) @ self._by_cell[cells]
+        unseen[cells] = left
+        revisits.add(view)
+
+    def play(self, order: Sequence[int], known: Rollout | None = None) -> Rollout:
+        """Rollout of the views `order`; `known` may have its first views already."""
+        state, known = self.state, known or self._empty
+        same = 0
+        while same < min(len(order), len(known.views)) and order[same] == known.views[same]:
+            same += 1
+        revisits, at = state.revisits.copy(), known.robots[same]
+        for view in order[:same]:
+            revisits.add(view)
+        more = len(order) - same
+        arrivals = np.concatenate([known.arrivals[:same], np.zeros(more)])
+        metres = np.concatenate([known.metres[:same], np.zeros(more)])
+        unseen, searched, found = (
+            np.concatenate([rows[: same + 1], np.empty((more, rows.shape[1]))])
+            for rows in (known.unseen, known.searched, known.found)
+        )
+        robots = [*known.robots[: same + 1]]
+        for i in range(same, len(order)):
+            view = order[i]
+            arrivals[i] = (arrivals[i - 1] if i else self._before) + self.cost(at, view)
             viewpoint = state.views.viewpoint[view]
             metres[i] = state.next_best_view.metres_to(at)[viewpoint]
-            unseen[i + 1] = unseen[i] * (1.0 - revisits.chance(view))
-            revisits.add(view)
+            metres[i] += metres[i - 1] if i else 0.0
+            unseen[i + 1], searched[i + 1] = unseen[i], searched[i]
+            self._show(view, unseen[i + 1], searched[i + 1], revisits)
             at = state.next_best_view.after(at, view)
-            found.append(self._p_found(unseen[i + 1]))
-        arrivals = self._before + np.cumsum(seconds)
-        return Rollout(tuple(order), arrivals, np.cumsum(metres), np.array(found), unseen)
+            robots.append(at)
+            found[i + 1] = self._p_found(searched[i + 1])
+        return Rollout(tuple(order), arrivals, metres, found, unseen, searched, tuple(robots))
 
     def cost(self, at: RobotState, view: int) -> float:
         """[s] to drive, to turn and to take the view."""
@@ -91,14 +125,14 @@ class PlanEvaluator:
     def construct(self, budget: float) -> list[int]:
         """Greedy sequence by the ratio rule with lookahead (`NextBestView.best`)."""
         state, at, revisits = self.state, self.at, self.state.revisits.copy()
-        unseen, spent, order = state.unseen.copy(), self._before, list[int]()
+        unseen, searched = state.unseen.copy(), self._empty.searched[0].copy()
+        spent, order = self._before, list[int]()
         goal = ENOUGH * float(self.limit.sum())
-        while len(order) < MAX_VIEWS and float(self._p_found(unseen).sum()) < goal:
+        while len(order) < MAX_VIEWS and float(self._p_found(searched).sum()) < goal:
             view = state.choose(at, unseen, revisits)
             if view is None or (spent := spent + self.cost(at, view)) > budget:
                 break
-            unseen = unseen * (1.0 - revisits.chance(view))
-            revisits.add(view)
+            self._show(view, unseen, searched, revisits)
             at = state.next_best_view.after(at, view)
             order.append(view)
         return order
@@ -111,16 +145,16 @@ class PlanEvaluator:
         """
         if len(order) < 3:
             return order
-        first = self.play(order)
+        played = first = self.play(order)
         rng, best = np.random.default_rng(seed), self._score(first)
         kept = int(self.state.known.any() and first.chances[0] >= self.state.settings.likely)
         for _ in range(trials):
             if time.monotonic() > deadline:
                 break
             trial = [*order[:kept], *_varied(order[kept:], rng)]
-            score = self._score(self.play(trial))
-            if score < best - 1e-9:
-                order, best = trial, score
+            tried = self.play(trial, played)
+            if (score := self._score(tried)) < best - 1e-9:
+                order, best, played = trial, score, tried
         return order
 
     def _score(self, rollout: Rollout) -> float:

@@ -32,15 +32,14 @@ from planner.search.belief import CellBelief, TargetBelief, build_target_belief
 from planner.search.goals.candidate_queries import Candidate, CandidateQueries, map_time
 from planner.search.goals.targets import Target, resolve
 from planner.search.viewpoints.candidate_views import (
-    COVERS,
     CandidateViews,
     Motion,
     Sensor,
     belief_cells,
     candidate_views,
-    covering_viewpoints,
     sweep_chance,
 )
+from planner.search.viewpoints.covering_viewpoints import COVERS, covering_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 from planner.settings import BELIEF, MAX_ROOMS, MAX_ROUNDS, BeliefSettings
 

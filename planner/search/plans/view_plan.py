@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
-from planner.freespace.geodesic import shortest_path
+from planner.freespace.geodesic import distance_fields, shortest_path
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.plans.baselines import Baseline, room_baselines
 from planner.search.plans.rollout import PlanEvaluator, Rollout
@@ -210,9 +210,10 @@ def _visited(state: PlanningState, steps: Iterable[ViewStep]) -> tuple[VisitedCa
     def shows(step: ViewStep, candidate: Candidate) -> bool:
         if candidate.kind in ("place", "frontier"):
             return step.place == candidate.iri
-        return bool(state.views.chance[step.view, cell_of[id(candidate)]] > 0)
+        return bool(seen[cell_of[id(candidate)]] > 0)
 
     for step in steps:
+        seen = state.views.chance[step.view]
         shown = [candidate for candidate in rest if shows(step, candidate)]
         visited += [VisitedCandidate(c, step.metres, step.seconds) for c in shown]
         rest = [candidate for candidate in rest if candidate not in shown]
@@ -224,15 +225,15 @@ def planned_ways(
 ) -> list[NDArray[np.float64]]:
     """The way (n, 2) [m] to each of `steps`, which are the first ones of `plan`."""
     views, cell = state.views, state.space.nearest(plan.start)
+    ends = views.viewpoints[views.viewpoint[[step.view for step in steps]]] if steps else ()
     ways = []
-    for step in steps:
-        viewpoint = int(views.viewpoint[step.view])
+    for there, field in zip(map(int, ends), distance_fields(state.space, ends), strict=True):
         try:
-            cells = shortest_path(state.space, views.fields[viewpoint], cell)
+            cells = shortest_path(state.space, field, cell)
         except LayoutError:  # the only way is a passage between cells that are no floor
-            cells = np.array([cell, views.viewpoints[viewpoint]], np.intp)
+            cells = np.array([cell, there], np.intp)
         ways.append(_smooth(state.space.centres(cells)))
-        cell = int(views.viewpoints[viewpoint])
+        cell = there
     return ways
 
 

@@ -6,139 +6,18 @@ to detect an object in each cell of the belief; walls block it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mapping.occupancy.mapped_floor import FloorView
-from planner.freespace.geodesic import distance_fields
+from planner.freespace.geodesic import ShortestWays
 from planner.freespace.grid import Cells, FreeSpace, visible_cells
+from planner.search.viewpoints.covering_viewpoints import covering_viewpoints
+from planner.search.viewpoints.detection_matrix import DetectionMatrix, detection_matrix
 from planner.settings import LOOK_AROUND, SPEED
-
-_Seen = NDArray[np.bool_]
-
-SPACING: Final = 1.0  # [m] of the lattice of viewpoints
-COVER: Final = 0.995  # share of every room that covering viewpoints see
-COVERS: Final = 4  # times that they see it: the robot has a choice of positions
-
-
-def covering_viewpoints(
-    space: FreeSpace,
-    reach: float,
-    *,
-    near: float = 0.0,
-    covers: int = COVERS,
-    besides: ArrayLike = (),
-) -> Cells:
-    """Viewpoints that together see at least the share `COVER` of every room, `covers` times.
-
-    The covers of `room_viewpoints` have no viewpoint in common, nor with `besides`, so that another
-    viewpoint can see an object that one view missed. Where they leave too much of a room unseen, a
-    closet for example, any floor cell that sees it can be a viewpoint.
-    """
-    found = room_viewpoints(space, reach, near=near, cover=COVER, covers=covers, besides=besides)
-    chosen = {int(cell) for cells in found.values() for cell in cells}
-    known = chosen.union(np.asarray(besides, np.intp).tolist())
-    chosen.update(_peepholes(space, sorted(known), near, reach))
-    return np.array(sorted(chosen), np.intp)
-
-
-def room_viewpoints(
-    space: FreeSpace,
-    reach: float,
-    *,
-    near: float = 0.0,
-    cover: float = 0.98,
-    covers: int = 1,
-    besides: ArrayLike = (),
-) -> dict[int, Cells]:
-    """For each room, cells from which whole turns see at least `cover` of it, `covers` times.
-
-    Candidates are a lattice with the middle of every room. Greedy set cover takes the candidate
-    that sees the most unseen cells first, from the room itself, then from other rooms. Cells nearer
-    than `near` metres are not seen. `besides` are not taken.
-    """
-    rooms = np.unique(space.room[space.free])
-    lattice = {int(room): _lattice(space, space.floor(int(room))) for room in rooms}
-    candidates = np.concatenate(list(lattice.values()))
-    seen = np.zeros((len(candidates), space.room.size), np.bool_)
-    for row, viewpoint in zip(seen, candidates, strict=True):
-        row[_shown(space, int(viewpoint), near, reach)] = True
-    owner = np.repeat(list(lattice), [len(cells) for cells in lattice.values()])
-    taken = set(np.flatnonzero(np.isin(candidates, np.asarray(besides, np.intp))).tolist())
-    found: dict[int, Cells] = {}
-    for room in lattice:
-        inside = seen[:, space.inside(room)]
-        chosen: list[int] = []
-        for _ in range(covers):
-            unseen = np.ones(inside.shape[1], np.bool_)
-            for among in (owner == room, owner != room):
-                left = [int(i) for i in np.flatnonzero(among) if i not in taken]
-                picked = _greedy_cover(inside, left, unseen, cover)
-                chosen += picked
-                taken.update(picked)
-        found[room] = candidates[chosen]
-    return found
-
-
-def _peepholes(space: FreeSpace, viewpoints: Sequence[int], near: float, reach: float) -> list[int]:
-    """Further viewpoints for rooms that `viewpoints` see less than the share `COVER` of.
-
-    A room without free floor, full of tables for example, is seen from the floor of other rooms.
-    """
-    unseen = np.zeros(space.room.size, np.bool_)
-    unseen[space.inside()] = True
-    free = space.free.reshape(-1)
-    for viewpoint in viewpoints:
-        unseen[_shown(space, viewpoint, near, reach)] = False
-    taken: list[int] = []
-    for room in np.unique(space.room[space.open]):
-        cells = space.inside(int(room))
-        if unseen[cells].mean() <= 1 - COVER:
-            continue
-        views = {int(cell): _shown(space, int(cell), near, reach) for cell in cells[unseen[cells]]}
-        while unseen[cells].mean() > 1 - COVER:
-            left = [views[int(cell)] for cell in cells[unseen[cells]]]
-            count = np.bincount(np.concatenate(left), minlength=unseen.size) * free
-            best = int(np.argmax(count))  # lines of sight are symmetric
-            if not count[best]:
-                break
-            taken.append(best)
-            unseen[_shown(space, best, near, reach)] = False
-    return taken
-
-
-def _shown(space: FreeSpace, viewpoint: int, near: float, reach: float) -> Cells:
-    """The cells seen from `viewpoint`, none nearer than `near` [m]."""
-    cells, offset = visible_cells(space, viewpoint, reach)
-    return np.asarray(cells[(offset**2).sum(axis=1) >= near**2], np.intp)
-
-
-def _lattice(space: FreeSpace, cells: Cells) -> Cells:
-    step = max(1, round(SPACING / space.cell))
-    ix, iy = np.divmod(cells, space.shape[1])
-    on = cells[((ix - ix.min()) % step == step // 2) & ((iy - iy.min()) % step == step // 2)]
-    middle = space.centres(cells).mean(axis=0)
-    offset = space.centres(cells) - middle
-    centre = cells[int(np.argmin((offset**2).sum(axis=1)))]
-    return np.unique(np.append(on, centre))
-
-
-def _greedy_cover(seen: _Seen, left: Sequence[int], unseen: _Seen, cover: float) -> list[int]:
-    """Rows of `seen` (n, c) among `left` that leave little unseen; updates `unseen` (c,)."""
-    rows = seen[list(left)]
-    taken: list[int] = []
-    while len(rows) and unseen.mean() > 1 - cover:
-        gains = (rows & unseen).sum(axis=1)
-        best = int(np.argmax(gains))
-        if not gains[best]:
-            break
-        taken.append(left[best])
-        unseen &= ~rows[best]
-    return taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,11 +126,16 @@ def belief_cells(space: FreeSpace) -> Cells:
     return np.array(sorted(kept), np.intp)
 
 
-def square(space: FreeSpace, cell: int) -> int:
-    """Number of the square with sides of `SQUARE` metres that contains floor cell `cell`."""
+def squares(space: FreeSpace, cells: Cells) -> NDArray[np.intp]:
+    """(n,) numbers of the squares with sides of `SQUARE` metres that contain floor `cells`."""
     side = max(1, round(SQUARE / space.cell))
-    ix, iy = divmod(int(cell), space.shape[1])
-    return (ix // side) * space.shape[1] + iy // side
+    ix, iy = np.divmod(cells, space.shape[1])
+    return np.asarray((ix // side) * space.shape[1] + iy // side, np.intp)
+
+
+def square(space: FreeSpace, cell: int) -> int:
+    """Number of the square that contains floor cell `cell`."""
+    return int(squares(space, np.array([cell], np.intp))[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,45 +151,32 @@ class CandidateViews:
     heading: NDArray[np.float64]  # (n,) [rad] the middle of its sweep
     extent: NDArray[np.float64]  # (n,) [rad] seen in one sweep
     seconds: NDArray[np.float64]  # (n,) [s] of the sweep, without the turn before it
-    chance: NDArray[np.float32]  # (n, c) chance to detect an object in each cell
-    fields: NDArray[np.float32]  # (s, nx, ny) [m] shortest ways to each viewpoint
+    chance: DetectionMatrix  # (n, c) chance to detect an object in each cell
+    ways: ShortestWays  # between viewpoints
     proven: Cells  # (m, 2) a floor cell, and a cell of the belief that a camera showed from there
-    metres: NDArray[np.float64] = field(init=False)  # (s, s) [m] between viewpoints
-
-    def __post_init__(self) -> None:
-        between = self.fields.reshape(len(self.viewpoints), -1)[:, self.viewpoints].astype(
-            np.float64
-        )
-        object.__setattr__(self, "metres", np.minimum(between, between.T))
-
-    def metres_from(self, cell: int) -> NDArray[np.float64]:
-        """(s,) [m] the shortest way from `cell` to each viewpoint."""
-        return self.fields.reshape(len(self.viewpoints), -1)[:, cell].astype(np.float64)
 
     def with_viewpoints(self, space: FreeSpace, viewpoints: Cells) -> CandidateViews:
         """Views over the same cells from other `viewpoints`, on a floor that may have changed."""
         kinds = self.kinds
-        known = np.isin(viewpoints, self.viewpoints) & (space is self.space)
-        shape = (len(viewpoints), len(kinds), len(self.cells))
-        chance = np.zeros(shape, np.float32)
-        fields = np.zeros((len(viewpoints), *self.fields.shape[1:]), np.float32)
-        kept = np.searchsorted(self.viewpoints, viewpoints[known])
-        chance[known] = self.chance.reshape(-1, *shape[1:])[kept]
-        fields[known] = self.fields[kept]
-        if not known.all():
-            new = viewpoints[~known]
-            chance[~known] = _chances(space, self.sensor, self.cells, new, kinds, self.proven)
-            fields[~known] = distance_fields(space, new)
-        return _views(
-            space,
-            self.sensor,
-            self.motion,
-            self.cells,
-            viewpoints,
-            kinds,
-            chance,
-            fields,
-            self.proven,
+        known = np.isin(self.viewpoints, viewpoints) & (space is self.space)
+        kept, new = self.viewpoints[known], np.setdiff1d(viewpoints, self.viewpoints[known])
+        more = detection_matrix(space, self.sensor, self.cells, new, kinds, self.proven)
+        chance = DetectionMatrix.joined(
+            [self.chance.rows(np.flatnonzero(known[self.viewpoint])), more]
+        )
+        order = np.argsort(np.concatenate([kept, new]), kind="stable")
+        numbers = np.arange(len(chance)).reshape(len(order), len(kinds))[order].reshape(-1)
+        extent = np.tile([e for _, e in kinds], len(viewpoints))
+        return replace(
+            self,
+            space=space,
+            viewpoints=viewpoints,
+            viewpoint=np.repeat(np.arange(len(viewpoints)), len(kinds)),
+            heading=np.tile([h for h, _ in kinds], len(viewpoints)),
+            extent=extent,
+            seconds=self.motion.sweep_seconds(extent, self.sensor.field_of_view),
+            chance=chance.rows(numbers),
+            ways=ShortestWays(space, viewpoints),
         )
 
     @property
@@ -347,51 +218,7 @@ def candidate_views(
         viewpoints = covering_viewpoints(space, sensor.far, near=sensor.near)
     kinds = _kinds(sensor.field_of_view)
     proven = np.zeros((0, 2), np.intp) if proven is None else proven
-    chance = _chances(space, sensor, cells, viewpoints, kinds, proven)
-    fields = distance_fields(space, viewpoints)
-    return _views(space, sensor, motion, cells, viewpoints, kinds, chance, fields, proven)
-
-
-def _chances(
-    space: FreeSpace,
-    sensor: Sensor,
-    cells: Cells,
-    viewpoints: Cells,
-    kinds: Sequence[tuple[float, float]],
-    proven: Cells,
-) -> NDArray[np.float32]:
-    """(s, k, c) chance to detect an object in each cell by views of `kinds` from `viewpoints`."""
-    chance = np.zeros((len(viewpoints), len(kinds), len(cells)), np.float32)
-    for rows, viewpoint in zip(chance, viewpoints, strict=True):
-        seen, offset = visible_cells(space, int(viewpoint), sensor.far)
-        at = np.searchsorted(cells, seen)
-        kept = (at < len(cells)) & (cells[np.minimum(at, len(cells) - 1)] == seen)
-        at, offset = at[kept], offset[kept]
-        metres = np.hypot(offset[:, 0], offset[:, 1])
-        if len(shown := proven[proven[:, 0] == viewpoint, 1]):
-            there = space.centres(shown) - space.centres([viewpoint])
-            at = np.append(at, np.searchsorted(cells, shown))
-            offset = np.concatenate([offset, there])
-            metres = np.append(metres, np.clip(np.hypot(*there.T), sensor.near, sensor.far))
-        of_cell = sensor.chance(metres)
-        bearing = np.arctan2(offset[:, 1], offset[:, 0])
-        for row, (heading, extent) in zip(rows, kinds, strict=True):
-            inside = angle_between(bearing, heading) <= extent / 2 + 1e-9
-            row[at[inside]] = of_cell[inside]
-    return chance
-
-
-def _views(
-    space: FreeSpace,
-    sensor: Sensor,
-    motion: Motion,
-    cells: Cells,
-    viewpoints: Cells,
-    kinds: Sequence[tuple[float, float]],
-    chance: NDArray[np.float32],
-    fields: NDArray[np.float32],
-    proven: Cells,
-) -> CandidateViews:
+    chance = detection_matrix(space, sensor, cells, viewpoints, kinds, proven)
     extent = np.tile([e for _, e in kinds], len(viewpoints))
     return CandidateViews(
         space=space,
@@ -403,8 +230,8 @@ def _views(
         heading=np.tile([h for h, _ in kinds], len(viewpoints)),
         extent=extent,
         seconds=motion.sweep_seconds(extent, sensor.field_of_view),
-        chance=chance.reshape(-1, len(cells)),
-        fields=fields,
+        chance=chance,
+        ways=ShortestWays(space, viewpoints),
         proven=proven,
     )
 
@@ -433,6 +260,12 @@ def sweep_chance(
     views: CandidateViews, cell: int, heading: float, extent: float
 ) -> NDArray[np.float32]:
     """(c,) chance to detect an object in each cell by a sweep of `extent` [rad] about `heading`."""
-    viewpoint, kinds = np.array([cell], np.intp), [(heading, extent)]
-    chance = _chances(views.space, views.sensor, views.cells, viewpoint, kinds, views.proven)
-    return chance.reshape(-1)
+    made = detection_matrix(
+        views.space,
+        views.sensor,
+        views.cells,
+        np.array([cell], np.intp),
+        [(heading, extent)],
+        views.proven,
+    )
+    return made[0]

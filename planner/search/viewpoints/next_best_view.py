@@ -7,45 +7,44 @@ repeated view of the same cells detects less each time.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from copy import copy
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.freespace.geodesic import cells_before, distance_fields
-from planner.search.viewpoints.candidate_views import CandidateViews, angle_between, square
-
-LAST_STEPS: Final = 3  # cells before the end of a way by which the robot's heading is known
+from planner.search.viewpoints.candidate_views import CandidateViews, angle_between, square, squares
+from planner.search.viewpoints.detection_matrix import DetectionMatrix
 
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """Robot state: floor cell, heading [rad], and number of the viewpoint it is at, if any."""
+    """Robot state: floor cell and heading [rad]."""
 
     cell: int
     heading: float = 0.0
-    viewpoint: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Room:
-    """The views from within one room, and the cells they show."""
+    """The views from within one room, and what they show."""
 
-    rows: NDArray[np.intp]  # (k,) numbers of views
-    cells: NDArray[np.intp]  # (m,) indices of cells of the belief
-    chance: NDArray[np.float32]  # (k, m)
+    rows: NDArray[np.intp]  # (k,) numbers of views, ascending
+    cells: NDArray[np.intp]  # (m,) cells of the belief that any of them shows
+    chance: DetectionMatrix  # of these views
 
     def reduced(self, views: CandidateViews, revisits: RevisitModel) -> NDArray[np.float32]:
-        """(k, m) `chance` after all earlier views."""
-        viewpoints, chance = views.viewpoint[self.rows], self.chance
+        """The chances of `chance` after all earlier views."""
+        viewpoints, value = views.viewpoint[self.rows], self.chance.value
         for viewpoint in np.unique(viewpoints):
             share = revisits.remaining(int(viewpoint))
             if share is not None:
-                chance = chance.copy() if chance is self.chance else chance
-                chance[viewpoints == viewpoint] *= share[self.cells]
-        return chance
+                value = value.copy() if value is self.chance.value else value
+                first, end = np.searchsorted(viewpoints, [viewpoint, viewpoint + 1])
+                part = slice(self.chance.starts[first], self.chance.starts[end])
+                value[part] *= share[self.chance.cell[part]]
+        return value
 
 
 _AHEAD: Final = 3  # views that the lookahead follows after the first one
@@ -58,30 +57,24 @@ class NextBestView:
         self.views = views
         rooms = views.space.room.reshape(-1)[views.viewpoints][views.viewpoint]
         self._rooms = [_room(views, np.flatnonzero(rooms == room)) for room in np.unique(rooms)]
-        from_viewpoints = views.chance.reshape(len(views.viewpoints), -1, len(views.cells)) > 0
-        self._shown: NDArray[np.bool_] = np.asarray(from_viewpoints.any(axis=1), np.bool_)  # (s, c)
-        self._headings = dict[int, NDArray[np.float64]]()  # of arrival at each viewpoint, by cell
 
     @property
     def seeable(self) -> NDArray[np.bool_]:
         """(c,) cells that some view shows."""
-        return np.asarray(self._shown.any(axis=0), np.bool_)
+        return self.views.chance.any()
 
     def seeable_from(self, at: RobotState) -> NDArray[np.bool_]:
         """(c,) cells that some view from a reachable viewpoint shows."""
-        reachable = np.isfinite(self.views.metres_from(at.cell))
-        return np.asarray(self._shown[reachable].any(axis=0), np.bool_)
+        return self.views.chance.any(self.reached(at))
 
     def reached(self, at: RobotState) -> NDArray[np.bool_]:
         """(n,) views from reachable viewpoints."""
-        reachable = np.isfinite(self.views.metres_from(at.cell))
+        reachable = np.isfinite(self.metres_to(at))
         return np.asarray(reachable[self.views.viewpoint], np.bool_)
 
     def metres_to(self, at: RobotState) -> NDArray[np.float64]:
         """(s,) [m] the shortest way from `at` to each viewpoint."""
-        if at.viewpoint is None:
-            return self.views.metres_from(at.cell)
-        return np.asarray(self.views.metres[at.viewpoint], np.float64)
+        return self.views.ways.metres_from(at.cell)
 
     def costs(self, at: RobotState, among: NDArray[np.intp]) -> NDArray[np.float64]:
         """(k,) [s] to drive, to turn and to take the view, for each of the views `among`."""
@@ -98,15 +91,7 @@ class NextBestView:
 
     def arriving(self, at: RobotState) -> NDArray[np.float64]:
         """(s,) [rad] headings with which shortest ways from `at` arrive at each viewpoint."""
-        if at.cell not in self._headings:
-            space, ends = self.views.space, self.views.viewpoints
-            if at.viewpoint is None:
-                field = distance_fields(space, [at.cell])[0]
-            else:
-                field = self.views.fields[at.viewpoint]
-            way = space.centres(ends) - space.centres(cells_before(space, field, ends, LAST_STEPS))
-            self._headings[at.cell] = np.arctan2(way[:, 1], way[:, 0])
-        return self._headings[at.cell]
+        return self.views.ways.arriving(at.cell)
 
     def after(self, at: RobotState, view: int) -> RobotState:
         """State of the robot after `view`."""
@@ -114,11 +99,11 @@ class NextBestView:
         viewpoint = int(views.viewpoint[view])
         cell = int(views.viewpoints[viewpoint])
         if views.extent[view] >= 2 * np.pi - 1e-9:
-            return RobotState(cell, at.heading, viewpoint)
+            return RobotState(cell, at.heading)
         ends = np.array([float(end[0]) for end in views.starts([view])])
         heading = at.heading if cell == at.cell else float(self.arriving(at)[viewpoint])
         near = int(np.argmin(angle_between(heading, ends)))
-        return RobotState(cell, float(ends[1 - near]), viewpoint)
+        return RobotState(cell, float(ends[1 - near]))
 
     def best(
         self,
@@ -163,25 +148,27 @@ class NextBestView:
         revisits: RevisitModel,
     ) -> float:
         """Rate of the best prefix of a greedy walk through one room that begins with `view`."""
-        left, seconds, gained, best_rate = weight[room.cells], 0.0, 0.0, 0.0
-        chance = room.reduced(self.views, revisits)
+        left, seconds, gained, best_rate = weight.copy(), 0.0, 0.0, 0.0
+        value = room.reduced(self.views, revisits)
         for step in range(_AHEAD + 1):
             seconds += float(self.costs(at, np.array([view]))[0])
-            gain = chance[np.searchsorted(room.rows, view)] * left
+            number = int(np.searchsorted(room.rows, view))
+            part = slice(*room.chance.starts[number : number + 2])
+            gain = value[part] * left[room.chance.cell[part]]
             gained += float(gain.sum())
             best_rate = max(best_rate, gained / seconds)
             if step == _AHEAD:
                 break
-            left, at = left - gain, self.after(at, view)
-            rate = (chance @ left.astype(np.float32)) / self.costs(at, room.rows)
+            left[room.chance.cell[part]] -= gain
+            at = self.after(at, view)
+            rate = room.chance.product(left, value) / self.costs(at, room.rows)
             view = int(room.rows[np.argmax(rate)])
         return best_rate
 
 
 def _room(views: CandidateViews, rows: NDArray[np.intp]) -> _Room:
-    chance = views.chance[rows]
-    cells = np.flatnonzero((chance > 0).any(axis=0))
-    return _Room(rows, cells, np.ascontiguousarray(chance[:, cells]))
+    chance = views.chance.rows(rows)
+    return _Room(rows, np.flatnonzero(chance.any()), chance)
 
 
 Chances = NDArray[np.float32]
@@ -196,9 +183,7 @@ class RevisitModel:
 
     def __init__(self, views: CandidateViews) -> None:
         self._views = views
-        self._viewpoints_of: dict[int, list[int]] = defaultdict(list)  # by square
-        for viewpoint, cell in enumerate(views.viewpoints):
-            self._viewpoints_of[square(views.space, int(cell))].append(viewpoint)
+        self._squares = squares(views.space, views.viewpoints)  # (s,)
         self._share: dict[int, Chances] = {}  # by square: (c,) share of the chance that is left
 
     def add(self, view: int) -> None:
@@ -228,13 +213,12 @@ class RevisitModel:
 
     def gains(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) share of `weight` (c,) that each view finds."""
-        left = weight.astype(np.float32)
-        gains = self._views.chance @ left
+        gains = self._views.chance @ weight
         for here, share in self._share.items():
-            for viewpoint in self._viewpoints_of.get(here, ()):
-                rows = slice(*np.searchsorted(self._views.viewpoint, [viewpoint, viewpoint + 1]))
-                gains[rows] = self._views.chance[rows] @ (left * share)
-        return gains.astype(np.float64)
+            viewpoints = np.flatnonzero(self._squares == here)
+            rows = np.flatnonzero(np.isin(self._views.viewpoint, viewpoints))
+            gains[rows] = self._views.chance.rows(rows) @ (weight * share)
+        return gains
 
     def moved_to(self, views: CandidateViews) -> RevisitModel:
         """The same revisits for other `views` over the same cells of a floor of the same grid."""
@@ -244,7 +228,9 @@ class RevisitModel:
 
     def copy(self) -> RevisitModel:
         """An independent copy, for rollouts."""
-        return self.moved_to(self._views)
+        other = copy(self)
+        other._share = dict(self._share)
+        return other
 
     def _cell(self, view: int) -> int:
         return int(self._views.viewpoints[self._views.viewpoint[view]])

@@ -17,10 +17,12 @@ from planner.search.belief import TargetBelief, site_weights
 from planner.search.goals.targets import Target
 from planner.search.plans.search_state import PlanningState
 from planner.search.viewpoints.candidate_views import (
-    COVER,
     CandidateViews,
     Sensor,
     candidate_views,
+)
+from planner.search.viewpoints.covering_viewpoints import (
+    COVER,
     covering_viewpoints,
     room_viewpoints,
 )
@@ -126,7 +128,9 @@ def test_floor_that_is_cut_off_keeps_nobody_looking_at_the_rest() -> None:
     at = RobotState(int(home().floor()[0]))
     seen = shut.next_best_view.seeable_from(at)
     assert 0 < seen.mean() < 1
-    assert np.isfinite(shut.views.metres_from(at.cell)[np.isin(shut.views.viewpoints, taken)]).all()
+    assert np.isfinite(
+        shut.views.ways.metres_from(at.cell)[np.isin(shut.views.viewpoints, taken)]
+    ).all()
     assert shut.unseen[seen].mean() <= BeliefSettings().stop_below < shut.overlooked
 
 
