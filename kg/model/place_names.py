@@ -10,7 +10,7 @@ from typing import Final
 from kg.model.records import likeliest
 
 SURE: Final = 0.5  # belief in a place's category from which on it is named without "perhaps"
-NUMBERED: Final = re.compile(r"place \d+")  # the label of a place that nobody named
+NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # the label of a place that nobody named
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN: Final = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -38,7 +38,9 @@ def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], 
     """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the name of the place has it already."""
     top = likeliest(beliefs)
     kind = "" if top is None else plain_place(label(top))
-    if top is None or not kind or kind.casefold() in name.casefold():
+    letter = "[^\\W\\d_]"
+    word = rf"(?<!{letter}){re.escape(kind)}(?!{letter})"
+    if top is None or not kind or re.search(word, name, re.IGNORECASE):
         return ""
     return f" ({kind})" if beliefs[top] >= SURE else f" (perhaps {kind})"
 
