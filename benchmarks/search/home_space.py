@@ -14,6 +14,7 @@ from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
+from planner.search.plans.search_viewpoints import with_fresh_viewpoints
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     Motion,
@@ -21,7 +22,6 @@ from planner.search.viewpoints.candidate_views import (
     candidate_views,
 )
 from planner.search.viewpoints.covering_viewpoints import room_viewpoints
-from planner.search.viewpoints.search_viewpoints import with_fresh_viewpoints
 
 
 class HomeSpace:

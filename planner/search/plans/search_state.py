@@ -15,21 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.maps.facts.occupancy import tiles_of_rows
-from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from mapping.occupancy.mapped_floor import mapped_floor
 from planner.freespace.grid import FreeSpace
-from planner.freespace.planning_map import (
-    Place,
-    PlanningMap,
-    all_places,
-    planning_map_of,
-    planning_map_on,
-)
+from planner.freespace.planning_map import PlanningMap, planning_map_of, planning_map_on
 from planner.search.belief import CellBelief, TargetBelief, build_target_belief
-from planner.search.goals.candidate_queries import Candidate, CandidateQueries, map_time
-from planner.search.goals.targets import Target, resolve
+from planner.search.goals.candidate_queries import Candidate, CandidateQueries
+from planner.search.goals.search_facts import SearchFacts, read_facts
+from planner.search.goals.targets import Target
+from planner.search.plans.search_viewpoints import (
+    proven_views,
+    search_viewpoints,
+    with_fresh_viewpoints,
+)
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     Motion,
@@ -39,11 +36,6 @@ from planner.search.viewpoints.candidate_views import (
     sweep_chance,
 )
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
-from planner.search.viewpoints.search_viewpoints import (
-    proven_views,
-    search_viewpoints,
-    with_fresh_viewpoints,
-)
 from planner.settings import BELIEF, MAX_ROUNDS, BeliefSettings
 
 
@@ -83,9 +75,10 @@ class PlanningState:
         known: TargetBelief,
         settings: BeliefSettings = BELIEF,
         fresh: FreshViews | None = None,
+        facts: SearchFacts | None = None,
     ) -> None:
         self.targets, self.candidates, self.target_belief = targets, candidates, known
-        self.settings = settings
+        self.settings, self.facts = settings, facts
         self.finds: list[FoundTarget] = []
         self.unseen = np.ones(len(views.cells))  # (c,) chance that all views missed an object there
         self._planning_map, self._fresh = planning_map, fresh or with_fresh_viewpoints
@@ -349,29 +342,41 @@ def build_search(
     Raises:
         UnknownCategoryError: A text names no target.
     """
-    wanted = resolve(semantic_map, targets)
-    places = all_places(semantic_map)
-    now = map_time(semantic_map) if at is None else at
-    queries = CandidateQueries(semantic_map, places, placement_table(semantic_map), now, settings)
-    things = [queries.things(i, target) for i, target in enumerate(wanted)]
+    facts = read_facts(semantic_map, targets, at)
+    return state_of(
+        facts, sensor=sensor, motion=motion, space=space, start=start, settings=settings
+    )
+
+
+def state_of(
+    facts: SearchFacts,
+    *,
+    sensor: Sensor | None = None,
+    motion: Motion | None = None,
+    space: FreeSpace | None = None,
+    start: ArrayLike | None = None,
+    settings: BeliefSettings = BELIEF,
+) -> PlanningState | None:
+    """Planning state from what a search knows; arguments and result are those of `build_search`."""
+    queries = CandidateQueries(facts, settings)
+    things = [queries.things(i) for i in range(len(facts.targets))]
     if space is not None:
-        planning_map: PlanningMap | None = planning_map_on(space, places)
+        planning_map: PlanningMap | None = planning_map_on(space, facts.places)
     else:
         spots = [c.p_map for of_target in things for c in of_target if c.probability > 0]
-        planning_map = observed_map(semantic_map, places, spots, settings)
+        planning_map = planning_map_of(facts.places, spots, settings, facts.floor, facts.base)
     if planning_map is None:
         return None
     candidates = tuple(
         candidate
-        for i, (target, of_target) in enumerate(zip(wanted, things, strict=True))
-        for candidate in (*of_target, *queries.places(i, target, planning_map))
+        for i, of_target in enumerate(things)
+        for candidate in (*of_target, *queries.places(i, planning_map))
     )
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
-    proven = proven_views(semantic_map, planning_map.space, belief)
-    robot = semantic_map.robot() if start is None else None
-    begin = start if robot is None else robot.p_map
+    proven = proven_views(facts.seen_from or {}, planning_map.space, belief)
+    begin = facts.robot.p_map if start is None and facts.robot is not None else start
     here = np.array([] if begin is None else [planning_map.space.nearest(begin)], np.intp)
     weight = belief.weight.sum(axis=0)
     viewpoints = search_viewpoints(
@@ -385,17 +390,6 @@ def build_search(
         viewpoints=np.unique(np.concatenate([viewpoints, proven[:, 0], here])),
         proven=proven,
     )
-    return PlanningState(wanted, planning_map, views, candidates, belief, settings)
-
-
-def observed_map(
-    semantic_map: SemanticMap,
-    places: Sequence[Place],
-    spots: Sequence[NDArray[np.float64]],
-    settings: BeliefSettings,
-) -> PlanningMap | None:
-    """Planning map of the storey where the robot is."""
-    robot = semantic_map.robot()
-    height = None if robot is None else float(robot.p_map[2])
-    floor = mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
-    return planning_map_of(places, spots, settings, floor, semantic_map.base)
+    return PlanningState(
+        facts.targets, planning_map, views, candidates, belief, settings, facts=facts
+    )

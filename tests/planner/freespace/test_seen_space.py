@@ -32,10 +32,10 @@ from planner.freespace.planning_map import PlanningMap
 from planner.search.plans.report import step_lines
 from planner.search.plans.route import route
 from planner.search.plans.search_state import PlanningState, build_search
+from planner.search.plans.search_viewpoints import search_viewpoints
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor
 from planner.search.viewpoints.covering_viewpoints import covering_viewpoints
-from planner.search.viewpoints.search_viewpoints import search_viewpoints
 from planner.settings import BELIEF, MAX_ROOMS
 
 SIDE = 64

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.maps.semantic_map import SemanticMap
-from mapping.objects.track_store import seen_from
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
@@ -23,16 +22,18 @@ _CLOSE = 0.6  # [m] from a camera within which the robot sees the same
 _MOST = 0.1  # share of the heaviest cell's weight from which on a cell counts as shown
 
 
-def proven_views(semantic_map: SemanticMap, space: FreeSpace, belief: TargetBelief) -> Cells:
+def proven_views(
+    poses: Mapping[str, NDArray[np.float64]], space: FreeSpace, belief: TargetBelief
+) -> Cells:
     """(m, 2) a floor cell, and a cell that a camera showed from there: that of a known thing.
 
+    `poses` are of cameras that showed each thing, (n, 3, 4) by IRI.
     A floor plan knows no heights: things on shelves, or behind low walls, seem hidden there.
     """
     known = [p for p in belief.parts if p.candidate.kind == "known" and p.weight.max() > 0]
     known.sort(key=lambda part: (-part.candidate.probability, part.candidate.iri))
     known = known[:_ALL_PROVEN]
-    store, floor = semantic_map.store, space.floor()
-    poses = seen_from(store.path, [part.candidate.iri for part in known], live=store.live)
+    floor = space.floor()
     centres, chosen = space.centres(floor), set[int]()
     pairs = list[tuple[int, int]]()
     for part in known:
