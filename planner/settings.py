@@ -39,6 +39,7 @@ ENOUGH: Final = 0.97
 WORTH: Final = 0.02
 MAX_VIEWS: Final = 80  # of a plan
 MAX_ROOMS: Final = 48  # rooms with viewpoints
+MAX_FLOOR: Final = 1000.0  # [m2] of them together
 #: times that a failed search takes fresh viewpoints; each time the gain asked for is halved
 MAX_ROUNDS: Final = 4
 TRIALS: Final = 60  # orders of views that are tried beyond the first

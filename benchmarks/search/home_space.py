@@ -14,7 +14,7 @@ from planner.freespace.floor_plan import free_space, shifts
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
-from planner.search.plans.search_state import with_fresh_viewpoints
+from planner.search.plans.search_viewpoints import with_fresh_viewpoints
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     Motion,

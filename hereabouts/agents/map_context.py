@@ -12,7 +12,7 @@ from hereabouts.agents.answers import MapState
 from kg.history.timestamps import instant, iso
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
-from planner.search.goals.candidate_queries import map_time
+from planner.search.goals.known_objects import map_time
 from planner.search.goals.place_names import object_named, place_named, thing_named
 
 

@@ -22,8 +22,7 @@ from planner.freespace.planning_map import Row
 from planner.questions.answers import answer_question
 from planner.questions.patterns import MAX_LENGTH, Question
 from planner.questions.rooms import about_rooms
-from planner.search.goals.candidate_queries import map_time
-from planner.search.goals.known_objects import KnownObject, known_object, known_objects
+from planner.search.goals.known_objects import KnownObject, known_object, known_objects, map_time
 from planner.search.goals.place_names import (
     fact_named,
     is_unnamed,
@@ -112,7 +111,7 @@ class MapTools:
                 proof = unseen.answer + "."
                 return a.WhereIs(map=state, things=[], total=0, untrusted_proof=proof)
             (target,) = resolve(semantic_map, (what,))
-            known = known_objects(semantic_map, target, located=skip + limit)
+            known = known_objects(semantic_map, target)
             unsure = target.iri is not None and not any(one.sure for one in known)
             found = status(semantic_map, target.iri) if unsure and target.iri else None
             return a.WhereIs(
@@ -256,7 +255,7 @@ def _still_there(semantic_map: SemanticMap, iri: str, category: str, now: float)
     known = semantic_map.catalogue.get(category, "object")
     if known is None or known.undetected:
         return None
-    _, one = known_object(semantic_map, iri, category, located=0)
+    _, one = known_object(semantic_map, iri, category)
     return None if one is None else one.still_there(now)
 
 

@@ -30,8 +30,7 @@ from kg.model.records import LookRecord, ObstacleRecord
 from planner.execution.protocol import Hello, RobotPose
 from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.execution.wanted_targets import WantedTargets
-from planner.search.goals.candidate_queries import map_time
-from planner.search.goals.known_objects import known_objects
+from planner.search.goals.known_objects import known_objects, map_time
 from planner.search.goals.targets import resolve, undetectable_target
 from planner.search.plans.answer_sentences import find_sentences
 from planner.search.plans.report import nothing_line, worthwhile
@@ -203,11 +202,7 @@ class SearchTools:
             state = build_search(semantic_map, what, at=now, start=start[:2]) if what else None
             found = None if state is None else plan_from(semantic_map, state, start)
         targets = resolve(semantic_map, what)
-        known = [
-            one
-            for target in targets
-            for one in known_objects(semantic_map, target, located=_KNOWN)[:_KNOWN]
-        ]
+        known = [one for target in targets for one in known_objects(semantic_map, target)[:_KNOWN]]
         steps = () if found is None else found.steps
         worth = worthwhile(steps)
         seconds = None if found is None else found.expected_seconds

@@ -69,10 +69,7 @@ class Watching:
         semantic_map = self._context.semantic_map
         if not self._context.is_thing(what):
             (target,) = resolve(semantic_map, (what,))
-            return [
-                known_thing(one, time.time())
-                for one in known_objects(semantic_map, target, located=0)
-            ]
+            return [known_thing(one, time.time()) for one in known_objects(semantic_map, target)]
         iri = self._context.iri(what)
         gone = not semantic_map.perceived.objects((iri,))
         return [] if gone else [one_thing(semantic_map, iri, time.time())]

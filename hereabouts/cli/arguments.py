@@ -96,7 +96,7 @@ def add_now(parser: argparse.ArgumentParser) -> None:
 def now_of(semantic_map: SemanticMap, arguments: argparse.Namespace) -> float:
     """[s since 1970] the time of `--now`."""
     from kg.history.timestamps import moment
-    from planner.search.goals.candidate_queries import map_time
+    from planner.search.goals.known_objects import map_time
 
     if arguments.now == "map":
         return map_time(semantic_map)

@@ -160,7 +160,7 @@ def _answer_plainly(
 ) -> int:
     from kg.history.timestamps import moment
     from planner.questions.answers import answer_question
-    from planner.search.goals.candidate_queries import map_time
+    from planner.search.goals.known_objects import map_time
 
     now = None
     if arguments.at is not None:

@@ -245,8 +245,7 @@ def _print_known(
     """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
-    from planner.search.goals.candidate_queries import map_time
-    from planner.search.goals.known_objects import LISTED
+    from planner.search.goals.known_objects import LISTED, map_time
     from planner.search.plans.answer_sentences import find_sentences
 
     if (latest := map_time(semantic_map)) > now + _AHEAD:

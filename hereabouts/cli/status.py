@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
     """Objects that were detected but more probably do not exist, if none is present."""
-    from planner.search.goals.known_objects import LISTED, known_objects
+    from planner.search.goals.known_objects import known_objects
     from planner.search.goals.place_names import place_named
     from planner.search.goals.targets import resolve
 
@@ -98,7 +98,7 @@ def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Seq
     chosen = None if place is None else place_named(semantic_map, place)
     return [
         one
-        for one in known_objects(semantic_map, target, located=LISTED)
+        for one in known_objects(semantic_map, target)
         if one.doubted and chosen in (None, one.place)
     ]
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+
+from pyoxigraph import NamedNode
 
 from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.placement.settings import FITTED, PlacementParameters
@@ -11,6 +14,7 @@ from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause
+from kg.rdf.literals import text_of
 
 
 def placement_table(
@@ -27,15 +31,46 @@ def placement_table(
     """
     with semantic_map.hold():
         quads = semantic_map.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
-        places, objects = semantic_map.places(), semantic_map.objects()
         return table_of(
             quads,
-            places,
-            objects,
+            semantic_map.places(),
+            _placed_objects(semantic_map),
             catalogue=semantic_map.catalogue,
             parameters=parameters,
             sought=sought,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class _PlacedObject:
+    """What the table reads of an object."""
+
+    category: str  # IRI
+    place: str  # IRI
+    existence: float
+
+
+def _placed_objects(semantic_map: SemanticMap) -> Iterator[_PlacedObject]:
+    """The objects in places, as `SemanticMap.objects` has them, without their other properties."""
+
+    def values(predicate: str) -> dict[str, str]:
+        found: dict[str, str] = {}
+        node = NamedNode(predicate)
+        for quad in semantic_map.engine.quads_for_pattern(None, node, None, v.MAP_GRAPH):
+            subject, value = text_of(quad.subject), text_of(quad.object)
+            found[subject] = min(value, found.get(subject, value))
+        return found
+
+    place, x, existence = (values(p) for p in (v.IN_PLACE, v.X, v.EXISTENCE))
+    kinds: dict[str, list[str]] = {}
+    for quad in semantic_map.engine.quads_for_pattern(None, v.RDF_TYPE, None, v.MAP_GRAPH):
+        kinds.setdefault(text_of(quad.subject), []).append(text_of(quad.object))
+    by_iri = semantic_map.catalogue.by_iri
+    for iri in place.keys() & x.keys():
+        known = (one for one in map(by_iri, sorted(kinds.get(iri, ()))) if one is not None)
+        category = next((one.iri for one in known if one.kind != "place"), v.UNNAMED_THING)
+        if category != v.UNNAMED_THING:
+            yield _PlacedObject(category, place[iri], float(existence.get(iri, "1")))
 
 
 def import_rooms(semantic_map: SemanticMap, table: RoomTable) -> int:

@@ -209,7 +209,7 @@ class Answerer(SightingAnswers):
     def _count(self) -> PlainAnswer:
         target, _ = self._target(self._question.what)
         where, there = self._there()
-        known = [one for one in known_objects(self._map, target, located=0) if there(one)]
+        known = [one for one in known_objects(self._map, target) if there(one)]
         sure = [one for one in known if one.sure]
         rest = len(known) - len(sure)
         doubted = f", and perhaps {rest} more" if rest else ""

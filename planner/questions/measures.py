@@ -54,8 +54,8 @@ class Measures(NamedThings):
 
     def _boxed(self, words: str) -> list[tuple[KnownObject, ObjectRecord]]:
         """The things that words name with their boxes; at least one."""
-        records = {one.iri: one for one in self._map.objects()}
         named = self._named(words)[:LISTED]
+        records = {one.iri: one for one in self._map.perceived.objects([n.iri for n in named])}
         return [(one, records[one.iri]) for one in named]
 
     def _sized(self, thing: tuple[KnownObject, ObjectRecord]) -> str:
@@ -119,13 +119,14 @@ class Measures(NamedThings):
 
     def _under(self) -> PlainAnswer:
         """Things inside the box of another from above, well below its top, and not held by it."""
-        lines, rows, things = [], self._map.query("objects").records(), self._map.objects()
+        lines = list[str]()
         target, only = self._target(self._question.what) if self._question.what else (None, None)
         wanted = None if target is None else {k.iri for k in self._known(target, only)}
         for one, record in self._boxed(self._question.other):
             others = {one.iri, *(str(row["object"]) for row in self._held(one))}
-            below = {t.iri for t in things if _is_under(t, record)} - others
+            below = {t.iri for t in self._over(record) if _is_under(t, record)} - others
             below = below if wanted is None else below & wanted
+            rows = self._map.query("objects").records() if below else ()
             found = ", ".join(str(row["label"]) for row in rows if row["object"] in below)
             if record.extent is None:
                 lines.append(f"The size of {one.label} is not known, so nor is what is under it")
@@ -137,6 +138,13 @@ class Measures(NamedThings):
             lines = [f"{target.none} is known to be under {self._all_of(self._question.other)}"]
             lines += answer_lines(self._known(target, only), self._now, target)
         return self._made("", lines)
+
+    def _over(self, record: ObjectRecord) -> tuple[ObjectRecord, ...]:
+        """The things within the circle around a box, seen from above."""
+        if record.extent is None:
+            return ()
+        x, y = (float(value) for value in record.p_map[:2])
+        return self._map.objects(near=(x, y), radius=math.hypot(*record.extent[:2]) / 2)
 
     def _between(self) -> PlainAnswer:
         """Things on the floor's strip between two things, of several the two closest."""

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from pyoxigraph import Quad
@@ -22,7 +22,7 @@ from kg.knowledge.placement.settings import HALF_SEARCHED_VIEWS, MIN_VIEWS
 from kg.knowledge.placement.statistics import RoomStatistics, statistics
 from kg.knowledge.placement.surveys import survey_features
 from kg.model import vocabulary as v
-from kg.model.records import ObjectRecord, PlaceRecord
+from kg.model.records import PlaceRecord
 
 #: prefix of the sources of the shipped relations: a list without probabilities of its own
 _THESIS = "thesis"
@@ -262,9 +262,25 @@ def searched_fraction(views: int) -> float:
     return views / (views + HALF_SEARCHED_VIEWS) if views >= MIN_VIEWS else 0.0
 
 
+class PlacedObject(Protocol):
+    """What counts of an object, of an `ObjectRecord` for example."""
+
+    @property
+    def category(self) -> str:
+        """IRI."""
+
+    @property
+    def place(self) -> str | None:
+        """IRI, if it is in a place."""
+
+    @property
+    def existence(self) -> float:
+        """Probability, 0..1."""
+
+
 def map_counts(
     places: Iterable[PlaceRecord],
-    records: Iterable[ObjectRecord],
+    records: Iterable[PlacedObject],
     objects: Mapping[str, int],
     columns: Mapping[str, int],
     above: Mapping[str, tuple[str, ...]],

@@ -26,6 +26,7 @@ from kg.knowledge.placement.belief_model import (
 )
 from kg.knowledge.placement.evidence import (
     MapCounts,
+    PlacedObject,
     PlacementEvidence,
     map_counts,
     placement_evidence,
@@ -34,7 +35,7 @@ from kg.knowledge.placement.settings import FITTED, STATEMENT_STRENGTH, Placemen
 from kg.knowledge.placement.surveys import room_frequencies
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
-from kg.model.records import ObjectRecord, PlaceRecord
+from kg.model.records import PlaceRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ class Placement:
 def table_of(
     quads: Iterable[Quad],
     places: Iterable[PlaceRecord] = (),
-    objects: Iterable[ObjectRecord] = (),
+    objects: Iterable[PlacedObject] = (),
     *,
     catalogue: Catalogue | None = None,
     parameters: PlacementParameters = FITTED,

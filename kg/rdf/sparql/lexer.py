@@ -9,8 +9,8 @@ blocks the network in the kernel.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache, lru_cache
 from typing import Final, NamedTuple
 
 _NON_ASCII_BASE: Final = (
@@ -50,6 +50,9 @@ def _pattern(base: str, more: str) -> re.Pattern[str]:
     )
 
 
+_SHORT: Final = 10_000  # characters of a text whose tokens are kept: all shipped queries
+
+
 class Token(NamedTuple):
     """A token: its kind (a group of the pattern), its text and its position."""
 
@@ -64,8 +67,17 @@ class Token(NamedTuple):
         return self.text.upper() if self.kind == "word" else ""
 
 
-def tokens_of(sparql: str) -> Iterator[Token]:
-    """The tokens of a text, without white space and comments."""
+def tokens_of(sparql: str) -> Iterable[Token]:
+    """The tokens of a text, without white space and comments; those of short texts are kept."""
+    return _kept(sparql) if len(sparql) <= _SHORT else _lexed(sparql)
+
+
+@lru_cache(maxsize=64)
+def _kept(sparql: str) -> tuple[Token, ...]:
+    return tuple(_lexed(sparql))
+
+
+def _lexed(sparql: str) -> Iterator[Token]:
     # the full character classes take longer to compile than most commands take to start
     ascii_only = sparql.isascii()
     base = "A-Za-z" + ("" if ascii_only else _NON_ASCII_BASE)

@@ -6,7 +6,7 @@ of facts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Literal
@@ -18,11 +18,10 @@ from kg.history.reports.comparison import PRESENT
 from kg.history.timestamps import span
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.placement.table import PlacementTable
-from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.place_names import plain_place
 from kg.model.records import likeliest
-from mapping.persistence import holds, learned_half_life, listed_half_life
+from mapping.persistence import holds, listed_half_life
 from planner.freespace.planning_map import (
     Place,
     PlanningMap,
@@ -32,14 +31,15 @@ from planner.freespace.planning_map import (
     text_or_none,
     time_or_none,
 )
-from planner.search.goals.place_names import in_words, spoken_places, stated_categories
+from planner.search.goals.known_objects import kinds_half_lives
+from planner.search.goals.place_names import in_words
+from planner.search.goals.search_facts import SearchFacts, TargetFacts
 from planner.search.goals.search_goals import (
     evidence,
     label_of,
     observed,
     sourced,
     times,
-    whereabouts,
     with_article,
 )
 from planner.search.goals.targets import Target
@@ -72,30 +72,6 @@ class Candidate:
     rooms: float = np.inf  # of a place: rooms of that kind that its probability is worth
 
 
-def map_time(semantic_map: SemanticMap) -> float:
-    """[s] the latest time stamp in the map, of an observation or of a robot pose."""
-    stamps = [
-        time.timestamp()
-        for row in semantic_map.query("goals-last-seen").records()
-        if (time := time_or_none(row, "lastSeen")) is not None
-    ]
-    robot = semantic_map.robot()
-    return max(stamps + ([] if robot is None else [robot.stamp]), default=0.0)
-
-
-def kinds_half_lives(target: Target, rows: Iterable[Row]) -> dict[str, float]:
-    """[s] half-life of each kind of a target, learned from its objects (rows of the map)."""
-    stays: dict[str, list[float]] = {kind: [] for kind in target.kinds}
-    for row in rows:
-        first, last = time_or_none(row, "firstSeen"), time_or_none(row, "lastSeen")
-        if first is not None and last is not None and row["own"] is None:
-            stays[str(row["kind"])].append((last - first).total_seconds())
-    return {
-        kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
-        for kind, label in target.kinds.items()
-    }
-
-
 def existence_of(row: Row, settings: BeliefSettings) -> float:
     """Existence of a remembered object; a robot that found it looked twice, or closely."""
     existence = number(row, "existence")
@@ -104,47 +80,37 @@ def existence_of(row: Row, settings: BeliefSettings) -> float:
 
 
 class CandidateQueries:
-    """Queries the graph for the candidates of each target."""
+    """The candidates of each target, from the facts of a search."""
 
-    def __init__(
-        self,
-        semantic_map: SemanticMap,
-        places: Sequence[Place],
-        table: PlacementTable,
-        now: float,
-        settings: BeliefSettings,
-    ) -> None:
-        self._map, self._places, self._table = semantic_map, places, table
-        self._now, self._settings = now, settings
-        self._spoken = spoken_places(semantic_map)
+    def __init__(self, facts: SearchFacts, settings: BeliefSettings) -> None:
+        self._facts, self._settings = facts, settings
+        self._table, self._now = facts.table, facts.now
 
-    def things(self, index: int, target: Target) -> tuple[Candidate, ...]:
+    def things(self, index: int) -> tuple[Candidate, ...]:
         """Candidates of target `index` at known objects: its instances, and objects it is near."""
-        remembered = self._rows("goals-remembered", target)
-        stated = stated_categories(self._map)
-        detected = {iri: one.detected_as for iri, one in stated.items()}
-        remembered = [{**row, "detectedAs": detected.get(str(row["iri"]))} for row in remembered]
-        half_lives = kinds_half_lives(target, remembered)
+        facts = self._facts.of_targets[index]
+        target, half_lives = facts.target, kinds_half_lives(facts.target, facts.remembered)
         once: dict[str, Row] = {}  # each object by its most probable reading
-        for row in remembered:
+        for row in facts.remembered:
             once.setdefault(str(row["iri"]), row)
         if target.thing is not None:  # it was seen itself: what it is usually near adds nothing
             once = {iri: row for iri, row in once.items() if iri == target.thing}
             return tuple(self._known(index, row, half_lives) for row in once.values())
         return (
             *(self._known(index, row, half_lives) for row in once.values()),
-            *self._nearby(index, target),
+            *self._nearby(index, facts),
         )
 
-    def places(self, index: int, target: Target, ground: PlanningMap) -> tuple[Candidate, ...]:
+    def places(self, index: int, ground: PlanningMap) -> tuple[Candidate, ...]:
         """Candidates for target `index` in every place, and beyond the frontiers of the floor."""
-        half_life = min(kinds_half_lives(target, self._rows("goals-remembered", target)).values())
-        expected = self._rows("goals-expected", target)
-        rooms = _Rooms(self._table, target, expected, self._map.catalogue)
+        facts = self._facts.of_targets[index]
+        target, places = facts.target, self._facts.places
+        half_life = min(kinds_half_lives(target, facts.remembered).values())
+        rooms = _Rooms(self._table, target, facts.expected, self._facts.catalogue)
         if target.thing is not None:
             return self._moved_to(index, target, ground, half_life, rooms)
         return (
-            *(self._place(index, place, rooms, half_life, ground) for place in self._places),
+            *(self._place(index, place, rooms, half_life, ground) for place in places),
             *(self._beyond(index, target, area, rooms) for area in ground.unexplored),
         )
 
@@ -152,9 +118,11 @@ class CandidateQueries:
         self, index: int, target: Target, ground: PlanningMap, half_life: float, rooms: _Rooms
     ) -> tuple[Candidate, ...]:
         """Places that may have the one object of a target, if it is no longer where it was."""
-        here = sum(one.probability for one in self.things(index, target))
+        here = sum(one.probability for one in self.things(index))
         moved = f"{target.label} is no longer where it was with probability {1 - here:.2f}"
-        found = (self._place(index, place, rooms, half_life, ground) for place in self._places)
+        found = (
+            self._place(index, place, rooms, half_life, ground) for place in self._facts.places
+        )
         return tuple(
             replace(
                 one,
@@ -165,28 +133,13 @@ class CandidateQueries:
             for one in found
         )
 
-    def _rows(self, query: str, target: Target) -> list[Row]:
-        return [row for iri in target.queried for row in self._of_kind(query, iri)]
-
-    def _of_kind(self, query: str, category: str) -> list[Row]:
-        """Rows of a query; their places are called as sentences call them."""
-        rows = self._map.query(query, category=category).records()
-        return [
-            {**row, "placeLabel": self._spoken.get(str(row["place"]), row["placeLabel"])}
-            if "placeLabel" in row
-            else row
-            for row in rows
-        ]
-
     def _known(self, index: int, row: Row, half_lives: Mapping[str, float]) -> Candidate:
         label, age = label_of(row), self._age(row)
         stated, existence = number(row, "existence"), existence_of(row, self._settings)
         half_life = half_lives[str(row["kind"])]
         kept = holds(half_life, age)
-        where, category = (
-            whereabouts(self._map, str(row["iri"]), self._spoken),
-            with_article(str(row["category"]), self._map.catalogue),
-        )
+        where = self._facts.where(str(row["iri"]))
+        category = with_article(str(row["category"]), self._facts.catalogue)
         fact = f"{label} is in the map, {where} ({evidence(row, stated, 'placeLabel')})"
         if existence > stated:
             fact += f"; a search found it ({existence:.2f})"
@@ -209,12 +162,11 @@ class CandidateQueries:
             place=text_or_none(row, "place"),
         )
 
-    def _nearby(self, index: int, target: Target) -> Iterable[Candidate]:
+    def _nearby(self, index: int, facts: TargetFacts) -> Iterable[Candidate]:
         found = [
-            self._beside(index, iri, row)
-            for iri in target.queried
-            for row in self._of_kind("goals-beside", iri)
-            if str(row["kind"]) not in target.kinds
+            self._beside(index, queried, row)
+            for queried, row in facts.beside
+            if str(row["kind"]) not in facts.target.kinds
         ]
         best: dict[str, Candidate] = {}
         for candidate in sorted(found, key=lambda candidate: -candidate.probability):

@@ -6,9 +6,10 @@ Those of other maps of the same server, without a known way to the frame of a pl
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
+from functools import cache, partial
 from typing import Final
 
 import numpy as np
@@ -17,9 +18,8 @@ from numpy.typing import NDArray
 from kg.maps.facts.coordinate_frames import apart_from, frames_in, maps_in
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
-from mapping.persistence import holds
-from planner.freespace.planning_map import number, text_or_none, time_or_none
-from planner.search.goals.candidate_queries import kinds_half_lives
+from mapping.persistence import holds, learned_half_life, listed_half_life
+from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import StatedCategory, spoken_places, stated_categories
 from planner.search.goals.search_goals import label_of, whereabouts
 from planner.search.goals.targets import Target, resolve
@@ -37,7 +37,7 @@ class KnownObject:
     iri: str
     label: str
     category: str
-    where: str  # relations and place in words
+    located: Callable[[], str]  # gives `where`
     p_map: NDArray[np.float64]  # (2,) [m]
     existence: float
     last_seen: datetime | None
@@ -50,6 +50,11 @@ class KnownObject:
     z: float | None = None  # [m]
     stated: StatedCategory | None = None  # by a person
     half_life: float = math.inf  # [s] after which half of such objects were moved
+
+    @property
+    def where(self) -> str:
+        """Relations and place in words, read from the map once they are asked for."""
+        return self.located()
 
     def kept(self, now: float) -> float:
         """Probability that it was not moved between its last sighting and `now` [s since 1970]."""
@@ -77,70 +82,105 @@ class KnownObject:
         return not self.sure and self.own is None
 
 
-def known_objects(
-    semantic_map: SemanticMap, target: Target, *, located: int | None = None
-) -> tuple[KnownObject, ...]:
-    """Objects of the target's kinds that exist with at least 0.05, the surest first.
+def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
+    """Objects of the target's kinds that exist with at least 0.05, the surest first."""
+    rows = remembered_rows(semantic_map, target)
+    return known_among(semantic_map, target, rows, stated_categories(semantic_map))
 
-    `where` is computed for the first `located` objects (None: for all); it is "" for the others.
-    """
-    spoken = spoken_places(semantic_map)
+
+def remembered_rows(semantic_map: SemanticMap, target: Target) -> list[Sequence[Row]]:
+    """Rows of `goals-remembered`, for each category of a target that is queried."""
+    return [
+        semantic_map.query("goals-remembered", category=iri).records() for iri in target.queried
+    ]
+
+
+def map_time(semantic_map: SemanticMap) -> float:
+    """[s] the latest time stamp in the map, of an observation or of a robot pose."""
+    stamps = [
+        time.timestamp()
+        for row in semantic_map.query("goals-last-seen").records()
+        if (time := time_or_none(row, "lastSeen")) is not None
+    ]
+    robot = semantic_map.robot()
+    return max(stamps + ([] if robot is None else [robot.stamp]), default=0.0)
+
+
+def kinds_half_lives(target: Target, rows: Iterable[Row]) -> dict[str, float]:
+    """[s] half-life of each kind of a target, learned from its objects (rows of the map)."""
+    stays: dict[str, list[float]] = {kind: [] for kind in target.kinds}
+    for row in rows:
+        first, last = time_or_none(row, "firstSeen"), time_or_none(row, "lastSeen")
+        if first is not None and last is not None and row["own"] is None:
+            stays[str(row["kind"])].append((last - first).total_seconds())
+    return {
+        kind: learned_half_life(listed_half_life(label, target.above[kind]), stays[kind])
+        for kind, label in target.kinds.items()
+    }
+
+
+def known_among(
+    semantic_map: SemanticMap,
+    target: Target,
+    groups: Sequence[Sequence[Row]],
+    stated: Mapping[str, StatedCategory],
+) -> tuple[KnownObject, ...]:
+    """As `known_objects`, from `remembered_rows` and the categories that people gave."""
     others = dict[str, list[tuple[str, float]]]()
-    for row in semantic_map.query("may-be", least=0.0).records():
-        alternative = str(row["other"]), number(row, "probability")
-        others.setdefault(str(row["object"]), []).append(alternative)
-    found: dict[str, KnownObject] = {}
-    stated = stated_categories(semantic_map)
-    for category in target.queried:
-        rows = semantic_map.query("goals-remembered", category=category).records()
+    any_rows = any(groups)
+    for other in semantic_map.query("may-be", least=0.0).records() if any_rows else ():
+        alternative = str(other["other"]), number(other, "probability")
+        others.setdefault(str(other["object"]), []).append(alternative)
+    best: dict[str, tuple[Row, float]] = {}  # each object by its most probable reading
+    for rows in groups:
         half_lives = kinds_half_lives(target, rows)
         for row in rows:
             iri, existence = str(row["iri"]), number(row, "existence")
             if existence < _MIN_EXISTENCE or target.thing not in (None, iri):
                 continue
-            if iri in found and found[iri].existence >= existence:
-                continue  # another reading of it is as probable
-            found[iri] = KnownObject(
-                iri=iri,
-                label=label_of(row),
-                category=str(row["category"]),
-                where="",
-                p_map=np.array([number(row, "x"), number(row, "y")]),
-                existence=existence,
-                last_seen=time_or_none(row, "lastSeen"),
-                observations=0 if row["observations"] is None else int(number(row, "observations")),
-                frame=text_or_none(row, "frame"),
-                found_by=text_or_none(row, "foundBy"),
-                own=text_or_none(row, "own"),
-                place=text_or_none(row, "place"),
-                may_be=tuple(others.get(iri, ())),
-                z=None if row["z"] is None else number(row, "z"),
-                half_life=half_lives[str(row["kind"])],
-                stated=stated.get(iri),
-            )
-    titles = _other_maps(semantic_map)
-    known = sorted(
-        found.values(),
-        key=lambda one: (not one.sure, one.category in target.second, -one.existence, one.iri),
-    )
-    wanted = len(known) if located is None else located
-    return tuple(
-        replace(
-            one,
-            where=whereabouts(semantic_map, one.iri, spoken) + _of_map(one.iri, titles)
-            if n < wanted
-            else "",
+            if iri not in best or number(best[iri][0], "existence") < existence:
+                best[iri] = row, half_lives[str(row["kind"])]
+    titles = _other_maps(semantic_map) if any_rows else {}
+    spoken = cache(partial(spoken_places, semantic_map))
+
+    def located(iri: str) -> Callable[[], str]:
+        return cache(lambda: whereabouts(semantic_map, iri, spoken()) + _of_map(iri, titles))
+
+    found = (
+        KnownObject(
+            iri=iri,
+            label=label_of(row),
+            category=str(row["category"]),
+            located=located(iri),
+            p_map=np.array([number(row, "x"), number(row, "y")]),
+            existence=number(row, "existence"),
+            last_seen=time_or_none(row, "lastSeen"),
+            observations=0 if row["observations"] is None else int(number(row, "observations")),
+            frame=text_or_none(row, "frame"),
+            found_by=text_or_none(row, "foundBy"),
+            own=text_or_none(row, "own"),
+            place=text_or_none(row, "place"),
+            may_be=tuple(others.get(iri, ())),
+            z=None if row["z"] is None else number(row, "z"),
+            half_life=half_life,
+            stated=stated.get(iri),
         )
-        for n, one in enumerate(known)
+        for iri, (row, half_life) in best.items()
+    )
+    return tuple(
+        sorted(
+            found,
+            key=lambda one: (not one.sure, one.category in target.second, -one.existence, one.iri),
+        )
     )
 
 
 def known_object(
-    semantic_map: SemanticMap, iri: str, category: str, *, located: int | None = None
+    semantic_map: SemanticMap, iri: str, category: str
 ) -> tuple[Target, KnownObject | None]:
     """The target that a category's label names, and the one of its objects with an IRI."""
     (target,) = resolve(semantic_map, (category,))
-    known = known_objects(semantic_map, target, located=located)
+    known = known_objects(semantic_map, target)
     return target, next((one for one in known if one.iri == iri), None)
 
 
@@ -157,10 +197,8 @@ def _of_map(iri: str, titles: Mapping[str, str]) -> str:
     return next((f" of the map {titles[base]}" for base in titles if iri.startswith(base)), "")
 
 
-def known_json(
-    semantic_map: SemanticMap, targets: Sequence[Target], now: float
-) -> list[dict[str, object]]:
-    """Known objects of all targets as plain values at `now` [s since 1970]; lengths to 1 mm."""
+def known_json(target: Target, known: Sequence[KnownObject], now: float) -> list[dict[str, object]]:
+    """The `known` objects of a target as plain values at `now` [s since 1970]; lengths to 1 mm."""
     return [
         {
             "target": target.label,
@@ -185,8 +223,7 @@ def known_json(
                 else {}
             ),
         }
-        for target in targets
-        for one in known_objects(semantic_map, target)
+        for one in known
     ]
 
 

@@ -57,7 +57,7 @@ def find_sentences(
         found: Plan on it; the room that is named for an unknown target is that of its first look.
         most: Number of objects that are listed.
     """
-    known = known_objects(semantic_map, target, located=2 * LISTED)
+    known = known_of(semantic_map, target, state)
     if known:
         return answer_lines(known, now, target, rooms=_room_probabilities(state), most=most)
     guess = _guess(semantic_map.catalogue, target, state, found)
@@ -65,6 +65,15 @@ def find_sentences(
         return [f"{target.none} is in the map{guess}"]
     fate = status(semantic_map, target.thing or target.iri)
     return [f"{target.none} is in the map{_NONE[fate.value]}: {fate.proof}{guess}"]
+
+
+def known_of(
+    semantic_map: SemanticMap, target: Target, state: PlanningState | None = None
+) -> Sequence[KnownObject]:
+    """Known objects of a target, which a search that was planned for it has already."""
+    of_targets = state.facts.of_targets if state is not None and state.facts is not None else ()
+    found = [one.known for one in of_targets if one.target is target]
+    return found[0] if found else known_objects(semantic_map, target)
 
 
 def answer_lines(

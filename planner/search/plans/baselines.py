@@ -71,11 +71,7 @@ class RoomBaselines:
         first, between = views.ways.metres_from(self._evaluator.at.cell), views.ways.metres
 
         def metres(here: int | None, room: int) -> float:
-            last = (
-                first
-                if here is None
-                else views.ways.metres[views.viewpoint[self._sweeps[here][-1]]]
-            )
+            last = first if here is None else between[views.viewpoint[self._sweeps[here][-1]]]
             return float(last[self._room_of == room].min())
 
         return list(nearest_neighbour((r for r in self.rooms if self._sweeps[r]), metres))
@@ -90,12 +86,9 @@ class RoomBaselines:
         if not p.sum() > 0:
             return rooms
         speed = views.motion.speed
-        far = (
-            float(np.max(views.ways.metres[np.isfinite(views.ways.metres)], initial=1.0))
-            * 10
-            / speed
-        )
-        between = views.ways.metres[np.ix_(last, first)] / speed
+        metres = views.ways.metres
+        far = float(np.max(metres[np.isfinite(metres)], initial=1.0)) * 10 / speed
+        between = metres[np.ix_(last, first)] / speed
         there = views.ways.metres_from(self._evaluator.at.cell)[first] / speed
         sweeps = np.array([self._seconds(self._sweeps[room]) for room in rooms])
         order = room_order(

@@ -16,7 +16,7 @@ from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
 from planner.search.goals.targets import Target, resolve
-from planner.search.plans.answer_sentences import find_sentences
+from planner.search.plans.answer_sentences import find_sentences, known_of
 from planner.search.plans.baselines import Baseline
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
 from planner.search.plans.view_plan import (
@@ -351,7 +351,11 @@ def _known_json(
     ]
     said += [nothing_line(found)] if found is not None and not found.steps else []
     notes = [target.note for target in targets if target.note]
-    known = known_json(semantic_map, targets, now)
+    known = [
+        one
+        for target in targets
+        for one in known_json(target, known_of(semantic_map, target, state), now)
+    ]
     return {"answer": said, "known": known, "understood": notes}
 
 

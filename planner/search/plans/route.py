@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import DoorRecord
 from planner.freespace.geodesic import distance_fields, shortest_path
-from planner.freespace.planning_map import Place, all_places
-from planner.search.plans.search_state import observed_map
+from planner.freespace.planning_map import Place, all_places, planning_map_of
+from planner.search.goals.search_facts import read_floor
 from planner.settings import BELIEF
 
 BESIDE: Final = 1.0  # [m] from the middle of a door within which a way leads through it
@@ -51,7 +51,8 @@ def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route
     """
     ends = [np.asarray(p, np.float64)[:2] for p in (start, goal)]
     places = all_places(semantic_map)
-    known = observed_map(semantic_map, places, (), BELIEF)
+    floor = read_floor(semantic_map, semantic_map.robot())
+    known = planning_map_of(places, (), BELIEF, floor, semantic_map.base)
     if known is None:
         return None
     space = known.space

@@ -15,22 +15,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.maps.facts.occupancy import tiles_of_rows
-from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
-from mapping.objects.track_store import seen_from
-from mapping.occupancy.mapped_floor import mapped_floor
-from planner.freespace.grid import Cells, FreeSpace
-from planner.freespace.planning_map import (
-    Place,
-    PlanningMap,
-    all_places,
-    planning_map_of,
-    planning_map_on,
-)
+from planner.freespace.grid import FreeSpace
+from planner.freespace.planning_map import PlanningMap, planning_map_of, planning_map_on
 from planner.search.belief import CellBelief, TargetBelief, build_target_belief
-from planner.search.goals.candidate_queries import Candidate, CandidateQueries, map_time
-from planner.search.goals.targets import Target, resolve
+from planner.search.goals.candidate_queries import Candidate, CandidateQueries
+from planner.search.goals.search_facts import SearchFacts, read_facts
+from planner.search.goals.targets import Target
+from planner.search.plans.search_viewpoints import (
+    proven_views,
+    search_viewpoints,
+    with_fresh_viewpoints,
+)
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     Motion,
@@ -39,9 +35,8 @@ from planner.search.viewpoints.candidate_views import (
     candidate_views,
     sweep_chance,
 )
-from planner.search.viewpoints.covering_viewpoints import COVERS, covering_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
-from planner.settings import BELIEF, MAX_ROOMS, MAX_ROUNDS, BeliefSettings
+from planner.settings import BELIEF, MAX_ROUNDS, BeliefSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,9 +75,10 @@ class PlanningState:
         known: TargetBelief,
         settings: BeliefSettings = BELIEF,
         fresh: FreshViews | None = None,
+        facts: SearchFacts | None = None,
     ) -> None:
         self.targets, self.candidates, self.target_belief = targets, candidates, known
-        self.settings = settings
+        self.settings, self.facts = settings, facts
         self.finds: list[FoundTarget] = []
         self.unseen = np.ones(len(views.cells))  # (c,) chance that all views missed an object there
         self._planning_map, self._fresh = planning_map, fresh or with_fresh_viewpoints
@@ -346,29 +342,46 @@ def build_search(
     Raises:
         UnknownCategoryError: A text names no target.
     """
-    wanted = resolve(semantic_map, targets)
-    places = all_places(semantic_map)
-    now = map_time(semantic_map) if at is None else at
-    queries = CandidateQueries(semantic_map, places, placement_table(semantic_map), now, settings)
-    things = [queries.things(i, target) for i, target in enumerate(wanted)]
+    facts = read_facts(semantic_map, targets, at)
+    return state_of(
+        facts, sensor=sensor, motion=motion, space=space, start=start, settings=settings
+    )
+
+
+def state_of(
+    facts: SearchFacts,
+    *,
+    sensor: Sensor | None = None,
+    motion: Motion | None = None,
+    space: FreeSpace | None = None,
+    start: ArrayLike | None = None,
+    settings: BeliefSettings = BELIEF,
+) -> PlanningState | None:
+    """Planning state from what a search knows; arguments and result are those of `build_search`."""
+    queries = CandidateQueries(facts, settings)
+    things = [queries.things(i) for i in range(len(facts.targets))]
     if space is not None:
-        planning_map: PlanningMap | None = planning_map_on(space, places)
+        planning_map: PlanningMap | None = planning_map_on(space, facts.places)
     else:
         spots = [c.p_map for of_target in things for c in of_target if c.probability > 0]
-        planning_map = observed_map(semantic_map, places, spots, settings)
+        planning_map = planning_map_of(facts.places, spots, settings, facts.floor, facts.base)
     if planning_map is None:
         return None
     candidates = tuple(
         candidate
-        for i, (target, of_target) in enumerate(zip(wanted, things, strict=True))
-        for candidate in (*of_target, *queries.places(i, target, planning_map))
+        for i, of_target in enumerate(things)
+        for candidate in (*of_target, *queries.places(i, planning_map))
     )
     sensor = sensor or Sensor()
     cells = belief_cells(planning_map.space)
     belief = build_target_belief(planning_map, cells, candidates, settings)
-    proven = proven_views(semantic_map, planning_map.space, belief)
-    here = _standpoint(semantic_map, planning_map.space, start)
-    viewpoints = _viewpoints(planning_map, cells, belief.weight.sum(axis=0), sensor)
+    proven = proven_views(facts.seen_from or {}, planning_map.space, belief)
+    begin = facts.robot.p_map if start is None and facts.robot is not None else start
+    here = np.array([] if begin is None else [planning_map.space.nearest(begin)], np.intp)
+    weight = belief.weight.sum(axis=0)
+    viewpoints = search_viewpoints(
+        planning_map, cells, weight, sensor, (0.0, 0.0) if begin is None else begin
+    )
     views = candidate_views(
         planning_map.space,
         sensor,
@@ -377,90 +390,6 @@ def build_search(
         viewpoints=np.unique(np.concatenate([viewpoints, proven[:, 0], here])),
         proven=proven,
     )
-    return PlanningState(wanted, planning_map, views, candidates, belief, settings)
-
-
-_PROVEN = 3  # viewpoints of one thing from which it was seen, ...
-_ALL_PROVEN = 24  # ... and of all things
-_CLOSE = 0.6  # [m] from a camera within which the robot sees the same
-_MOST = 0.1  # share of the heaviest cell's weight from which on a cell counts as shown
-
-
-def _standpoint(semantic_map: SemanticMap, space: FreeSpace, start: ArrayLike | None) -> Cells:
-    """The floor cell where the robot is, if it is known; (0,) or (1,)."""
-    robot = semantic_map.robot() if start is None else None
-    p_map = start if robot is None else robot.p_map
-    return np.array([] if p_map is None else [space.nearest(p_map)], np.intp)
-
-
-def proven_views(semantic_map: SemanticMap, space: FreeSpace, belief: TargetBelief) -> Cells:
-    """(m, 2) a floor cell, and a cell that a camera showed from there: that of a known thing.
-
-    A floor plan knows no heights: things on shelves, or behind low walls, seem hidden there.
-    """
-    known = [p for p in belief.parts if p.candidate.kind == "known" and p.weight.max() > 0]
-    known.sort(key=lambda part: (-part.candidate.probability, part.candidate.iri))
-    known = known[:_ALL_PROVEN]
-    store, floor = semantic_map.store, space.floor()
-    poses = seen_from(store.path, [part.candidate.iri for part in known], live=store.live)
-    centres, chosen = space.centres(floor), set[int]()
-    pairs = list[tuple[int, int]]()
-    for part in known:
-        cells, own = belief.cells[part.weight >= _MOST * part.weight.max()], list[int]()
-        for x, y in poses.get(part.candidate.iri, np.zeros((0, 3, 4)))[::-1, :2, 3]:
-            off = np.hypot(*(centres - (x, y)).T)
-            cell = int(floor[np.argmin(off)])
-            if off.min() > _CLOSE or cell in own or len(own) == _PROVEN:
-                continue
-            if cell in chosen or len(chosen) < _ALL_PROVEN:
-                own.append(cell)
-        chosen.update(own)
-        pairs += [(cell, int(shown)) for cell in own for shown in cells]
-    return np.array(pairs, np.intp).reshape(-1, 2)
-
-
-def observed_map(
-    semantic_map: SemanticMap,
-    places: Sequence[Place],
-    spots: Sequence[NDArray[np.float64]],
-    settings: BeliefSettings,
-) -> PlanningMap | None:
-    """Planning map of the storey where the robot is."""
-    robot = semantic_map.robot()
-    height = None if robot is None else float(robot.p_map[2])
-    floor = mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
-    return planning_map_of(places, spots, settings, floor, semantic_map.base)
-
-
-def with_fresh_viewpoints(
-    planning_map: PlanningMap, views: CandidateViews, weight: NDArray[np.float64]
-) -> CandidateViews:
-    """`views` and further ones from fresh viewpoints, for cells of `weight` (c,)."""
-    fresh = _viewpoints(planning_map, views.cells, weight, views.sensor, 2, views.viewpoints)
-    return views.with_viewpoints(planning_map.space, np.union1d(views.viewpoints, fresh))
-
-
-def _viewpoints(
-    planning_map: PlanningMap,
-    cells: Cells,
-    weight: NDArray[np.float64],
-    sensor: Sensor,
-    covers: int = COVERS,
-    besides: ArrayLike = (),
-) -> Cells:
-    """Viewpoints that cover every cell `covers` times, without those in `besides`.
-
-    In a building of more than MAX_ROOMS rooms, only the rooms with most of `weight` (c,) per area
-    get viewpoints, and as many rooms with free floor: a room full of tables is seen from others.
-    """
-    space = planning_map.space
-    if len(planning_map.rooms) > MAX_ROOMS:
-        of_cell = space.room.reshape(-1)[cells]
-        mass = np.bincount(of_cell, weight, minlength=len(planning_map.rooms))
-        size = np.bincount(of_cell, minlength=len(planning_map.rooms))
-        ranked = np.argsort(-mass / np.sqrt(np.maximum(size, 1)), kind="stable")
-        with_floor = ranked[np.isin(ranked, space.room[space.free])]
-        best = np.union1d(ranked[:MAX_ROOMS], with_floor[:MAX_ROOMS])
-        inside = space.inside()
-        space = space.without(inside[~np.isin(space.room.reshape(-1)[inside], best)])
-    return covering_viewpoints(space, sensor.far, near=sensor.near, covers=covers, besides=besides)
+    return PlanningState(
+        facts.targets, planning_map, views, candidates, belief, settings, facts=facts
+    )

@@ -6,7 +6,8 @@ to detect an object in each cell of the belief; walls block it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -157,26 +158,8 @@ class CandidateViews:
 
     def with_viewpoints(self, space: FreeSpace, viewpoints: Cells) -> CandidateViews:
         """Views over the same cells from other `viewpoints`, on a floor that may have changed."""
-        kinds = self.kinds
-        known = np.isin(self.viewpoints, viewpoints) & (space is self.space)
-        kept, new = self.viewpoints[known], np.setdiff1d(viewpoints, self.viewpoints[known])
-        more = detection_matrix(space, self.sensor, self.cells, new, kinds, self.proven)
-        chance = DetectionMatrix.joined(
-            [self.chance.rows(np.flatnonzero(known[self.viewpoint])), more]
-        )
-        order = np.argsort(np.concatenate([kept, new]), kind="stable")
-        numbers = np.arange(len(chance)).reshape(len(order), len(kinds))[order].reshape(-1)
-        extent = np.tile([e for _, e in kinds], len(viewpoints))
-        return replace(
-            self,
-            space=space,
-            viewpoints=viewpoints,
-            viewpoint=np.repeat(np.arange(len(viewpoints)), len(kinds)),
-            heading=np.tile([h for h, _ in kinds], len(viewpoints)),
-            extent=extent,
-            seconds=self.motion.sweep_seconds(extent, self.sensor.field_of_view),
-            chance=chance.rows(numbers),
-            ways=ShortestWays(space, viewpoints),
+        return _views(
+            space, self.sensor, self.motion, self.cells, viewpoints, self.kinds, self.proven
         )
 
     @property
@@ -218,7 +201,18 @@ def candidate_views(
         viewpoints = covering_viewpoints(space, sensor.far, near=sensor.near)
     kinds = _kinds(sensor.field_of_view)
     proven = np.zeros((0, 2), np.intp) if proven is None else proven
-    chance = detection_matrix(space, sensor, cells, viewpoints, kinds, proven)
+    return _views(space, sensor, motion, cells, viewpoints, kinds, proven)
+
+
+def _views(
+    space: FreeSpace,
+    sensor: Sensor,
+    motion: Motion,
+    cells: Cells,
+    viewpoints: Cells,
+    kinds: Sequence[tuple[float, float]],
+    proven: Cells,
+) -> CandidateViews:
     extent = np.tile([e for _, e in kinds], len(viewpoints))
     return CandidateViews(
         space=space,
@@ -230,7 +224,7 @@ def candidate_views(
         heading=np.tile([h for h, _ in kinds], len(viewpoints)),
         extent=extent,
         seconds=motion.sweep_seconds(extent, sensor.field_of_view),
-        chance=chance,
+        chance=detection_matrix(space, sensor, cells, viewpoints, kinds, proven),
         ways=ShortestWays(space, viewpoints),
         proven=proven,
     )

@@ -77,17 +77,6 @@ class DetectionMatrix:
         np.maximum.at(most, self.cell, self.value)
         return most
 
-    @staticmethod
-    def joined(parts: Sequence[DetectionMatrix]) -> DetectionMatrix:
-        """The views of all `parts`, which have the same columns, one part after another."""
-        lengths = np.concatenate([np.diff(part.starts) for part in parts])
-        return DetectionMatrix(
-            np.concatenate([[0], np.cumsum(lengths)]).astype(np.intp),
-            np.concatenate([part.cell for part in parts]),
-            np.concatenate([part.value for part in parts]),
-            parts[0].columns,
-        )
-
 
 def detection_matrix(
     space: FreeSpace,

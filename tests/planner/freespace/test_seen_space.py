@@ -31,7 +31,8 @@ from planner.freespace.grid import NO_ROOM, FreeSpace, Room, visible_cells
 from planner.freespace.planning_map import PlanningMap
 from planner.search.plans.report import step_lines
 from planner.search.plans.route import route
-from planner.search.plans.search_state import PlanningState, _viewpoints, build_search
+from planner.search.plans.search_state import PlanningState, build_search
+from planner.search.plans.search_viewpoints import search_viewpoints
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor
 from planner.search.viewpoints.covering_viewpoints import covering_viewpoints
@@ -367,7 +368,7 @@ def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int
     names = tuple(f"room {n}" for n in range(rooms))
     cells = space.inside()
     weight = np.where(room.reshape(-1)[cells] < tables, 1.0, 0.001)  # it is on one of the tables
-    viewpoints = _viewpoints(PlanningMap(space, names, names), cells, weight, Sensor())
+    viewpoints = search_viewpoints(PlanningMap(space, names, names), cells, weight, Sensor())
     assert set(space.room.reshape(-1)[viewpoints]) <= set(range(tables, rooms))
     seen = {
         int(room.reshape(-1)[c])

@@ -89,10 +89,15 @@ def test_the_number_is_the_chance_that_it_is_still_there(chart: SemanticMap) -> 
     assert "last 30 days ago (probability there 0.00)" in later[3]
 
 
+def told(chart: SemanticMap, word: str) -> list[dict[str, object]]:
+    (target,) = resolve(chart, [word])
+    return known_json(target, known_objects(chart, target), 10.0)
+
+
 def test_json_has_the_alternatives(chart: SemanticMap) -> None:
-    (cup,) = known_json(chart, resolve(chart, ["cup"]), 10.0)
+    (cup,) = told(chart, "cup")
     assert cup["may_be"] == [{"category": "bowl", "probability": 0.3}]
-    (bowl,) = known_json(chart, resolve(chart, ["bowl"]), 10.0)
+    (bowl,) = told(chart, "bowl")
     assert (bowl["category"], bowl["own_category"], bowl["existence"]) == ("bowl", "cup", 0.3)
 
 
