@@ -63,7 +63,7 @@ Legend = Literal["class", "place"]
 
 #: minimum existence of objects that are marked, without a name
 GHOST_EXISTENCE: Final = 0.1
-_COLOURS: Final = 64  # of small pictures
+_COLOURS: Final = 256  # of small pictures
 _CROWD: Final = 300  # more objects than this have smaller marks
 _SIZES: Final = (6.2, 4.0)  # [pt] of the marks of few objects, of many
 _SECTOR: Final = 34.0  # [pt] radius of the sector that a look goes to
