@@ -158,6 +158,7 @@ class PlaceStatus(_Record):
     closely_viewed_share: Share
     last_viewed: str | None
     noticed: Share  # probability that one would have been seen
+    out_of_view: Share  # probability that one there would stand where nobody viewed
 
 
 class StatusAnswer(Page):

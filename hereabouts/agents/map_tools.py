@@ -135,7 +135,7 @@ class MapTools:
         skip: Skip = 0,
     ) -> a.StatusAnswer:
         """Whether something is present, gone (it was there, and its spot is empty), looked for
-        without any seen, hidden (part of its place was never in view) or never looked for; proof.
+        without any seen, hidden (one may stand where nobody viewed) or never looked for; proof.
         """
         where = None if place is None else self._context.place(place)
         with self._context.at(at) as semantic_map:
@@ -306,6 +306,7 @@ def _place_status(one: PlaceStatus) -> a.PlaceStatus:
         closely_viewed_share=one.closely_viewed_share,
         last_viewed=time_or_none(one.last_viewed),
         noticed=one.noticed,
+        out_of_view=one.out_of_view,
     )
 
 

@@ -1,7 +1,7 @@
 """Tell whether an object is present, gone, was not seen, is hidden, or was never looked for.
 
 Present: it was seen. Gone: it was there, and its spot was seen empty since. Looked, none seen: the
-place was viewed, and none was ever known there. Hidden: a part of the place was never in view.
+place was viewed, and none was ever known there. Hidden: one may stand where nobody viewed.
 Never looked: almost nothing of the place was viewed, or no detector that mapped here has a name for
 it. OBJECT is a category, a synonym, or one thing (object/17).
 

@@ -17,6 +17,7 @@ from planner.search.goals.place_names import (
     notes_of,
     place_category,
     place_named,
+    place_printed,
     places_of_kind,
     spoken_places,
 )
@@ -105,6 +106,8 @@ class _Answerer:
         if words in ("room", "rooms", "place", "places"):
             return _Rooms("room", tuple(self._places.values()))
         category = place_category(self._map.catalogue, words)
+        if category is None and (printed := place_printed(self._map, words)):
+            return _Rooms(self._places[printed].label, (self._places[printed],))
         if category is None:
             return _Rooms(words, ()) if words in _WITHOUT_CATEGORY else None
         sure = places_of_kind(self._map, words)

@@ -55,7 +55,7 @@ from hereabouts.display.plots.place_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.point_labels import PointLabel, write_labels
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
-from kg.model.place_names import place_titles
+from kg.model.place_names import SURE, plain_place
 from kg.model.records import TALL, ObjectRecord, PlaceRecord
 from mapping.occupancy.mapped_floor import mapped_floor
 
@@ -63,7 +63,7 @@ Legend = Literal["class", "place"]
 
 #: minimum existence of objects that are marked, without a name
 GHOST_EXISTENCE: Final = 0.1
-_COLOURS: Final = 64  # of small pictures
+_COLOURS: Final = 256  # of small pictures
 _CROWD: Final = 300  # more objects than this have smaller marks
 _SIZES: Final = (6.2, 4.0)  # [pt] of the marks of few objects, of many
 _SECTOR: Final = 34.0  # [pt] radius of the sector that a look goes to
@@ -147,8 +147,6 @@ class _Picture:
         self._objects = tuple(r for r in marked if np.isfinite(r.p_map).all())
         self._named = tuple(r for r in self._objects if r.existence >= least)
         self._places = semantic_map.places()
-        titles = place_titles([(p.label, p.beliefs) for p in self._places], self._label)
-        self._titles = {p.iri: title for p, title in zip(self._places, titles, strict=True)}
         self._doors = semantic_map.doors()
         self._robot = semantic_map.robot()
         self._search = search or SearchDrawing(np.empty((0, 2)))
@@ -258,12 +256,13 @@ class _Picture:
         return WallsBelow(floor.states == TALL, floor.origin, floor.resolution, sheet.axes)
 
     def _named_place(self, place: PlaceRecord) -> NamedPlace:
-        best, title = top_category(place), self._titles[place.iri]
+        best, label = top_category(place), drawable(place.label)
         if best is None:
-            return NamedPlace(place.area, drawable(title), "not viewed yet")
-        detail = "" if title.startswith(place.label) else f"{drawable(place.label)}, "
-        detail += f"belief {place.beliefs[best]:.2f}"
-        return NamedPlace(place.area, drawable(title), detail)
+            return NamedPlace(place.area, label, "not viewed yet")
+        sure = place.beliefs[best] >= SURE
+        kind = ("" if sure else "perhaps ") + plain_place(self._label(best))
+        detail = f"{label}, belief {place.beliefs[best]:.2f}"
+        return NamedPlace(place.area, drawable(kind), detail)
 
     def _name(self, record: ObjectRecord) -> str:
         own = self._title(record.category, record.iri) if self._numbered else ""

@@ -91,13 +91,8 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
     try:
         return semantic_map.resolve("place", text)
     except QueryParameterError as error:
-        plain = text.strip().casefold().removeprefix("the ")
-        catalogue, known = semantic_map.catalogue, titled_places(semantic_map)
-        named = [
-            p.iri for p, t in known if plain in (t.casefold(), titled(catalogue, p).casefold())
-        ]
-        if len(named) == 1:
-            return named[0]
+        if printed := place_printed(semantic_map, text):
+            return printed
         believed = places_of_kind(semantic_map, text)
         if len(believed) == 1:
             return believed[0].iri
@@ -108,6 +103,17 @@ def place_named(semantic_map: SemanticMap, text: str) -> str:
             labels = ", ".join(place.label for place in semantic_map.places())
             said = str(error).replace(labels or " ", listed_places(semantic_map) or " ")
         raise QueryParameterError(said) from None
+
+
+def place_printed(semantic_map: SemanticMap, text: str) -> str:
+    """IRI of the one place that answers call so, with or without "the"; "" for other texts."""
+    plain, catalogue = text.strip().casefold().removeprefix("the "), semantic_map.catalogue
+    found = [
+        place.iri
+        for place, title in titled_places(semantic_map)
+        if plain in (title.casefold(), titled(catalogue, place).casefold())
+    ]
+    return found[0] if len(found) == 1 else ""
 
 
 def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
