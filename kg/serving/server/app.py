@@ -22,7 +22,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import HereaboutsError, ServerError
-from kg.serving.server.app_state import AppState, Planner, RunningCounts, Status
+from kg.serving.server.app_state import AppState, GraphChanges, Planner, Status, objects_in
 from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.endpoints.feed_endpoints import changes, subscribe
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
@@ -179,7 +179,11 @@ def _readings(serving: AppState) -> list[Reading]:
         ("hereabouts_commits_total", "Commits since the start.", lambda: feed.commits),
         ("hereabouts_query_workers", "Worker processes.", lambda: len(pool.pids)),
         ("hereabouts_query_workers_busy", "Worker processes with a query.", lambda: pool.busy),
-        ("hereabouts_objects", "Objects in the map.", lambda: serving.tally.objects),
+        (
+            "hereabouts_objects",
+            "Objects in the map.",
+            lambda: objects_in(serving.semantic_map.engine),
+        ),
         ("hereabouts_feed_clients", "Followers of changes and queries.", lambda: feed.followers),
         ("hereabouts_feed_dropped_total", "Followers that were too slow.", lambda: feed.dropped),
         ("hereabouts_standing_queries", "Followed queries.", lambda: len(serving.subscriptions)),
@@ -218,7 +222,7 @@ class MapServer(ServerLifecycle):
                 services=self.settings.services,
             ),
             ChangeBroadcast(semantic_map, limits),
-            RunningCounts(semantic_map),
+            GraphChanges(semantic_map),
             status=status,
             planner=planner,
         )
@@ -236,6 +240,6 @@ class MapServer(ServerLifecycle):
 
     def _close(self) -> None:
         self.serving.ending.set()
-        self.serving.tally.stop()
+        self.serving.changed.stop()
         self.serving.pool.close()
         super()._close()

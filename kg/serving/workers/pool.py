@@ -186,30 +186,17 @@ class QueryPool:
         """`run` without blocking the event loop; cancelling it kills the query."""
         return await self._in_thread(self._query(sparql, options))
 
-    async def history_report_async(
+    async def request_async(
         self,
-        what: str,
-        media_type: str,
+        kind: bytes,
+        request: dict[str, Any],
         *,
         at_least: int = 0,
+        at: int | None = None,
         asker: Asker = ANYONE,
-        **options: object,
     ) -> Answer:
-        """A report on the history: "log", "diff" or "why" (`evaluation.history_tasks`).
-
-        Raises as `run_async`; HistoryError if the map keeps no history.
-        """
-        request = {"what": what, "media_type": media_type, **options}
-        return await self._in_thread(self._call(request, None, at_least, None, b"T", asker))
-
-    async def state_async(
-        self, request: dict[str, Any], *, at: int | None, at_least: int, asker: Asker
-    ) -> Answer:
-        """The state of the map for a page, now or right after the transaction `at`, as JSON.
-
-        Raises as `run_async`; HistoryError for a past that is not kept.
-        """
-        return await self._in_thread(self._call(request, None, at_least, at, b"V", asker))
+        """`request` without blocking the event loop; raises HistoryError for a map without one."""
+        return await self._in_thread(self._call(request, None, at_least, at, kind, asker))
 
     def _queued(self, call: QueryCall) -> Answer:
         turn = self._queue.enter(call.asker.client, call.lane)

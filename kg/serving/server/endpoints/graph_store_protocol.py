@@ -177,7 +177,7 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
 def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
     """State of a graph: the last transaction that changed it, or the map for None."""
     state = state_of(serving.semantic_map)
-    number = state.sequence if graph is None else serving.tally.changed(graph)
+    number = state.sequence if graph is None else serving.changed.last(graph)
     return State(number, state.modified, form, state.past)
 
 

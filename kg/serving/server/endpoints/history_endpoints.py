@@ -56,9 +56,8 @@ async def _response(serving: AppState, request: Request, what: str) -> Response:
     arguments = await _arguments(serving.semantic_map, what, given)
     # the snapshot must not be older than the history
     least = serving.semantic_map.sequence if what == "why" else 0
-    report = serving.pool.history_report_async(
-        what, media_type, at_least=least, asker=asker_of(request), **arguments
-    )
+    wanted = {"what": what, "media_type": media_type, **arguments}
+    report = serving.pool.request_async(b"T", wanted, at_least=least, asker=asker_of(request))
     answer = await unless_gone(request, asyncio.ensure_future(report))
     return Response(
         answer.body,

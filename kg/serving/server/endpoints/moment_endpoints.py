@@ -41,8 +41,8 @@ async def state(serving: AppState, request: Request) -> Response:
     wanted = {"base": serving.semantic_map.base, "objects": whole, "surface": frames}
 
     async def make() -> Answer:
-        return await serving.pool.state_async(
-            wanted, at=moment.past, at_least=moment.sequence, asker=_PAGES
+        return await serving.pool.request_async(
+            b"V", wanted, at=moment.past, at_least=moment.sequence, asker=_PAGES
         )
 
     return await at_moment(serving, request, moment, make, version=(whole, frames))
@@ -68,9 +68,9 @@ async def timeline(serving: AppState, request: Request) -> Response:
     """The times at which things changed."""
     negotiate(request.headers.get("accept"), (JSON,))
     moment = present_of(serving, request)
+    wanted = {"what": "timeline", "media_type": JSON}
     asker, least = asker_of(request), moment.sequence
-    report = serving.pool.history_report_async
-    make = partial(report, "timeline", JSON, at_least=least, asker=asker)
+    make = partial(serving.pool.request_async, b"T", wanted, at_least=least, asker=asker)
     try:
         floor = serving.semantic_map.history.log.floor
     except HistoryError:

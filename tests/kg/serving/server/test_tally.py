@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import random
 import re
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
-from kg.model.errors import ShapeError
 from kg.model.records import MapUpdate
 
 if TYPE_CHECKING:
@@ -70,15 +67,3 @@ def test_counts_follow_the_ontology(served: Served) -> None:
     assert scraped(served) == 2 == counted(served.map)
     served.map.update(f"INSERT DATA {isa}", allow=("commonsense",))
     assert scraped(served) == 3 == counted(served.map)
-
-
-def test_counts_of_random_writes_are_those_of_the_map(served: Served) -> None:
-    rng, kinds = random.Random(3), ("Cup", "Chair", "Bowl")
-    tally, base = served.server.serving.tally, served.map.base
-    for _ in range(60):
-        node, kind = f"<{base}object/{rng.randrange(10, 16)}>", f"here:{rng.choice(kinds)}"
-        made = f"{node} a {kind} ; here:x 1 ; here:y 1"
-        gone = f"DELETE WHERE {{ {node} ?p ?o }}"
-        with suppress(ShapeError):  # a thing has one category; what is refused changes nothing
-            served.map.update(rng.choice((f"INSERT DATA {{ {made} }}", gone)))
-        assert tally.objects == len(served.map.objects())
