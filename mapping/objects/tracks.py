@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 from kg.maps.facts.observations import STEP
 from kg.model.areas import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
+from kg.model.usual_sizes import UNUSUAL, SizeOf
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import (
-    UNUSUAL,
     CategoryEvidence,
-    SizeOf,
     category_probabilities,
-    size_log_likelihood,
+    size_fit,
     strength,
 )
 from mapping.objects.extents.box_fit import MAX_VIEWS, Row, pose_of
@@ -199,19 +198,26 @@ class Track:
             held.strength += weight * strength(score)
             held.looks += weight * visibility
 
-    def assess(self, size: Mapping[str, float], departed: float = 0.0) -> None:
+    def assess(self, usual: SizeOf, departed: float = 0.0) -> None:
         """Compute the categories' log-odds and the absence anew.
 
-        `size` has the log-likelihood of its size by category, `departed` is the prior probability
-        that the thing left since it was last seen.
+        `departed` is the prior probability that the thing left since it was last seen.
         """
         self.changed = True
         self.absent = self.absence.probability(departed) if departed else 0.0
+        missed = max(self.looks - max(held.looks for held in self.evidence.values()), 0.0)
+        dimensions = self.dimensions
         self.log_odds = {
-            category: held.log_odds(self.looks, size.get(category, 0.0))
+            category: held.log_odds(missed, size_fit(*dimensions, usual(category)))
             for category, held in self.evidence.items()
         }
         self.conclude()
+
+    @property
+    def dimensions(self) -> tuple[float, list[float]]:
+        """[m] its size (0: unknown), and the sides of its box (none: no box)."""
+        size = median(self.sizes) if self.sizes else 0.0
+        return size, [] if self.box is None else self.box.extent.tolist()
 
     def conclude(self) -> None:
         """Compute category and existence from the log-odds and the absence."""
@@ -306,21 +312,12 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         if record.yaw:
             box = OrientedBox(record.p_map, extent, record.yaw)
             extent = upright_bounds(extent, record.yaw)
-    prior = {
-        category: size_log_likelihood(size, usual_size(category))
-        for category in (record.category, *record.labels)
-    }
-    evidence = dict[str, CategoryEvidence]()
-    for category, odds in _log_odds(record).items():
-        evidence[category] = CategoryEvidence()
-        evidence[category].set_log_odds(odds, prior[category])
     track = Track(
         p_map=record.p_map,
         size=max(size or float(extent.max()), 0.05),
         box=box,
         settings=settings,
         iri=record.iri,
-        evidence=evidence,
         absence=Absence(hits=min(float(record.observations), KNOWN)),
         observations=record.observations,
         weight=min(0.5 * record.observations, settings.most_weight),
@@ -337,7 +334,11 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         track.highs.append(track.high)
     if size > 0:
         track.sizes.extend([size] * min(record.observations, 15))
-    track.assess(prior)
+    for category, odds in _log_odds(record).items():
+        track.evidence[category] = CategoryEvidence()
+        fit = size_fit(*track.dimensions, usual_size(category))
+        track.evidence[category].set_log_odds(odds, fit)
+    track.assess(usual_size)
     return track
 
 
