@@ -85,7 +85,7 @@ class BayesObjectMapper(ObjectMapper):
         if isinstance(sighting, Sighting):
             sighting = self._extractor.of_position(sighting)
         known = self._associated((sighting,))
-        return (known[0][1].iri, known[0][1].existence) if known else (None, 0.0)
+        return (known[0][1].iri, known[0][1].certainty) if known else (None, 0.0)
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:

@@ -5,12 +5,14 @@ a detection of its most often seen category is a miss of the thing; it counts by
 is in the image. Looks from one viewpoint are correlated: the n-th counts 1 / n. With S the sum of a
 category's hits and M of the thing's misses, the log-odds against there being nothing are
 
-    SEEN ln(1 + S) - MISSED ln(1 + M) + fit - NOTHING
+    SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood + beyond - NOTHING
 
-where `fit` compares what is known of the thing's size with things of the category. The logarithm
-lets evidence saturate, since detectors repeat their mistakes. One look never reaches 0.9. The
-numbers were chosen on tracks of real rooms and simulated houses (lab/research/mapping_trials.md);
-they hold for every detector.
+where `beyond` is below 0 if the box that is grown from the surface is too large for the category.
+While a thing is followed from frame to frame, its categories are judged one by one: M is then of
+looks without that category, weighed by MISSED_NAME, and the box does not count. The logarithm lets
+evidence saturate, since detectors repeat their mistakes. One look never reaches 0.9. The numbers
+were chosen on tracks of real rooms and simulated houses (lab/research/mapping_trials.md); they hold
+for every detector.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from perception.frames import Frame
 
 SEEN: Final = 2.25
 MISSED: Final = 1.3
+MISSED_NAME: Final = 1.5  # of a look without the one category, while things are followed
 SIZE: Final = 0.95
 NOTHING: Final = 2.65
 MAX_ODDS: Final = 5.0  # of one detection
@@ -51,9 +54,10 @@ class CategoryEvidence:
         self.strength += other.strength
         self.looks += other.looks
 
-    def log_odds(self, missed: float, fit: float) -> float:
+    def log_odds(self, missed: float, fit: float, weight: float = MISSED) -> float:
         """Log-odds after `missed` looks in vain at a thing whose size fits the category so well."""
-        return SEEN * math.log1p(self.strength) - MISSED * math.log1p(missed) + fit - NOTHING
+        misses = weight * math.log1p(max(missed, 0.0))
+        return SEEN * math.log1p(self.strength) - misses + fit - NOTHING
 
     def set_log_odds(self, log_odds: float, fit: float) -> None:
         """Choose the hits so that these `log_odds` follow before any look."""
@@ -113,17 +117,15 @@ def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
     return max(-0.5 * deviation * deviation, WORST)
 
 
-def size_fit(size: float, sides: Sequence[float], usual: UsualSize | None) -> float:
-    """How well a thing fits a category: 0 at best, less where it is too large or too small.
+def beyond(sides: Sequence[float], usual: UsualSize | None) -> float:
+    """Log-likelihood of the `sides` [m] of a thing's box (none: unknown) in a category, 0 at best.
 
-    `size` [m] is its longest dimension in images (0: unknown), `sides` [m] are those of the box
-    that was grown from the surface (none: unknown). No side is longer than that of the largest
-    things of a category; short ones say nothing, since a box may hold only a part.
+    No side is longer than that of the largest things of a category. Shorter ones say nothing,
+    since a box may hold only a part.
     """
-    fit = SIZE * size_log_likelihood(size, usual)
     if usual is None or not sides:
-        return fit
-    return fit + max(-math.log(usual.excess(sides)) / BEYOND, WORST)
+        return 0.0
+    return max(-math.log(usual.excess(sides)) / BEYOND, WORST)
 
 
 def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:

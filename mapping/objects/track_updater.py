@@ -98,7 +98,7 @@ class TrackUpdater:
     def finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
         """Assess the track, and keep the sighting if it is the best observation so far."""
         self.assess(track)
-        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
+        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.name}
         if sighting.box is None or not shown:
             return
         detector = max(shown, key=lambda d: shown[d])

@@ -19,9 +19,12 @@ from kg.model.usual_sizes import UNUSUAL, SizeOf
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import (
+    MISSED_NAME,
+    SIZE,
     CategoryEvidence,
+    beyond,
     category_probabilities,
-    size_fit,
+    size_log_likelihood,
     strength,
 )
 from mapping.objects.extents.box_fit import MAX_VIEWS, Row, pose_of
@@ -109,6 +112,9 @@ class Track:
     plausible: frozenset[str] = frozenset()  # categories that a detection of it may have
     presence: float = 0.0  # probability that a thing of `category` was where it was last seen
     existence: float = 0.0  # probability that it is still there
+    judged: dict[str, float] = field(default_factory=dict)  # log-odds that count its box, too
+    name: str = ""  # IRI of the most probable category by these, ...
+    certainty: float = 0.0  # ... and the probability that a thing of it is still there
     changed: bool = True  # since it was last stored
 
     @property
@@ -205,22 +211,19 @@ class Track:
         """
         self.changed = True
         self.absent = self.absence.probability(departed) if departed else 0.0
-        missed = max(self.looks - max(held.looks for held in self.evidence.values()), 0.0)
-        dimensions = self.dimensions
-        self.log_odds = {
-            category: held.log_odds(missed, size_fit(*dimensions, usual(category)))
-            for category, held in self.evidence.items()
-        }
+        size = median(self.sizes) if self.sizes else 0.0
+        sides = [] if self.box is None else self.box.extent.tolist()
+        missed = self.looks - max(held.looks for held in self.evidence.values())
+        self.log_odds, self.judged = {}, {}
+        for category, held in self.evidence.items():
+            known = usual(category)
+            fit = SIZE * size_log_likelihood(size, known)
+            self.log_odds[category] = held.log_odds(self.looks - held.looks, fit, MISSED_NAME)
+            self.judged[category] = held.log_odds(missed, fit + beyond(sides, known))
         self.conclude()
 
-    @property
-    def dimensions(self) -> tuple[float, list[float]]:
-        """[m] its size (0: unknown), and the sides of its box (none: no box)."""
-        size = median(self.sizes) if self.sizes else 0.0
-        return size, [] if self.box is None else self.box.extent.tolist()
-
     def conclude(self) -> None:
-        """Compute category and existence from the log-odds and the absence."""
+        """Compute category, name and existence from the log-odds and the absence."""
         odds = self.log_odds
         self.category = max(odds, key=lambda c: (odds[c], c))
         top = odds[self.category]
@@ -228,15 +231,17 @@ class Track:
         self.presence = category_probabilities(odds)[self.category]
         self.existence = self.presence * (1 - self.absent)
         self.peak = max(self.peak, self.existence)
+        self.name = max(self.judged, key=lambda c: (self.judged[c], c))
+        self.certainty = category_probabilities(self.judged)[self.name] * (1 - self.absent)
 
     @property
     def alternatives(self) -> dict[str, float]:
         """Probability that a thing of each other category is there, as written where still so."""
         before = self.labels
         found = dict[str, float]()
-        for category, p in category_probabilities(self.log_odds).items():
+        for category, p in category_probabilities(self.judged).items():
             p, old = p * (1 - self.absent), before.get(category, 0.0)
-            if category != self.category and max(p, old) >= STEP:
+            if category != self.name and max(p, old) >= STEP:
                 found[category] = old if abs(p - old) < _SAME_LABEL else p
         return found
 
@@ -272,8 +277,8 @@ class Track:
         """Its record, as perception believes it."""
         return ObjectRecord(
             **self._common_fields(),
-            confidence=3 * self.existence,
-            existence=self.existence,
+            confidence=3 * self.certainty,
+            existence=self.certainty,
             place=self.place,
             evidence=self.best,
             deviation=self.deviation,
@@ -289,7 +294,7 @@ class Track:
         box = self.box
         return {
             "iri": self.iri,
-            "category": self.category,
+            "category": self.name,
             "p_map": self.position,
             "observations": self.observations,
             "first_seen": self.first_seen,
@@ -333,10 +338,12 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         track.lows.append(track.low)
         track.highs.append(track.high)
     if size > 0:
-        track.sizes.extend([size] * min(record.observations, 15))
+        track.sizes.extend([size] * min(max(record.observations, 1), 15))
+    sides = [] if box is None else box.extent.tolist()
     for category, odds in _log_odds(record).items():
         track.evidence[category] = CategoryEvidence()
-        fit = size_fit(*track.dimensions, usual_size(category))
+        known = usual_size(category)
+        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known)
         track.evidence[category].set_log_odds(odds, fit)
     track.assess(usual_size)
     return track

@@ -478,7 +478,7 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
     unsure = mapper.decay(room.one.iri, recall=0.5)
     once = mapper.decay(room.one.iri)
     assert once.updated[0].existence < unsure.updated[0].existence < room.one.existence
-    gone = mapper.decay(room.one.iri, 100)
+    gone = mapper.decay(room.one.iri, 50)
     assert gone.removed == (room.one.iri,)
     assert mapper.decay("https://example.org/map/object/99").updated == ()
 

@@ -18,11 +18,11 @@ from mapping.objects.existence import (
     WORST,
     CategoryEvidence,
     VolumeView,
+    beyond,
     category_probabilities,
     in_front,
     logit,
     ray_test,
-    size_fit,
     size_log_likelihood,
     strength,
     unusual_scale,
@@ -287,7 +287,7 @@ def test_an_unlikely_size_costs_so_much_and_no_more(size):
 @pytest.mark.parametrize(("measured", "usual"), [(0.3, None), (0.0, CUP)])
 def test_what_is_not_known_says_nothing(measured, usual):
     assert size_log_likelihood(measured, usual) == 0
-    assert size_fit(measured, (9.0, 9.0, 9.0), usual) == 0, "the largest cup is not known"
+    assert beyond((9.0, 9.0, 9.0), usual) == beyond((), CUP) == 0, "no largest one is known"
 
 
 def test_the_largest_things_are_no_smaller_than_the_usual_ones():
@@ -301,11 +301,11 @@ BOOK = UsualSize(longest=0.22, width=0.077, greatest=(0.45, 0.35, 0.22))
 
 @pytest.mark.parametrize("sides", [(0.48, 0.38, 0.25), (0.48, 0.02, 0.02), (0.05, 0.05, 0.02)])
 def test_a_box_of_any_book_or_of_a_part_of_one_says_nothing_against_a_book(sides):
-    assert size_fit(0.22, sides, BOOK) == size_fit(0.22, (), BOOK) == 0
+    assert beyond(sides, BOOK) == 0
 
 
 def test_one_side_beyond_the_largest_speaks_against_a_name():
-    fits = [size_fit(0.22, sides, BOOK) for sides in ((0.53, 0.2, 0.1), (0.95, 0.86, 0.7))]
+    fits = [beyond(sides, BOOK) for sides in ((0.1, 0.53, 0.2), (0.95, 0.86, 0.7))]
     assert fits[0] == pytest.approx(-math.log(0.53 / (0.45 + VOXEL)) / BEYOND)
     assert fits[1] == WORST
 

@@ -136,23 +136,24 @@ def test_a_name_that_its_box_contradicts_gives_way_to_one_that_fits(make_track):
     track = make_track("cup", (2, 0, 1), size=0.12)
     track.evidence["bottle"] = CategoryEvidence(strength=20.0)
     track.assess(usual.get)
-    assert (track.category, set(track.alternatives)) == ("cup", {"bottle"})
+    assert (track.name, set(track.alternatives)) == ("cup", {"bottle"})
     track.box = OrientedBox(np.array([2.0, 0, 1]), np.array([0.1, 0.1, 0.32]), 0.3)
     track.assess(usual.get)
-    assert (track.category, set(track.alternatives)) == ("bottle", {"cup"})
+    assert (track.name, set(track.alternatives)) == ("bottle", {"cup"})
+    assert (track.record().category, track.category) == ("bottle", "cup"), "it is followed as one"
     again = track_of(track.record(), SETTINGS, usual.get)
-    assert (again.category, again.existence) == ("bottle", pytest.approx(track.existence, abs=0.01))
+    assert (again.name, again.certainty) == ("bottle", pytest.approx(track.certainty, abs=0.01))
 
 
 def test_looks_that_show_it_under_another_name_are_no_misses(cup):
-    before = cup.log_odds["cup"]
+    before = cup.judged["cup"]
     cup.evidence["bottle"] = CategoryEvidence(strength=3.0, looks=50.0)
     cup.looks = 50.0
     cup.assess({}.get)
-    assert cup.log_odds["cup"] == pytest.approx(before)
+    assert cup.judged["cup"] == pytest.approx(before)
     cup.looks = 60.0
     cup.assess({}.get)
-    assert cup.log_odds["cup"] < before
+    assert cup.judged["cup"] < before
 
 
 def test_a_thing_that_may_have_left_is_there_with_less_probability(cup):
