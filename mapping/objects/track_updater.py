@@ -116,6 +116,13 @@ class TrackUpdater:
         """Compute existence and absence anew, from the evidence, the size and the time."""
         track.assess(self.usual_size, self.departed(track, self.stamp - track.last_seen))
 
+    def reassess(self, track: Track) -> None:
+        """Compute its names and existence anew, as with another box; its absence stays."""
+        absent = track.absent
+        self.assess(track)
+        track.absent = absent
+        track.conclude()
+
     def departed(self, track: Track, age: float) -> float:
         """Prior probability that a thing left within `age` [s] after it was seen."""
         likely = track.category if track.category in track.evidence else next(iter(track.evidence))
