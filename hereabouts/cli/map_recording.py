@@ -34,9 +34,7 @@ if TYPE_CHECKING:
     from perception.frames import Detections, Frame, Recording, SceneScores
 
 _MAX_NAMED = 10  # labels in one note
-_BETTER = (
-    "deimv2_femto_coco"  # detector that names more than the bundled ones, ...
-)
+_BETTER = "deimv2_femto_coco"  # detector that names more than the bundled ones, ...
 _BETTER_BY = (
     "names 16 of the 23 things of a real kitchen, the bundled detectors 9"  # ... and by what
 )
