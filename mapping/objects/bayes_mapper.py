@@ -85,7 +85,7 @@ class BayesObjectMapper(ObjectMapper):
         if isinstance(sighting, Sighting):
             sighting = self._extractor.of_position(sighting)
         known = self._associated((sighting,))
-        return (known[0][1].iri, known[0][1].existence) if known else (None, 0.0)
+        return (known[0][1].iri, known[0][1].certainty) if known else (None, 0.0)
 
     @property
     def looked_from(self) -> dict[str, NDArray[np.float64]]:
@@ -121,8 +121,9 @@ class BayesObjectMapper(ObjectMapper):
         ]
         self._held.tracks += born
         merged = self._merge([*seen, *born])
-        if self._grower is not None:
-            self._grower.grow_one(seen)
+        grown = None if self._grower is None else self._grower.grow_one(seen)
+        if grown is not None:
+            self._updater.reassess(grown)
         return self._changes([*seen, *born], missed, merged)
 
     def add_sightings(
@@ -188,6 +189,8 @@ class BayesObjectMapper(ObjectMapper):
             return ObjectChanges()
         self.refresh()
         tracks = self._grower.grow_rest(self._held.tracks)
+        for track in tracks:
+            self._updater.reassess(track)
         grown = {track.iri: self._record(track) for track in tracks if track.iri is not None}
         self.cache.update(grown)
         return ObjectChanges(tuple(grown.values()))

@@ -1,39 +1,41 @@
 """Existence: how probable it is that a thing of a category is there, from all looks at its place.
 
 A hit of score s counts its odds, s / (1 - s), at most 5. A look that shows the whole place without
-a detection is a miss; it counts by how large the thing is in the image. Looks from one viewpoint
-are correlated: the n-th counts 1 / n. With S the sum of the hits and M of the misses, the log-odds
-against there being nothing are
+a detection of its most often seen category is a miss of the thing; it counts by how large the thing
+is in the image. Looks from one viewpoint are correlated: the n-th counts 1 / n. With S the sum of a
+category's hits and M of the thing's misses, the log-odds against there being nothing are
 
-    SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood - NOTHING
+    SEEN ln(1 + S) - MISSED ln(1 + M) + SIZE size_log_likelihood + beyond - NOTHING
 
-The logarithm lets evidence saturate, since detectors repeat their mistakes. One look never reaches
-0.9. The four numbers are a logistic regression over tracks of real rooms and simulated houses
-(lab/research/mapping_trials.md); they hold for every detector.
+where `beyond` is below 0 if the box that is grown from the surface is too large for the category.
+While a thing is followed from frame to frame, its categories are judged one by one: M is then of
+looks without that category, weighed by MISSED_NAME, and the box does not count. The logarithm lets
+evidence saturate, since detectors repeat their mistakes. One look never reaches 0.9. The numbers
+were chosen on tracks of real rooms and simulated houses (lab/research/mapping_trials.md); they hold
+for every detector.
 """
 
 from __future__ import annotations
 
-import csv
-import functools
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from pathlib import Path
 from statistics import median
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.usual_sizes import UsualSize, usual_sizes
 from mapping.frames.projection import to_camera
 from mapping.objects.settings import ObjectSettings
 from perception.frames import Frame
 
 SEEN: Final = 2.25
-MISSED: Final = 1.5
+MISSED: Final = 1.3
+MISSED_NAME: Final = 1.5  # of a look without the one category, while things are followed
 SIZE: Final = 0.95
 NOTHING: Final = 2.65
 MAX_ODDS: Final = 5.0  # of one detection
@@ -52,17 +54,14 @@ class CategoryEvidence:
         self.strength += other.strength
         self.looks += other.looks
 
-    def log_odds(self, looks: float, size: float) -> float:
-        """Log-odds after `looks` in all; `size` is the log-likelihood of the thing's size."""
-        missed = max(looks - self.looks, 0.0)
-        return (
-            SEEN * math.log1p(self.strength) - MISSED * math.log1p(missed) + SIZE * size - NOTHING
-        )
+    def log_odds(self, missed: float, fit: float, weight: float = MISSED) -> float:
+        """Log-odds after `missed` looks in vain at a thing whose size fits the category so well."""
+        misses = weight * math.log1p(max(missed, 0.0))
+        return SEEN * math.log1p(self.strength) - misses + fit - NOTHING
 
-    def set_log_odds(self, log_odds: float, size: float) -> None:
+    def set_log_odds(self, log_odds: float, fit: float) -> None:
         """Choose the hits so that these `log_odds` follow before any look."""
-        rest = log_odds + NOTHING - SIZE * size
-        self.strength = math.expm1(max(rest, 0.0) / SEEN)
+        self.strength = math.expm1(max(log_odds + NOTHING - fit, 0.0) / SEEN)
 
 
 def strength(score: float) -> float:
@@ -92,35 +91,17 @@ def logit(probability: float) -> float:
     return math.log(kept / (1 - kept))
 
 
-_FILE: Final = Path(__file__).with_name("usual_sizes.csv")
+Floats = NDArray[np.float64]
+
 SPREAD: Final = 0.5  # standard deviation of log size within a category
 OCCLUDED: Final = 0.35  # weight of a deviation below: hidden and cut things look smaller
 WORST: Final = -4.0  # an outlier by size costs no more than this
+BEYOND: Final = 0.1  # a side so much beyond the greatest usual one, in logarithms, costs 1
 
 MIN_CATEGORIES: Final = 4  # with usual sizes, to conclude anything
 LARGE: Final = 1.6  # factor from which sizes are unusual ...
 SMALL: Final = 0.35  # ... and below which: things are often seen in part
 ALIKE: Final = 0.75  # share of the categories that must agree
-
-
-@dataclass(frozen=True, slots=True)
-class UsualSize:
-    """Usual dimensions of a category's things [m]."""
-
-    longest: float
-    width: float  # the shorter horizontal one: the centres of two of them are no nearer
-
-
-#: of things without a usual size
-UNUSUAL: Final = UsualSize(longest=0.3, width=0.1)
-
-
-@functools.cache
-def usual_sizes() -> Mapping[str, UsualSize]:
-    """Usual sizes by label."""
-    with _FILE.open(newline="", encoding="utf-8") as file:
-        rows = csv.DictReader(file)
-        return {row["label"]: UsualSize(float(row["size"]), float(row["width"])) for row in rows}
 
 
 def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
@@ -136,8 +117,15 @@ def size_log_likelihood(size: float, usual: UsualSize | None) -> float:
     return max(-0.5 * deviation * deviation, WORST)
 
 
-#: usual size of a category by IRI, None where it has none
-SizeOf = Callable[[str], UsualSize | None]
+def beyond(sides: Sequence[float], usual: UsualSize | None) -> float:
+    """Log-likelihood of the `sides` [m] of a thing's box (none: unknown) in a category, 0 at best.
+
+    No side is longer than that of the largest things of a category. Shorter ones say nothing,
+    since a box may hold only a part.
+    """
+    if usual is None or not sides:
+        return 0.0
+    return max(-math.log(usual.excess(sides)) / BEYOND, WORST)
 
 
 def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
@@ -159,9 +147,6 @@ def unusual_scale(sizes: Iterable[tuple[str, float]]) -> float | None:
         if beyond >= ALIKE * len(by_category):
             return factor
     return None
-
-
-Floats = NDArray[np.float64]
 
 
 class VolumeView(Enum):

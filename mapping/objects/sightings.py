@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.usual_sizes import UNUSUAL, SizeOf
 from mapping.frames.projection import back_project, bounds, to_map
 from mapping.frames.sighting import Box, Floats, Sighting, ThingSighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.detections.detection_report import DetectionFates, Fate
-from mapping.objects.existence import UNUSUAL, SizeOf
 from mapping.objects.settings import ObjectSettings
 from mapping.reference.depth_histogram import box_depth
 from perception.frames import Detections, Frame

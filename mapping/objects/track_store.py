@@ -365,10 +365,7 @@ class TrackedThings:
         for track in stored:
             if any(self.catalogue.by_iri(category) is None for category in track.evidence):
                 continue
-            absent = track.absent
-            self._updater.assess(track)
-            track.absent = absent
-            track.conclude()
+            self._updater.reassess(track)
             if track.iri is not None:
                 record = held.get(track.iri)
                 if record is None or not same_facts(track.record(), record):

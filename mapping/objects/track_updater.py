@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from statistics import median
 
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import Evidence
+from kg.model.usual_sizes import UsualSize, usual_sizes
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
 from mapping.objects.existence import (
-    UsualSize,
     VolumeView,
     ray_test,
-    size_log_likelihood,
-    usual_sizes,
     visibility,
 )
 from mapping.objects.extents.box_fit import view_row
@@ -101,7 +98,7 @@ class TrackUpdater:
     def finish(self, track: Track, sighting: ThingSighting, stamp: float, frame: str) -> None:
         """Assess the track, and keep the sighting if it is the best observation so far."""
         self.assess(track)
-        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.category}
+        shown = {d: score for (d, c), score in sighting.scores.items() if c == track.name}
         if sighting.box is None or not shown:
             return
         detector = max(shown, key=lambda d: shown[d])
@@ -117,9 +114,14 @@ class TrackUpdater:
 
     def assess(self, track: Track) -> None:
         """Compute existence and absence anew, from the evidence, the size and the time."""
-        size = median(track.sizes) if track.sizes else 0.0
-        prior = {c: size_log_likelihood(size, self.usual_size(c)) for c in track.evidence}
-        track.assess(prior, self.departed(track, self.stamp - track.last_seen))
+        track.assess(self.usual_size, self.departed(track, self.stamp - track.last_seen))
+
+    def reassess(self, track: Track) -> None:
+        """Compute its names and existence anew, as with another box; its absence stays."""
+        absent = track.absent
+        self.assess(track)
+        track.absent = absent
+        track.conclude()
 
     def departed(self, track: Track, age: float) -> float:
         """Prior probability that a thing left within `age` [s] after it was seen."""

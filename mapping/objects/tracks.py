@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from kg.maps.facts.observations import STEP
 from kg.model.areas import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
+from kg.model.usual_sizes import UNUSUAL, SizeOf
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import (
-    UNUSUAL,
+    MISSED_NAME,
+    SIZE,
     CategoryEvidence,
-    SizeOf,
+    beyond,
     category_probabilities,
     size_log_likelihood,
     strength,
@@ -110,6 +112,9 @@ class Track:
     plausible: frozenset[str] = frozenset()  # categories that a detection of it may have
     presence: float = 0.0  # probability that a thing of `category` was where it was last seen
     existence: float = 0.0  # probability that it is still there
+    judged: dict[str, float] = field(default_factory=dict)  # log-odds that count its box, too
+    name: str = ""  # IRI of the most probable category by these, ...
+    certainty: float = 0.0  # ... and the probability that a thing of it is still there
     changed: bool = True  # since it was last stored
 
     @property
@@ -199,22 +204,26 @@ class Track:
             held.strength += weight * strength(score)
             held.looks += weight * visibility
 
-    def assess(self, size: Mapping[str, float], departed: float = 0.0) -> None:
+    def assess(self, usual: SizeOf, departed: float = 0.0) -> None:
         """Compute the categories' log-odds and the absence anew.
 
-        `size` has the log-likelihood of its size by category, `departed` is the prior probability
-        that the thing left since it was last seen.
+        `departed` is the prior probability that the thing left since it was last seen.
         """
         self.changed = True
         self.absent = self.absence.probability(departed) if departed else 0.0
-        self.log_odds = {
-            category: held.log_odds(self.looks, size.get(category, 0.0))
-            for category, held in self.evidence.items()
-        }
+        size = median(self.sizes) if self.sizes else 0.0
+        sides = [] if self.box is None else self.box.extent.tolist()
+        missed = self.looks - max(held.looks for held in self.evidence.values())
+        self.log_odds, self.judged = {}, {}
+        for category, held in self.evidence.items():
+            known = usual(category)
+            fit = SIZE * size_log_likelihood(size, known)
+            self.log_odds[category] = held.log_odds(self.looks - held.looks, fit, MISSED_NAME)
+            self.judged[category] = held.log_odds(missed, fit + beyond(sides, known))
         self.conclude()
 
     def conclude(self) -> None:
-        """Compute category and existence from the log-odds and the absence."""
+        """Compute category, name and existence from the log-odds and the absence."""
         odds = self.log_odds
         self.category = max(odds, key=lambda c: (odds[c], c))
         top = odds[self.category]
@@ -222,15 +231,17 @@ class Track:
         self.presence = category_probabilities(odds)[self.category]
         self.existence = self.presence * (1 - self.absent)
         self.peak = max(self.peak, self.existence)
+        self.name = max(self.judged, key=lambda c: (self.judged[c], c))
+        self.certainty = category_probabilities(self.judged)[self.name] * (1 - self.absent)
 
     @property
     def alternatives(self) -> dict[str, float]:
         """Probability that a thing of each other category is there, as written where still so."""
         before = self.labels
         found = dict[str, float]()
-        for category, p in category_probabilities(self.log_odds).items():
+        for category, p in category_probabilities(self.judged).items():
             p, old = p * (1 - self.absent), before.get(category, 0.0)
-            if category != self.category and max(p, old) >= STEP:
+            if category != self.name and max(p, old) >= STEP:
                 found[category] = old if abs(p - old) < _SAME_LABEL else p
         return found
 
@@ -266,8 +277,8 @@ class Track:
         """Its record, as perception believes it."""
         return ObjectRecord(
             **self._common_fields(),
-            confidence=3 * self.existence,
-            existence=self.existence,
+            confidence=3 * self.certainty,
+            existence=self.certainty,
             place=self.place,
             evidence=self.best,
             deviation=self.deviation,
@@ -283,7 +294,7 @@ class Track:
         box = self.box
         return {
             "iri": self.iri,
-            "category": self.category,
+            "category": self.name,
             "p_map": self.position,
             "observations": self.observations,
             "first_seen": self.first_seen,
@@ -306,21 +317,12 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         if record.yaw:
             box = OrientedBox(record.p_map, extent, record.yaw)
             extent = upright_bounds(extent, record.yaw)
-    prior = {
-        category: size_log_likelihood(size, usual_size(category))
-        for category in (record.category, *record.labels)
-    }
-    evidence = dict[str, CategoryEvidence]()
-    for category, odds in _log_odds(record).items():
-        evidence[category] = CategoryEvidence()
-        evidence[category].set_log_odds(odds, prior[category])
     track = Track(
         p_map=record.p_map,
         size=max(size or float(extent.max()), 0.05),
         box=box,
         settings=settings,
         iri=record.iri,
-        evidence=evidence,
         absence=Absence(hits=min(float(record.observations), KNOWN)),
         observations=record.observations,
         weight=min(0.5 * record.observations, settings.most_weight),
@@ -336,8 +338,14 @@ def track_of(record: ObjectRecord, settings: ObjectSettings, usual_size: SizeOf)
         track.lows.append(track.low)
         track.highs.append(track.high)
     if size > 0:
-        track.sizes.extend([size] * min(record.observations, 15))
-    track.assess(prior)
+        track.sizes.extend([size] * min(max(record.observations, 1), 15))
+    sides = [] if box is None else box.extent.tolist()
+    for category, odds in _log_odds(record).items():
+        track.evidence[category] = CategoryEvidence()
+        known = usual_size(category)
+        fit = SIZE * size_log_likelihood(size, known) + beyond(sides, known)
+        track.evidence[category].set_log_odds(odds, fit)
+    track.assess(usual_size)
     return track
 
 

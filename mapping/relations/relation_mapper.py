@@ -14,7 +14,7 @@ import numpy as np
 from kg.knowledge.ontology.catalogue import carrier_kinds
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord, Relation, RelationKind
-from mapping.objects.existence import usual_sizes
+from kg.model.usual_sizes import usual_sizes
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.relations.probabilities import (

@@ -6,7 +6,7 @@ An explanation is a tree: each step has the reasons behind it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal as Choice
 
@@ -21,6 +21,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import agent_iri, agent_name
 from kg.model.records import SURFACE
+from kg.model.usual_sizes import size_reason
 from kg.rdf.literals import seconds
 from kg.rdf.quad_store import QuadStore, Term
 
@@ -87,7 +88,12 @@ class Explainer:
             return self._departed(iri, types[0])
         # every place has these two types by construction
         trivial = NamedNode(v.PLACE), NamedNode(v.BOT_SPACE)
-        reasons = [self.fact(q) for q in types if q.object not in trivial]
+        sizes = self._size_reasons(facts)
+        reasons = [
+            replace(fact, because=(*sizes(q.object), *fact.because))
+            for q in types
+            if q.object not in trivial and (fact := self.fact(q))
+        ]
         reasons += [
             self.fact(q) for q in facts if q.graph_name == v.ASSERTIONS_GRAPH and q not in types
         ]
@@ -110,10 +116,29 @@ class Explainer:
         """Alternative categories of an object."""
         nodes = [q.object for q in facts if q.predicate.value == v.HAS_LABEL_BELIEF]
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
+        sizes = self._size_reasons(facts)
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
             text = f"may also be {self._text(node, v.OF_CATEGORY)}, probability {likely[node]}"
             rule = Explanation("rule", known.RULES[v.LABEL_PROBABILITY])
-            yield Explanation("belief", text, node.value, (rule,))
+            size = [r for category in self._values(node, v.OF_CATEGORY) for r in sizes(category)]
+            yield Explanation("belief", text, node.value, (*size, rule))
+
+    def _size_reasons(self, facts: list[Quad]) -> Callable[[Term], list[Explanation]]:
+        """Callable: category -> how the sides of a thing with these `facts` speak for it or not."""
+        known_texts = self._texts(facts)
+        sides = [
+            float(known_texts[p]) for p in (v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z) if p in known_texts
+        ]
+
+        def reasons(category: Term) -> list[Explanation]:
+            if len(sides) < 3 or not isinstance(category, NamedNode):
+                return []
+            found = self._values(category, v.RDFS_LABEL)
+            labels = [one.value for one in found if isinstance(one, Literal)]
+            texts = (size_reason(label, sorted(sides, reverse=True)) for label in labels)
+            return [Explanation("rule", text) for text in texts if text][:1]
+
+        return reasons
 
     def facts(
         self, subject: NamedNode, predicate: NamedNode, value: Term | None

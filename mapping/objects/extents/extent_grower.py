@@ -29,11 +29,13 @@ class ExtentGrower:
     def __init__(self, voxels: Voxels) -> None:
         self._voxels = voxels
 
-    def grow_one(self, seen: Iterable[Track]) -> None:
+    def grow_one(self, seen: Iterable[Track]) -> Track | None:
         """A new box for the track among those just `seen` that has waited longest for one."""
         due = [t for t in seen if _has_box(t) and t.shown >= max(_AGAIN * t.grown, _FIRST)]
-        if due:
-            self._grow(max(due, key=lambda t: (t.shown / max(t.grown, 1), -t.number)))
+        longest = max(due, key=lambda t: (t.shown / max(t.grown, 1), -t.number), default=None)
+        if longest is not None:
+            self._grow(longest)
+        return longest
 
     def grow_rest(self, tracks: Iterable[Track]) -> list[Track]:
         """New boxes for all with views since their last one; all whose box is not yet written."""

@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model.usual_sizes import UNUSUAL, SizeOf, UsualSize
 from mapping.objects.association import boxes_touch, shared_footprint
-from mapping.objects.existence import UNUSUAL, SizeOf, UsualSize
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.reidentification.moves import Absentee, Departed, Departures, LookRatio
 from mapping.objects.settings import ObjectSettings

@@ -17,7 +17,7 @@ from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UndetectableError
 from kg.model.records import DepartedRecord
-from mapping.objects.existence import UNUSUAL, usual_sizes
+from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import (
     StatedCategory,

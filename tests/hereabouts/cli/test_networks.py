@@ -64,6 +64,34 @@ def test_the_best_detector_cannot_be_fetched_without_a_network(
     assert not (tmp_path / "k.map").exists()
 
 
+def test_a_better_detector_is_told_of_once_on_a_machine(
+    kitchen: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys
+) -> None:
+    name = "deimv2_femto_coco"
+    card = model_zoo.find_model(name)
+    assert card.sha256 and (card.ap or 0) > max(
+        model_zoo.find_model(bundled).ap or 0 for bundled in model_zoo.bundled_pair()
+    )
+
+    def told(*words: str) -> str:
+        words = ("map", str(kitchen), "--into", str(tmp_path / "k.map"), "--again", *words)
+        assert main([*words, "--limit", "1", "--no-floor"]) == 0
+        lines = [one for one in capsys.readouterr().err.splitlines() if name in one]
+        assert len(lines) <= 1
+        return "".join(lines)
+
+    cache = tmp_path / "cache"
+    monkeypatch.setenv("HEREABOUTS_CACHE", str(cache))
+    network = shutil.copy(model_zoo.model_path(model_zoo.bundled_pair()[0]), tmp_path)
+    assert told("--detector", str(network)) == "", "another detector was chosen"
+    assert f"`hereabouts models fetch {name}` downloads it" in told()
+    assert told() == ""
+    for mark in cache.iterdir():
+        mark.unlink()
+    model_zoo.cached_path(card).touch()
+    assert "fetch" not in (line := told()) and f"--detector {name} uses it" in line
+
+
 def test_the_best_detector_is_the_one_of_highest_published_precision() -> None:
     best = model_zoo.best_detector()
     fetchable = [c for c in model_zoo.known_models() if c.kind == "detector" and c.url]

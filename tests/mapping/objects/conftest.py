@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
+from kg.model.usual_sizes import SizeOf, UsualSize
 from mapping.frames.sighting import ThingSighting
-from mapping.objects.existence import SizeOf, UsualSize
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
 
@@ -68,7 +68,7 @@ def make_track(make_sighting: Callable[..., ThingSighting]) -> Callable[..., Tra
         for view in range(views):
             track.locate(sighting, track.look((view,)))
             track.hit({category: 0.9}, 4.0, 1.0)
-        track.assess({})
+        track.assess({}.get)
         return track
 
     return make

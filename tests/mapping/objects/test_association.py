@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from kg.model.usual_sizes import usual_sizes
 from mapping.frames.sighting import Sighting
 from mapping.labels.label_resolver import LabelResolver
 from mapping.objects.association import assign, associate, shared_footprint
-from mapping.objects.existence import usual_sizes
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.sightings import SightingExtractor, intersection_over_union
 from perception.frames import Detections

@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
+from kg.model.usual_sizes import VOXEL, UsualSize, usual_sizes
 from mapping.objects.absence import Absence
 from mapping.objects.existence import (
+    BEYOND,
     WORST,
     CategoryEvidence,
-    UsualSize,
     VolumeView,
+    beyond,
     category_probabilities,
     in_front,
     logit,
@@ -24,7 +26,6 @@ from mapping.objects.existence import (
     size_log_likelihood,
     strength,
     unusual_scale,
-    usual_sizes,
     visibility,
 )
 from mapping.objects.settings import ObjectSettings
@@ -38,7 +39,7 @@ scores = st.floats(0, 1)
 def existence(*hits: float, missed: float = 0.0, size: float = 0.0) -> float:
     """Existence after hits of these scores, each from a viewpoint of its own."""
     held = CategoryEvidence(sum(map(strength, hits)), float(len(hits)))
-    return 1 / (1 + math.exp(-held.log_odds(len(hits) + missed, size)))
+    return 1 / (1 + math.exp(-held.log_odds(missed, size)))
 
 
 @given(st.floats(0, 1))
@@ -76,9 +77,8 @@ def test_a_false_detection_that_is_repeated_from_one_spot_stays_below_ten_looks_
     """Looks from one viewpoint count 1 / n."""
     weight = sum(1 / n for n in range(1, 1001))
     repeated = CategoryEvidence(weight * strength(0.3), weight)
-    assert repeated.log_odds(weight, 0.0) < CategoryEvidence(10 * strength(0.5), 10.0).log_odds(
-        10.0, 0.0
-    )
+    around = CategoryEvidence(10 * strength(0.5), 10.0)
+    assert repeated.log_odds(0.0, 0.0) < around.log_odds(0.0, 0.0)
 
 
 @given(st.floats(1e-3, 2), st.floats(1e-3, 2))
@@ -287,6 +287,27 @@ def test_an_unlikely_size_costs_so_much_and_no_more(size):
 @pytest.mark.parametrize(("measured", "usual"), [(0.3, None), (0.0, CUP)])
 def test_what_is_not_known_says_nothing(measured, usual):
     assert size_log_likelihood(measured, usual) == 0
+    assert beyond((9.0, 9.0, 9.0), usual) == beyond((), CUP) == 0, "no largest one is known"
+
+
+def test_the_largest_things_are_no_smaller_than_the_usual_ones():
+    for name, one in usual_sizes().items():
+        long, middle, short = one.greatest
+        assert long >= one.longest and middle >= one.width and long >= middle >= short > 0, name
+
+
+BOOK = UsualSize(longest=0.22, width=0.077, greatest=(0.45, 0.35, 0.22))
+
+
+@pytest.mark.parametrize("sides", [(0.48, 0.38, 0.25), (0.48, 0.02, 0.02), (0.05, 0.05, 0.02)])
+def test_a_box_of_any_book_or_of_a_part_of_one_says_nothing_against_a_book(sides):
+    assert beyond(sides, BOOK) == 0
+
+
+def test_one_side_beyond_the_largest_speaks_against_a_name():
+    fits = [beyond(sides, BOOK) for sides in ((0.1, 0.53, 0.2), (0.95, 0.86, 0.7))]
+    assert fits[0] == pytest.approx(-math.log(0.53 / (0.45 + VOXEL)) / BEYOND)
+    assert fits[1] == WORST
 
 
 SETTINGS = ObjectSettings()

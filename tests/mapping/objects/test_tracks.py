@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from kg.model.areas import OrientedBox
+from kg.model.usual_sizes import UsualSize
 from mapping.objects.existence import CategoryEvidence, logit
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import (
@@ -121,19 +123,45 @@ def test_a_long_thing_stands_at_the_centre_of_its_extent(make_track):
 
 def test_an_alternative_is_written_again_only_where_it_changed(cup):
     cup.evidence["bottle"] = CategoryEvidence(strength=30.0, looks=cup.looks)
-    cup.assess({})
+    cup.assess({}.get)
     (p,) = cup.alternatives.values()
     for before, expected in ((p - 0.03, p - 0.03), (p + 0.03, p + 0.03), (p - 0.05, p)):
         cup.labels = {"bottle": before}
         assert cup.alternatives == {"bottle": pytest.approx(expected)}
 
 
+def test_a_name_that_its_box_contradicts_gives_way_to_one_that_fits(make_track):
+    """A detector says "cup" of a bottle of 0.3 m, and sometimes "bottle"."""
+    usual = {"cup": UsualSize(0.1, 0.08, (0.18, 0.14, 0.13)), "bottle": UsualSize(0.25, 0.08)}
+    track = make_track("cup", (2, 0, 1), size=0.12)
+    track.evidence["bottle"] = CategoryEvidence(strength=20.0)
+    track.assess(usual.get)
+    assert (track.name, set(track.alternatives)) == ("cup", {"bottle"})
+    track.box = OrientedBox(np.array([2.0, 0, 1]), np.array([0.1, 0.1, 0.32]), 0.3)
+    track.assess(usual.get)
+    assert (track.name, set(track.alternatives)) == ("bottle", {"cup"})
+    assert (track.record().category, track.category) == ("bottle", "cup"), "it is followed as one"
+    again = track_of(track.record(), SETTINGS, usual.get)
+    assert (again.name, again.certainty) == ("bottle", pytest.approx(track.certainty, abs=0.01))
+
+
+def test_looks_that_show_it_under_another_name_are_no_misses(cup):
+    before = cup.judged["cup"]
+    cup.evidence["bottle"] = CategoryEvidence(strength=3.0, looks=50.0)
+    cup.looks = 50.0
+    cup.assess({}.get)
+    assert cup.judged["cup"] == pytest.approx(before)
+    cup.looks = 60.0
+    cup.assess({}.get)
+    assert cup.judged["cup"] < before
+
+
 def test_a_thing_that_may_have_left_is_there_with_less_probability(cup):
     cup.absence.empty(1.0, 1.0)
     before = cup.existence
-    cup.assess({}, 0.0)
+    cup.assess({}.get, 0.0)
     assert cup.existence == pytest.approx(before)
-    cup.assess({}, 0.5)
+    cup.assess({}.get, 0.5)
     assert cup.absent == pytest.approx(1 / (1 + np.exp(-1)))
     assert cup.existence == pytest.approx(before * (1 - cup.absent))
     assert (cup.peak, cup.presence) == (pytest.approx(before), pytest.approx(before))
@@ -167,7 +195,7 @@ def test_a_thing_that_moved_keeps_its_past(cup, make_track):
 
 def test_what_is_written_is_read_again(cup, usual_size):
     cup.evidence["bottle"] = CategoryEvidence(strength=30.0, looks=cup.looks)
-    cup.assess({})
+    cup.assess({}.get)
     record = cup.record()
     assert record.confidence == pytest.approx(3 * cup.existence)
     again = track_of(record, SETTINGS, usual_size)

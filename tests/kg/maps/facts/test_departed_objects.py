@@ -298,3 +298,20 @@ def test_it_can_be_asked_for_and_explained(semantic_map: SemanticMap) -> None:
     (reason,) = semantic_map.history.explain("object/1")
     texts = [step.text for step in reason.because]
     assert "may also be here:Bowl, probability 0.3" in texts
+
+
+def test_the_size_speaks_for_and_against_names(semantic_map: SemanticMap) -> None:
+    write(semantic_map, bowl=0.3, banana=0.1)
+    assert "the size" not in explained(semantic_map), "it has none yet"
+    record = semantic_map.perceived.objects((CUP,))[0]
+    sides = np.array([0.1, 0.3, 0.2])
+    semantic_map.apply(MapUpdate(objects=(replace(record, extent=sides),)))
+    text = explained(semantic_map)
+    assert "against cup: 0.30 x 0.20 x 0.10 m, the largest have 0.18 x 0.14 x 0.13 m" in text
+    assert "the size fits bowl: 0.30 x 0.20 x 0.10 m" in text
+    assert text.index("probability 0.3") < text.index("fits bowl") < text.index("probability 0.1")
+
+
+def explained(semantic_map: SemanticMap) -> str:
+    (reason,) = semantic_map.history.explain("object/1")
+    return "\n".join(step.text for _, step in reason.walk())

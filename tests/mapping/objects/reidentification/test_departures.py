@@ -332,7 +332,7 @@ def test_a_merged_track_knows_what_both_knew(make_track):
     other = make_track("laptop", (2, 0.2, 1), views=1, size=0.4)
     one.observations, other.observations = 2, 1
     one.merge(other)
-    one.assess({})
+    one.assess({}.get)
     assert (one.observations, len(one.viewpoints), one.category) == (3, 2, "tv")
     assert set(one.evidence) == {"tv", "laptop"}
     assert 0 < one.p_map[1] < 0.1
