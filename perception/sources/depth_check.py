@@ -130,7 +130,7 @@ def depth_findings(
     share = _median_share(pairs, convention, 1.0)
     if share is None and len(pairs) >= 2 * MIN_PAIRS:
         share = 0.0  # frames beside each other show nothing in common
-    error, warnings = None, []
+    error = None
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
         error = _another_reading(name, [*pairs, *pairs_by(inverse)], convention, readings)
@@ -142,20 +142,26 @@ def depth_findings(
             "finds some in the images, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
+    offset, told = _colour_findings(name, shown)
+    return DepthFindings(share, offset, error, told)
+
+
+def _colour_findings(
+    name: str, shown: Sequence[Frame]
+) -> tuple[EdgeOffset | None, tuple[str, ...]]:
+    """The offset of depth's edges against colour's, and a warning of frames that do not fit."""
     # the first few, of all parts of the recording, may be enough
     spread = [one for start in range(3) for one in shown[start::3]]
     images = [(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]]
     offset = edge_offset(images)
     if offset is not None and offset.pixels > EDGES_APART:
-        warnings.append(_unregistered(name, offset))
-    elif shows_two_scenes(fit := colour_fit(images)):
-        warnings.append(two_scenes(name, fit))
-    else:
-        judge = ColourJudge(apart=1)
-        for one in shown:
-            judge.add(one.id, one.rgb, one.depth)
-        warnings += [f"{name}: {judge.told}"] if judge.told else []
-    return DepthFindings(share, offset, error, tuple(warnings))
+        return offset, (_unregistered(name, offset),)
+    if shows_two_scenes(fit := colour_fit(images)):
+        return offset, (two_scenes(name, fit),)
+    judge = ColourJudge(apart=1)
+    for one in shown:
+        judge.add(one.id, one.rgb, one.depth)
+    return offset, (f"{name}: {judge.told}",) if judge.told else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:

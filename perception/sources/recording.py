@@ -80,6 +80,8 @@ FORMATS: tuple[Format, ...] = (
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _log = logging.getLogger(__name__)
 SAMPLED = 16  # images, spread evenly, that are looked through for constants
+FEW_VALUES = 3  # of an image, which has no others, of so many images one after the other
+FEW_SHARE = 0.9  # of the pixels of such an image
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -221,16 +223,24 @@ def open_recording(
 def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecording:
     """The recording without depths that mean no return, with a line that names them."""
     entries, apart = recording.listing.entries, recording.listing.depth_camera
-    unmoved, known = UnmovedValues(), dict[str, Constant]()
+    unmoved, known, whole = UnmovedValues(), dict[str, Constant](), 0
     for entry in entries[:: max(1, len(entries) // SAMPLED)]:
         with contextlib.suppress(RecordingError):  # told where the frame is read
             depth = entry.depth.depth(recording.depth_scale)
             camera = recording.rectifier.camera if apart is None else apart.intrinsics
             K = camera.fitted(depth.shape[1], depth.shape[0]).K
             unmoved.add(depth, K, entry.T_world_cam)
-            for one in shared_values(depth, K):
+            found = shared_values(depth, K)
+            few = sum(one.share for one in found) >= FEW_SHARE * np.isfinite(depth).mean()
+            whole = whole + 1 if len(found) >= FEW_VALUES and few else 0
+            for one in found:
                 if not one.measurable:
                     known.setdefault(f"{one.value:.3g}", one)
+    if whole >= FEW_VALUES:
+        raise RecordingError(
+            f"{recording.name}: its depth has a handful of values only, as whole metres have; "
+            "depth in millimetres, or floats in metres, would work"
+        )
     known |= {f"{one.value:.3g}": one for one in unmoved.found}
     if known:
         _log.log(
