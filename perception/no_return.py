@@ -30,6 +30,7 @@ SHARE: Final = 0.005  # of all pixels, from which a value counts
 LARGE_SHARE: Final = 0.02  # the same, of a value that may be a surface's
 FRAMES: Final = 3  # that show the same value while the camera moves
 AHEAD: Final = 0.1  # [m] of that motion along the optical axis, or ...
+MAX_TOLD: Final = 4  # values in a line
 MAX_SEEN: Final = 100  # values that are followed
 TURNED: Final = np.cos(np.radians(5.0))  # ... cosine of the turn of that axis
 _LOW: Final = 1e-3  # [m] that logarithms begin at
@@ -164,4 +165,4 @@ def told(constants: Iterable[Constant]) -> str:
     for one in constants:
         over, along = "over " * (one.value >= _HIGH), " along the ray" * one.along_ray
         texts.append(f"{over}{one.value:.4g} m{along} ({one.share:.0%} of pixels)")
-    return ", ".join(texts)
+    return ", ".join(texts[:MAX_TOLD]) + " and others" * (len(texts) > MAX_TOLD)

@@ -18,12 +18,10 @@ _UTF16: Final = (b"\xff\xfe", b"\xfe\xff")
 _UNITS: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 
 
-def check_pointer(data: bytes, where: object) -> None:
+def check_pointer(data: bytes, where: object, wanted: str = "not the file itself") -> None:
     """Raise RecordingError where a file is a pointer of Git LFS."""
     if data.startswith(LFS):
-        raise RecordingError(
-            f"{where} is a Git LFS pointer, not the file itself; `git lfs pull` fetches it"
-        )
+        raise RecordingError(f"{where} is a Git LFS pointer, {wanted}; `git lfs pull` fetches it")
 
 
 def in_seconds(stamps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -90,6 +90,7 @@ FORMATS: tuple[Format, ...] = (
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _log = logging.getLogger(__name__)
 SAMPLED = 16  # images, spread evenly, that are looked through for constants
+ROUGHER = 10.0  # times as large steps between pixels where bytes are exchanged
 FEW_VALUES = 3  # of an image, which has no others, of so many images one after the other
 FEW_SHARE = 0.9  # of the pixels of such an image
 KEY_SHARE = 0.9  # of a trajectory's poses that have a frame, where others have none
@@ -238,6 +239,7 @@ def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecor
     """The recording without depths that mean no return, with a line that names them."""
     entries, apart = recording.listing.entries, recording.listing.depth_camera
     unmoved, known, whole = UnmovedValues(), dict[str, Constant](), 0
+    exchanged = 0
     for entry in entries[:: max(1, len(entries) // SAMPLED)]:
         with contextlib.suppress(RecordingError):  # told where the frame is read
             depth = entry.depth.depth(recording.depth_scale)
@@ -245,11 +247,17 @@ def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecor
             K = camera.fitted(depth.shape[1], depth.shape[0]).K
             unmoved.add(depth, K, entry.T_world_cam)
             found = shared_values(depth, K)
+            exchanged += _bytes_exchanged(depth, recording.depth_scale)
             few = sum(one.share for one in found) >= FEW_SHARE * np.isfinite(depth).mean()
             whole = whole + 1 if len(found) >= FEW_VALUES and few else 0
             for one in found:
                 if not one.measurable:
                     known.setdefault(f"{one.value:.3g}", one)
+    if exchanged >= FEW_VALUES:
+        raise RecordingError(
+            f"{recording.name}: the two bytes of its depth are exchanged, as where is_bigendian is "
+            "wrong; the other byte order would work"
+        )
     if whole >= FEW_VALUES:
         raise RecordingError(
             f"{recording.name}: its depth has a handful of values only, as whole metres have; "
@@ -264,6 +272,17 @@ def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecor
             told(known.values()),
         )
     return replace(recording, no_return=tuple(known.values()))
+
+
+def _bytes_exchanged(depth: NDArray[np.float32], depth_scale: float) -> bool:
+    """Whether 16-bit depth is far smoother with its bytes exchanged."""
+    units = np.nan_to_num(depth * np.float32(depth_scale), posinf=0).round()
+    if units.max(initial=0) > 65535:
+        return False
+    raw = units.astype(np.uint16)
+    both = (raw[:, 1:] > 0) & (raw[:, :-1] > 0)
+    steps = [np.abs(np.diff(a.astype(np.int32)))[both] for a in (raw, raw.byteswap())]
+    return bool(both.any()) and float(steps[1].mean()) < steps[0].mean() / ROUGHER
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:

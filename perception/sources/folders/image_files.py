@@ -38,7 +38,7 @@ def check_image_file(path: Path) -> None:
     elif data.startswith((_NPY, *_TIFF)) and path.suffix.lower() in DEPTH_SUFFIXES:
         return
     elif not data.startswith(b"\xff\xd8"):
-        check_pointer(data, path)
+        check_pointer(data, path, "neither PNG nor JPEG")
         raise RecordingError(f"{path} is neither PNG nor JPEG ({len(data)} bytes)")
     elif b"\xff\xd9" not in data[-_TAIL:]:
         raise RecordingError(f"{path} is truncated after {len(data)} bytes")
