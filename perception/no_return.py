@@ -23,6 +23,7 @@ NEAREST: Final = 0.25  # [m] surfaces that objects are mapped from lie farther .
 FARTHEST: Final = 5.05  # [m] ... and nearer than this
 LARGEST: Final = 50.0  # [m] depth of a room
 ACROSS: Final = 160  # samples across an image, about
+MIN_PIXELS: Final = 4800  # of an image; the values of fewer tell nothing
 SAME: Final = 1e-3  # share of a value by which equal ones differ, by rounding
 AROUND: Final = 30  # such steps to both sides, where few other depths are ...
 FEW: Final = 0.25  # ... at most this share of the pixels of the value
@@ -74,6 +75,8 @@ def without_constants(
 
 def shared_values(depth: NDArray[np.float32], K: NDArray[np.float64]) -> list[Constant]:
     """Values of an image (H, W) [m] that many pixels have and few are near to."""
+    if depth.size < MIN_PIXELS:
+        return []
     step = max(1, depth.shape[1] // ACROSS)
     z = depth[step // 2 :: step, step // 2 :: step]
     found = _peaks(z, along_ray=False)
