@@ -21,6 +21,8 @@ _FILES: Final = (
      "millimetres) and intrinsics.json are read"),
     (("*.oni",), "a recording of OpenNI; its images as rgb/ and depth/ (16-bit PNG, millimetres) "
      "and intrinsics.json are read"),
+    (("*.mcap.zst*", "*.db3.zst*", "*.bag.zst*"), "a compressed bag; `zstd -d FILE` writes one "
+     "that is read"),
     (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst"), "an archive; unpack it first"),
     (("lowres_wide.traj",), "a recording of ARKitScenes; its images as rgb/ and depth/, the 4x4 "
      "camera to world matrix of each image in pose/, and intrinsics.json are read"),
