@@ -373,8 +373,7 @@ def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry
     trajectory = read_trajectory(path)
     found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
     posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
-    keys = len(posed) >= KEY_SHARE * len(trajectory.stamp) > 1  # nearly all poses have a frame
-    if keys and len(posed) < len(entries):
+    if len(posed) >= KEY_SHARE * len(trajectory.stamp) > 1 and 2 * len(posed) < len(entries):
         _log.warning(
             "%s has poses of %d of %d frames, as of key frames; these are read",
             path,
