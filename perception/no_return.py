@@ -23,6 +23,7 @@ NEAREST: Final = 0.25  # [m] surfaces that objects are mapped from lie farther .
 FARTHEST: Final = 5.05  # [m] ... and nearer than this
 LARGEST: Final = 50.0  # [m] depth of a room
 ACROSS: Final = 160  # samples across an image, about
+MIN_PIXELS: Final = 4800  # of an image; the values of fewer tell nothing
 SAME: Final = 1e-3  # share of a value by which equal ones differ, by rounding
 AROUND: Final = 30  # such steps to both sides, where few other depths are ...
 FEW: Final = 0.25  # ... at most this share of the pixels of the value
@@ -30,6 +31,7 @@ SHARE: Final = 0.005  # of all pixels, from which a value counts
 LARGE_SHARE: Final = 0.02  # the same, of a value that may be a surface's
 FRAMES: Final = 3  # that show the same value while the camera moves
 AHEAD: Final = 0.1  # [m] of that motion along the optical axis, or ...
+MAX_TOLD: Final = 4  # values in a line
 MAX_SEEN: Final = 100  # values that are followed
 TURNED: Final = np.cos(np.radians(5.0))  # ... cosine of the turn of that axis
 _LOW: Final = 1e-3  # [m] that logarithms begin at
@@ -73,6 +75,8 @@ def without_constants(
 
 def shared_values(depth: NDArray[np.float32], K: NDArray[np.float64]) -> list[Constant]:
     """Values of an image (H, W) [m] that many pixels have and few are near to."""
+    if depth.size < MIN_PIXELS:
+        return []
     step = max(1, depth.shape[1] // ACROSS)
     z = depth[step // 2 :: step, step // 2 :: step]
     found = _peaks(z, along_ray=False)
@@ -164,4 +168,4 @@ def told(constants: Iterable[Constant]) -> str:
     for one in constants:
         over, along = "over " * (one.value >= _HIGH), " along the ray" * one.along_ray
         texts.append(f"{over}{one.value:.4g} m{along} ({one.share:.0%} of pixels)")
-    return ", ".join(texts)
+    return ", ".join(texts[:MAX_TOLD]) + " and others" * (len(texts) > MAX_TOLD)

@@ -4,12 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import read_text
+from kg.model.regular_files import read_bytes
+
+LFS: Final = b"version https://git-lfs"  # beginning of a file that stands for another
+_UTF16: Final = (b"\xff\xfe", b"\xfe\xff")
+#: from which stamps are in another unit than seconds, and that unit [s]
+_UNITS: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+
+
+def check_pointer(data: bytes, where: object, wanted: str = "not the file itself") -> None:
+    """Raise RecordingError where a file is a pointer of Git LFS."""
+    if data.startswith(LFS):
+        raise RecordingError(f"{where} is a Git LFS pointer, {wanted}; `git lfs pull` fetches it")
+
+
+def in_seconds(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Stamps (n,) since 1970 in seconds, where they are in milli-, micro- or nanoseconds."""
+    largest = float(np.max(stamps, initial=0.0))
+    unit = next((unit for least, unit in _UNITS if largest >= least), 1.0)
+    return stamps if unit == 1.0 else np.round(stamps * unit, 9)
 
 
 def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
@@ -18,7 +37,10 @@ def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     Commas separate like white space. Raises RecordingError where the file cannot be read as text.
     """
     try:
-        text = read_text(path, "utf-8-sig")  # programs of Windows begin with a mark
+        data = read_bytes(path)
+        check_pointer(data, path)
+        # programs of Windows begin with a mark
+        text = data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -278,6 +278,9 @@ RARE: Final = (
         i.depth(lambda mm: np.where(mm == 0, np.uint16(65535), mm), "16UC1"),)),
     Kind("depth 32FC1 with infinity where nothing returns", change=(
         i.depth(lambda mm: np.where(mm == 0, np.float32(np.inf), i.metres(mm)), "32FC1"),)),
+    *(Kind(f"a far plane of {far} m where nothing returns", change=(
+        i.depth(lambda mm, far=far: np.where(mm == 0, np.float32(far), i.metres(mm)), "32FC1"),),
+        said="no return") for far in (0.2, 8.0, 1000.0)),
     Kind("frames of the images in capitals", change=(c.image_frames(OPTICAL.upper()),),
          remedy=("--camera-frame", OPTICAL)),
     Kind("every fifth colour image without pixels", change=(c.without_pixels(COLOUR),),

@@ -147,6 +147,7 @@ def source_options(arguments: argparse.Namespace) -> RecordingOptions:
         up=arguments.up,
         pose_convention=arguments.pose_convention,
         check=not arguments.no_check,
+        registered=arguments.registered,
     )
 
 
@@ -236,6 +237,11 @@ def _add_source_arguments(group: argparse._ArgumentGroup) -> None:
         "--no-check",
         action="store_true",
         help="use depth scale and poses even if the depth images contradict them",
+    )
+    group.add_argument(
+        "--registered",
+        action="store_true",
+        help="depth is registered to colour, whatever the recording says of its own camera",
     )
     group.add_argument(
         "--up",

@@ -6,8 +6,10 @@ Images of a camera that is mounted or held on its side are turned upright by qua
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +22,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
 from perception.camera.poses import Pose
-from perception.number_tables import all_numbers
+from perception.number_tables import all_numbers, check_pointer, floats
 
 JSON_NAMES = (
     "intrinsics.json",
@@ -30,6 +32,7 @@ JSON_NAMES = (
     "intrinsic.json",
     "cam_params.json",
 )
+YAML = (".yaml", ".yml")
 TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt", "intrinsic/intrinsic_color.txt")
 _SHORT = {"w": "width", "h": "height", "scale": "depth_scale"}  # of NICE-SLAM
 WIDEST, NARROWEST = 160.0, 1.0  # [deg] field of view that a pinhole camera can have
@@ -131,11 +134,14 @@ def load_intrinsics(path: Path) -> Intrinsics:
     """Intrinsics from a file.
 
     JSON: fx fy cx cy, optionally width height dist distortion_model depth_scale; or Open3D's
-    `intrinsic_matrix` (nine numbers, column by column), or NICE-SLAM's `camera`. Text: a 3x3 or 4x4
+    `intrinsic_matrix` (nine numbers, column by column), or NICE-SLAM's `camera`. YAML: as ROS'
+    camera_calibration, OpenCV and ORB-SLAM write it. Text: a 3x3 or 4x4
     matrix, or `fx fy cx cy [depth_factor [width height]]`. Raises RecordingError for anything else.
     """
     if path.suffix == ".json":
         return _from_json(path)
+    if path.suffix in YAML:
+        return _from_yaml(path)
     numbers = all_numbers(path)
     if numbers.size == 16:
         numbers = numbers.reshape(4, 4)[:3, :3].ravel()
@@ -152,10 +158,72 @@ def load_intrinsics(path: Path) -> Intrinsics:
     return Intrinsics(fx, fy, cx, cy, width, height, depth_scale=scale, source=str(path))
 
 
+def yaml_matrix(path: Path, key: str) -> NDArray[np.float64] | None:
+    """Numbers (n,) of the `data` of a matrix in a YAML file; None where there is no such matrix."""
+    found = re.search(rf"^{key}\s*:.*?data\s*:\s*\[([^\]]*)\]", _yaml(path), re.M | re.S)
+    return (
+        None if found is None else np.array(floats(found[1].replace(",", " ").split(), str(path)))
+    )
+
+
+def _yaml(path: Path) -> str:
+    try:
+        return read_text(path)
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path} is not a text file") from error
+
+
+def _from_yaml(path: Path) -> Intrinsics:
+    """The camera of a YAML file: `camera_matrix` of ROS and OpenCV, `Camera.fx` of ORB-SLAM."""
+    text = _yaml(path)
+
+    def number(names: str) -> float | None:
+        found = re.search(rf"^\s*(?:{names})\s*:\s*(-?[\d.]+(?:[eE][-+]?\d+)?)\s*$", text, re.M)
+        return None if found is None else float(found[1])
+
+    width, height = (
+        None if (side := number(rf"image_{name}|Camera1?\.{name}")) is None else int(side)
+        for name in ("width", "height")
+    )
+    K = yaml_matrix(path, "camera_matrix")
+    if K is not None and K.size == 9:
+        camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
+        dist = yaml_matrix(path, "distortion_coefficients")
+        coefficients = () if dist is None else tuple(float(x) for x in dist)
+        model = re.search(r"^distortion_model\s*:\s*(\S+)", text, re.M)
+        fisheye = model is not None and model[1] in FISHEYE
+    else:
+        fx, fy, cx, cy = (number(rf"Camera1?\.{name}|{name}") for name in ("fx", "fy", "cx", "cy"))
+        if fx is None or fy is None or cx is None or cy is None:
+            raise RecordingError(
+                f"{path}: expected camera_matrix, or Camera.fx, Camera.fy, Camera.cx and Camera.cy"
+            )
+        camera = Intrinsics(fx, fy, cx, cy, source=str(path))
+        names = ("k1", "k2", "p1", "p2", "k3")
+        coefficients = tuple(number(rf"Camera1?\.{name}") or 0.0 for name in names)
+        fisheye = "KannalaBrandt" in text
+    coefficients = coefficients if any(coefficients) else ()
+    if fisheye:
+        coefficients = (*coefficients, *(0.0,) * FISHEYE_COEFFICIENTS)[:FISHEYE_COEFFICIENTS]
+    factor = number(r"(?:RGBD\.)?DepthMapFactor")
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        dist=coefficients,
+        depth_scale=factor or None,
+        fisheye=fisheye,
+    )
+
+
 def _from_json(path: Path) -> Intrinsics:
     wanted = "JSON with fx, fy, cx, cy (and width, height, dist, depth_scale), or intrinsic_matrix"
     try:
-        card = json.loads(read_text(path))
+        text = read_text(path)
+        check_pointer(text[:100].encode(), path)
+        card = json.loads(text)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except (ValueError, RecursionError) as error:
@@ -194,6 +262,9 @@ def find_intrinsics(folder: Path) -> Intrinsics | None:
     for name in (*JSON_NAMES, *TEXT_NAMES):
         if (folder / name).is_file():
             return load_intrinsics(folder / name)
+    for path in sorted(one for one in folder.glob("*.y*ml") if one.suffix in YAML):
+        with contextlib.suppress(RecordingError):  # files of other things
+            return load_intrinsics(path)
     return None
 
 

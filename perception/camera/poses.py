@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.number_tables import all_numbers, floats, rows
+from perception.number_tables import all_numbers, floats, in_seconds, rows
 
 Floats = NDArray[np.float64]
 
@@ -179,7 +179,10 @@ def read_found_pose(path: Path) -> Pose | None:
 
 
 def read_pose_rows(path: Path) -> list[Pose]:
-    """One pose a line, 16 numbers row by row; or four lines a pose, a row each."""
+    """One pose a line: 16 numbers row by row, 12 without the last row, or x y z qx qy qz qw.
+
+    Or four lines a pose, a row each.
+    """
     poses, lines = [], list(rows(path))
     if lines and all(len(words) == 4 for _, words in lines) and len(lines) % 4 == 0:
         lines = [
@@ -188,6 +191,11 @@ def read_pose_rows(path: Path) -> list[Pose]:
         ]
     for where, words in lines:
         numbers = np.array(floats(words, where))
+        if numbers.size == 7:
+            poses.append(pose_from_quaternion(numbers[:3], numbers[3:], where))
+            continue
+        if numbers.size == 12:
+            numbers = np.append(numbers, (0, 0, 0, 1))
         poses.append(checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
     return poses
 
@@ -318,12 +326,21 @@ class Trajectory:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line."""
-    table = []
+    """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line.
+
+    A number of the pose may follow, as RTAB-Map writes it; a CSV file has qw before qx and perhaps
+    velocities, as EuRoC's. Stamps are in seconds, or since 1970 in milli-, micro- or nanoseconds.
+    """
+    table, csv = list[list[float]](), path.suffix == ".csv"
     for where, words in rows(path):
+        if csv and not table and not words[0].replace(".", "").isdecimal():
+            continue  # names of the columns
         numbers = floats(words, where)
-        if len(numbers) != 8:
+        if csv and len(numbers) >= 8:
+            numbers = [*numbers[:4], *numbers[5:8], numbers[4]]
+        if len(numbers) not in (8, 9):
             raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
+        numbers = numbers[:8]
         if not np.isfinite(numbers).all():
             raise RecordingError(f"{where}: the pose is not finite")
         pose_from_quaternion(np.array(numbers[1:4]), np.array(numbers[4:]), where)
@@ -331,6 +348,7 @@ def read_trajectory(path: Path) -> Trajectory:
     if not table:
         raise RecordingError(f"{path} holds no poses")
     sheet = np.array(table)
+    sheet[:, 0] = in_seconds(sheet[:, 0])
     sheet = sheet[np.unique(sheet[:, 0], return_index=True)[1]]
     q = sheet[:, 4:] / np.linalg.norm(sheet[:, 4:], axis=1, keepdims=True)
     return Trajectory(sheet[:, 0], sheet[:, 1:4], q)

@@ -12,13 +12,19 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Final, TypeGuard
+from typing import Any, Final, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.camera.depth_agreement import Agreement, DepthSamples, agreement, depth_samples
+from perception.camera.depth_agreement import (
+    Agreement,
+    DepthSamples,
+    agreement,
+    depth_samples,
+    gridded_samples,
+)
 from perception.camera.depth_edges import (
     ONE_SCENE,
     ColourJudge,
@@ -26,8 +32,15 @@ from perception.camera.depth_edges import (
     colour_fit,
     edge_offset,
 )
-from perception.camera.poses import CONVENTIONS, Pose, motion
+from perception.camera.poses import (
+    CONVENTIONS,
+    Pose,
+    motion,
+    pose_from_quaternion,
+    quaternion_from_pose,
+)
 from perception.frames import Frame
+from perception.no_return import ray_lengths
 
 Floats = NDArray[np.float64]
 
@@ -130,32 +143,40 @@ def depth_findings(
     share = _median_share(pairs, convention, 1.0)
     if share is None and len(pairs) >= 2 * MIN_PAIRS:
         share = 0.0  # frames beside each other show nothing in common
-    error, warnings = None, []
+    error = None
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
         error = _another_reading(name, [*pairs, *pairs_by(inverse)], convention, readings)
     if error is None and share is not None and share < GOOD:
-        error = _another_scale(name, pairs, convention, depth_scale) or (
+        error = _another_scale(name, pairs, convention, depth_scale)
+        error = error or _another_cause(name, pairs, convention)
+        error = error or (
             f"{name}: depth does not fit the poses: {share:.0%} of the points that two frames "
             f"share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps are "
             "wrong, or much of the scene moves; --poses FILE gives other poses, --poses estimate "
             "finds some in the images, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
+    offset, told = _colour_findings(name, shown)
+    return DepthFindings(share, offset, error, told)
+
+
+def _colour_findings(
+    name: str, shown: Sequence[Frame]
+) -> tuple[EdgeOffset | None, tuple[str, ...]]:
+    """The offset of depth's edges against colour's, and a warning of frames that do not fit."""
     # the first few, of all parts of the recording, may be enough
     spread = [one for start in range(3) for one in shown[start::3]]
     images = [(f.rgb, f.depth) for f in spread[:EDGE_FRAMES]]
     offset = edge_offset(images)
     if offset is not None and offset.pixels > EDGES_APART:
-        warnings.append(_unregistered(name, offset))
-    elif shows_two_scenes(fit := colour_fit(images)):
-        warnings.append(two_scenes(name, fit))
-    else:
-        judge = ColourJudge(apart=1)
-        for one in shown:
-            judge.add(one.id, one.rgb, one.depth)
-        warnings += [f"{name}: {judge.told}"] if judge.told else []
-    return DepthFindings(share, offset, error, tuple(warnings))
+        return offset, (_unregistered(name, offset),)
+    if shows_two_scenes(fit := colour_fit(images)):
+        return offset, (two_scenes(name, fit),)
+    judge = ColourJudge(apart=1)
+    for one in shown:
+        judge.add(one.id, one.rgb, one.depth)
+    return offset, (f"{name}: {judge.told}",) if judge.told else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:
@@ -248,6 +269,61 @@ def _another_scale(
             f"{depth_scale:g}, --no-check maps it as it is"
         )
     return None
+
+
+def _another_cause(name: str, pairs: list[FramePair], convention: str) -> str | None:
+    """Message for depth or poses that fit once they are changed in a known way; None for others."""
+    given = _median_share(pairs, convention, 1.0) or 0.0
+    for cause, remedy, of_depth, of_pose in _causes():
+        changed = [
+            FramePair(of_depth(p.a), of_depth(p.b), (of_pose(p.poses[0]), of_pose(p.poses[1])))
+            for p in pairs
+        ]
+        best = _median_share(changed, convention, 1.0) or 0.0
+        if best >= max(GOOD, given + BETTER):
+            return (
+                f"{_problem(name, given)} ({best:.0%}) if {cause}; {remedy} would work, --no-check "
+                "maps it as it is"
+            )
+    return None
+
+
+_Cause = tuple[str, str, Callable[[DepthSamples], DepthSamples], Callable[[Pose], Pose]]
+
+
+def _causes() -> tuple[_Cause, ...]:
+    """Known mistakes in files of others: the cause, what would work, and how it is undone."""
+
+    def same(value: Any) -> Any:
+        return value
+
+    def along_axis(image: DepthSamples) -> DepthSamples:
+        K = image.K
+        camera = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+        return gridded_samples(image.depth / ray_lengths(image.depth.shape, camera), K)
+
+    def mirrored(image: DepthSamples) -> DepthSamples:
+        K = image.K.copy()
+        K[0, 2] = image.depth.shape[1] - 1 - K[0, 2]
+        return gridded_samples(np.ascontiguousarray(image.depth[:, ::-1]), K)
+
+    def w_first(T: Pose) -> Pose:
+        x, y, z, w = quaternion_from_pose(T)
+        return pose_from_quaternion(T[:3, 3], np.array([y, z, w, x]), "pose")
+
+    def shorter(T: Pose) -> Pose:
+        scaled = T.copy()
+        scaled[:3, 3] /= 1000
+        return scaled
+
+    return (
+        ("depth is the length of the ray",
+         "depth along the optical axis, the length over sqrt(1 + ((u - cx) / fx)^2 + "
+         "((v - cy) / fy)^2),", along_axis, same),
+        ("colour and depth are mirrored", "both flipped left to right", mirrored, same),
+        ("quaternions are w x y z", "x y z w", same, w_first),
+        ("poses are in millimetres", "metres", same, shorter),
+    )  # fmt: skip
 
 
 def _problem(name: str, given: float) -> str:

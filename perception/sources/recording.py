@@ -31,7 +31,14 @@ from perception.camera.intrinsics import (
     turned_image,
     turned_poses,
 )
-from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose, read_trajectory
+from perception.camera.poses import (
+    CONVENTIONS,
+    Pose,
+    checked_pose,
+    gridded_pose,
+    read_pose_rows,
+    read_trajectory,
+)
 from perception.frames import Frame
 from perception.no_return import (
     Constant,
@@ -40,6 +47,7 @@ from perception.no_return import (
     told,
     without_constants,
 )
+from perception.number_tables import rows
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
 from perception.sources.depth_check import check_depth, depth_findings
@@ -57,6 +65,7 @@ from perception.sources.folders import (
     transforms_json,
     tum,
 )
+from perception.sources.folders.exports import EXPORTS
 from perception.sources.folders.unread import hint_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import Format, FrameEntry, RecordingListing
@@ -65,6 +74,7 @@ from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptio
 #: Tried in this order when the format is not named, before those of extensions.
 FORMATS: tuple[Format, ...] = (
     seven_scenes.FORMAT,
+    *EXPORTS,
     tum.FORMAT,
     numbered_images.TRAJECTORY_LOG,
     numbered_images.HOLOLENS,
@@ -80,6 +90,11 @@ FORMATS: tuple[Format, ...] = (
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _log = logging.getLogger(__name__)
 SAMPLED = 16  # images, spread evenly, that are looked through for constants
+ROUGHER = 10.0  # times as large steps between pixels where bytes are exchanged
+FEW_VALUES = 3  # of an image, which has no others, of so many images one after the other
+FEW_SHARE = 0.9  # of the pixels of such an image
+KEY_SHARE = 0.9  # of a trajectory's poses that have a frame, where others have none
+LATEST = 1e11  # [s] of a stamp, in the year 5138
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -177,6 +192,8 @@ def open_recording(
         raise RecordingError(listing.unused_poses)
     estimating = wants_estimate(listing, o)
     listing = _listing(listing, o, folder, estimating)
+    if max(entry.stamp for entry in listing.entries) > LATEST:
+        raise RecordingError(f"{folder}: its stamps are no seconds since 1970; these would work")
     relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
     begin = time.time() if o.start_time is None else o.start_time
     convert = _convention(o.pose_convention)
@@ -221,16 +238,31 @@ def open_recording(
 def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecording:
     """The recording without depths that mean no return, with a line that names them."""
     entries, apart = recording.listing.entries, recording.listing.depth_camera
-    unmoved, known = UnmovedValues(), dict[str, Constant]()
+    unmoved, known, whole = UnmovedValues(), dict[str, Constant](), 0
+    exchanged = 0
     for entry in entries[:: max(1, len(entries) // SAMPLED)]:
         with contextlib.suppress(RecordingError):  # told where the frame is read
             depth = entry.depth.depth(recording.depth_scale)
             camera = recording.rectifier.camera if apart is None else apart.intrinsics
             K = camera.fitted(depth.shape[1], depth.shape[0]).K
             unmoved.add(depth, K, entry.T_world_cam)
-            for one in shared_values(depth, K):
+            found = shared_values(depth, K)
+            exchanged += _bytes_exchanged(depth, recording.depth_scale)
+            few = sum(one.share for one in found) >= FEW_SHARE * np.isfinite(depth).mean()
+            whole = whole + 1 if len(found) >= FEW_VALUES and few else 0
+            for one in found:
                 if not one.measurable:
                     known.setdefault(f"{one.value:.3g}", one)
+    if exchanged >= FEW_VALUES:
+        raise RecordingError(
+            f"{recording.name}: the two bytes of its depth are exchanged, as where is_bigendian is "
+            "wrong; the other byte order would work"
+        )
+    if whole >= FEW_VALUES:
+        raise RecordingError(
+            f"{recording.name}: its depth has a handful of values only, as whole metres have; "
+            "depth in millimetres, or floats in metres, would work"
+        )
     known |= {f"{one.value:.3g}": one for one in unmoved.found}
     if known:
         _log.log(
@@ -240,6 +272,17 @@ def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecor
             told(known.values()),
         )
     return replace(recording, no_return=tuple(known.values()))
+
+
+def _bytes_exchanged(depth: NDArray[np.float32], depth_scale: float) -> bool:
+    """Whether 16-bit depth is far smoother with its bytes exchanged."""
+    units = np.nan_to_num(depth * np.float32(depth_scale), posinf=0).round()
+    if units.max(initial=0) > 65535:
+        return False
+    raw = units.astype(np.uint16)
+    both = (raw[:, 1:] > 0) & (raw[:, :-1] > 0)
+    steps = [np.abs(np.diff(a.astype(np.int32)))[both] for a in (raw, raw.byteswap())]
+    return bool(both.any()) and float(steps[1].mean()) < steps[0].mean() / ROUGHER
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:
@@ -303,7 +346,8 @@ def _listing(
     camera = listing.camera
     if options.intrinsics is not None:
         camera = _with_scale(options.intrinsics, listing)
-    return replace(listing, entries=entries, camera=camera)
+    apart = None if options.registered else listing.depth_camera
+    return replace(listing, entries=entries, camera=camera, depth_camera=apart)
 
 
 def _name(path: Path) -> str:
@@ -318,10 +362,25 @@ def _up(listing: RecordingListing, folder: Path) -> NDArray[np.float64] | None:
 
 def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
     """Entries with the poses of a trajectory; all frames must have one."""
+    if len(next(rows(path), ("", []))[1]) in (7, 12, 16):  # without stamps: a pose an image
+        poses = read_pose_rows(path)
+        if len(poses) != len(entries):
+            raise RecordingError(
+                f"{path} has {len(poses)} poses without stamps, and there are {len(entries)} "
+                "frames; as many of both, or stamps before the poses, would work"
+            )
+        return tuple(replace(e, T_world_cam=T) for e, T in zip(entries, poses, strict=True))
     trajectory = read_trajectory(path)
     found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
     posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
-    if len(posed) < len(entries):
+    if len(posed) >= KEY_SHARE * len(trajectory.stamp) > 1 and 2 * len(posed) < len(entries):
+        _log.warning(
+            "%s has poses of %d of %d frames, as of key frames; these are read",
+            path,
+            len(posed),
+            len(entries),
+        )
+    elif len(posed) < len(entries):
         raise RecordingError(
             f"{path} has a pose for {len(posed)} of {len(entries)} frames; one within "
             f"{POSE_TOLERANCE} s of each frame's stamp, from {entries[0].stamp:.3f} to "

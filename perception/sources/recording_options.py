@@ -84,6 +84,8 @@ class RecordingOptions:
         pose_convention: a name of `perception.camera.poses.CONVENTIONS`.
         check: whether a sample of the depth is compared with poses and colour
             (`perception.sources.depth_check`).
+        registered: whether depth is taken as it is for registered to colour, though the recording
+            has a depth camera of its own.
         streams: topics and frames to read from a bag.
         selection: frames to read.
     """
@@ -99,6 +101,7 @@ class RecordingOptions:
     estimate_poses: bool | None = None
     pose_convention: str = "camera-to-world"
     check: bool = True
+    registered: bool = False
     streams: Streams = field(default_factory=Streams)
     selection: Selection = field(default_factory=Selection)
 

@@ -190,6 +190,8 @@ def _has_own_lens(
     if not is_calibrated(camera.first) or not is_calibrated(depth_camera.first):
         return False
     views = [view_of(one.first) for one in (camera, depth_camera)]
+    if min(view.min() for view in views) <= 0:
+        return False  # they do not tell a size
     if np.abs(views[1] / views[0] - 1).max() < OTHER_LENS:
         return False
     _log.warning(

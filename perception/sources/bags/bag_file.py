@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from kg.model.errors import RecordingError, in_one_line
-from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular
+from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular, read_text
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
 from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
 from perception.sources.ros.message_types import message_types
@@ -31,6 +31,8 @@ MAX_METADATA: Final = 1 << 24  # [bytes] of the list of a bag's files
 _FILES: Final = (".mcap", ".db3")
 _ROS1: Final = ".bag"
 _PART: Final = re.compile(r"_(\d+)\.(bag|mcap|db3)(\.active)?$")
+_NAMED: Final = re.compile(r"^\s*-\s*(?:path:\s*)?(\S+\.(?:mcap|db3)\S*)\s*$", re.M)
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"  # beginning of what is compressed
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +60,23 @@ def bag_path(path: Path) -> Path | None:
     """Path to open: `path` itself, or the one storage file in it; None where it is no bag."""
     if not path.is_dir():
         return path if _storage(path) in (_ROS1, *_FILES) else None
-    if (path / "metadata.yaml").is_file():
-        return path
     inner = storage_files(path)
+    renamed = len(inner) == 1 and _names_other_files(path / "metadata.yaml")
+    if (path / "metadata.yaml").is_file() and not renamed:
+        return path
     if len(inner) == 1:
         return inner[0]
     return path if inner and _are_parts(inner) else None
+
+
+def _names_other_files(metadata: Path) -> bool:
+    """Whether a list of a bag's files has none that is there, as after renaming it."""
+    try:
+        text = read_text(metadata, max_bytes=MAX_METADATA)
+    except (OSError, UnicodeDecodeError):
+        return False
+    names = _NAMED.findall(text)
+    return bool(names) and not any((metadata.parent / name).exists() for name in names)
 
 
 def storage_files(folder: Path) -> list[Path]:
@@ -149,11 +162,23 @@ class BagFile:
             return
         for connection, time, data in reader.messages(chosen, start=start):
             encoding, kind = _encoding(connection), connection.msgtype
+            if encoding == "cdr" and data[:4] == _ZSTD:  # no CDR begins so
+                data = _decompressed(data, connection.topic)
             yield RawMessage(connection.topic, ros_type(kind), time, data, encoding, kind)
 
     def decoded(self, raw: RawMessage) -> Any:
         """The message with its fields."""
         return decoded(raw, self.is_ros1, self.path)
+
+
+def _decompressed(data: bytes, topic: str) -> bytes:
+    """A message that is compressed alone, where no metadata.yaml says so."""
+    import zstandard  # which rosbags needs, too
+
+    size = zstandard.frame_content_size(data)
+    if not 0 <= size <= MAX_CHUNK:
+        raise RecordingError(f"a message of {topic} expands to {size} bytes; {MAX_CHUNK} would do")
+    return zstandard.ZstdDecompressor().decompress(data)
 
 
 def decoded(raw: RawMessage, is_ros1: bool, where: Path | str) -> Any:

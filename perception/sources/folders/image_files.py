@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_bytes
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
+from perception.number_tables import check_pointer
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
 DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff")
@@ -37,6 +38,7 @@ def check_image_file(path: Path) -> None:
     elif data.startswith((_NPY, *_TIFF)) and path.suffix.lower() in DEPTH_SUFFIXES:
         return
     elif not data.startswith(b"\xff\xd8"):
+        check_pointer(data, path, "neither PNG nor JPEG")
         raise RecordingError(f"{path} is neither PNG nor JPEG ({len(data)} bytes)")
     elif b"\xff\xd9" not in data[-_TAIL:]:
         raise RecordingError(f"{path} is truncated after {len(data)} bytes")
@@ -44,7 +46,9 @@ def check_image_file(path: Path) -> None:
 
 def decoded(path: Path, flags: int) -> NDArray[Any]:
     """The image by the `flags` of cv2.imdecode; raises RecordingError for an unreadable one."""
-    return decode_image(_bytes_of(path), flags, str(path))
+    data = _bytes_of(path)
+    check_pointer(data[:100].tobytes(), path)
+    return decode_image(data, flags, str(path))
 
 
 def _bytes_of(path: Path) -> NDArray[np.uint8]:
@@ -107,6 +111,11 @@ def _array(path: Path) -> NDArray[Any]:
         raise RecordingError(f"{path} is no NPY file of depth: {error}") from error
 
 
+def files_in(folder: Path, pattern: str = "*") -> list[Path]:
+    """Files of a folder by name, without hidden ones, which systems leave behind (._NAME)."""
+    return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+
+
 def images_by_number(
     folder: Path, suffixes: Iterable[str] = COLOUR_SUFFIXES, prefix: str = ""
 ) -> dict[int, Path]:
@@ -118,7 +127,7 @@ def images_by_number(
     """
     found: dict[int, Path] = {}
     wanted = tuple(suffixes)
-    for path in sorted(folder.iterdir()):
+    for path in files_in(folder):
         if path.suffix.lower() not in wanted or not path.name.startswith(prefix):
             continue
         digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()

@@ -29,10 +29,12 @@ import numpy as np
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
 from perception.camera.poses import Pose, read_found_pose, read_pose_log, read_pose_rows
+from perception.number_tables import in_seconds
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
     DEPTH_SUFFIXES,
     ImageFile,
+    files_in,
     images_by_number,
 )
 from perception.sources.listing import (
@@ -49,8 +51,10 @@ from perception.sources.listing import (
 DEPTH_SCALE = 1000.0
 REPLICA_SCALE = 6553.5
 POSE_FOLDERS = ("pose", "poses")
+ROW_FILES = ("poses.txt", "pose.txt")
 COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
-STAMP = re.compile(r"\d{9,10}\.\d+")  # [s] since 1970, in a name
+#: [s, or ms, us or ns] since 1970, in a name
+STAMP = re.compile(r"\d{9,10}\.\d+|(?<!\d)1\d{12}(?:\d{3}){0,2}(?!\d)")
 
 _log = logging.getLogger(__name__)
 
@@ -77,10 +81,11 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     Raises RecordingError where the three counts differ, or where colour and depth share numbers
     but an image lacks its partner.
     """
-    if not _has_rows(folder):
+    file = _rows_file(folder)
+    if file is None:
         raise RecordingError(f"{folder} has no poses: poses.txt is missing")
-    poses = read_pose_rows(folder / "poses.txt")
-    colour, depth = _images(folder, "images", "rgb")
+    poses = read_pose_rows(file)
+    colour, depth = _images(folder, *COLOUR_FOLDERS)
     return _by_place(folder, colour, depth, poses)
 
 
@@ -118,7 +123,7 @@ def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
     """
     alone = _read_alone(folder, streams)
     poses = subfolder(folder, *POSE_FOLDERS)
-    files = {path.stem: path for path in sorted(poses.glob("*.txt"))}
+    files = {path.stem: path for path in files_in(poses, "*.txt")}
     if set(files).isdisjoint(entry.id for entry in alone.entries):
         numbers = images_by_number(poses, (".txt",))
         ids = images_by_number(subfolder(folder, *COLOUR_FOLDERS))
@@ -159,11 +164,11 @@ def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
     """Pairs of images by the stamps in their names; empty where a name has none."""
     found = []
     for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, DEPTH_SUFFIXES)):
-        paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes)
+        paths = [path for path in files_in(folder) if path.suffix.lower() in suffixes]
         stamps = [STAMP.search(path.stem) for path in paths]
         if not paths or not all(stamps):
             return []
-        found.append((paths, np.array([float(stamp[0]) for stamp in stamps if stamp])))
+        found.append((paths, in_seconds(np.array([float(stamp[0]) for stamp in stamps if stamp]))))
     (colours, a), (depths, b) = found
     pairs = sorted(nearest_pairs(a, b, TOLERANCE))
     if not pairs:
@@ -214,12 +219,20 @@ def _listing(folder: Path, images: Iterable[tuple[Path, Path, Pose, int]]) -> Re
     return RecordingListing(entries, find_intrinsics(folder), DEPTH_SCALE)
 
 
+def _rows_file(folder: Path) -> Path | None:
+    return next((folder / n for n in ROW_FILES if (folder / n).is_file()), None)
+
+
 def _has_rows(folder: Path) -> bool:
-    return (folder / "poses.txt").is_file()
+    return _rows_file(folder) is not None and (folder / "depth").is_dir()
 
 
 def _log_file(folder: Path) -> Path | None:
-    found = [folder / "trajectory.log", *sorted(folder.glob("*trajectory*.log"))]
+    found = [
+        folder / "trajectory.log",
+        folder / "scene/trajectory.log",
+        *sorted(folder.glob("*trajectory*.log")),
+    ]
     return next((path for path in found if path.is_file()), None)
 
 

@@ -41,6 +41,7 @@ INFO = ("info.txt", "_info.txt")
 DEPTH_CAMERA = Intrinsics(585.0, 585.0, 320.0, 240.0, source="7-Scenes depth camera")
 COLOUR_FOCAL_RATIO = 528.4 / 585.0
 COLOUR_CENTRE_SHIFT = (-3.0, -1.4)  # [px] against the depth camera's principal point
+OTHER_CAMERA = 0.01  # by which the focal length of another camera is another
 COLOUR_OFFSET = 0.014  # [m] along the depth camera's x
 
 
@@ -84,7 +85,14 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
         return RecordingListing(
             tuple(entries), _colour_camera(folder), DEPTH_SCALE, no_poses=no_poses
         )
-    camera = find_intrinsics(folder) or DEPTH_CAMERA
+    camera = find_intrinsics(folder) or find_intrinsics(folder.resolve().parent)
+    if camera is not None and abs(camera.fx / DEPTH_CAMERA.fx - 1) > OTHER_CAMERA:
+        # 3DMatch and others write these names for depth that is registered
+        unmoved = tuple(
+            replace(e, T_world_cam=e.T_world_cam @ np.linalg.inv(T_depth_colour)) for e in entries
+        )
+        return RecordingListing(unmoved, camera, DEPTH_SCALE, no_poses=no_poses)
+    camera = camera or DEPTH_CAMERA
     depth_camera = DepthCamera(camera, np.linalg.inv(T_depth_colour).astype(np.float64))
     return RecordingListing(
         tuple(entries), _colour_camera(folder), DEPTH_SCALE, depth_camera, no_poses=no_poses

@@ -26,7 +26,7 @@ from perception.camera.intrinsics import (
     upright_turns,
 )
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose
-from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile
+from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile, files_in
 from perception.sources.folders.stray_scanner import UP, TurnedImage
 from perception.sources.listing import (
     Format,
@@ -91,7 +91,7 @@ def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
     inner = folder / "keyframes"
     images, cameras = subfolder(inner, *_IMAGES), subfolder(inner, *_CAMERAS)
     found = []
-    for path in sorted(images.iterdir()):
+    for path in files_in(images):
         camera, depth = cameras / f"{path.stem}.json", inner / "depth" / f"{path.stem}.png"
         if path.suffix.lower() in COLOUR_SUFFIXES and camera.is_file() and depth.is_file():
             found.append((path, depth, _card(camera), str(camera)))

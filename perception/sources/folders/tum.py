@@ -18,7 +18,7 @@ import numpy as np
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import Pose, read_trajectory
-from perception.number_tables import floats, rows
+from perception.number_tables import floats, in_seconds, rows
 from perception.sources.folders.image_files import ImageFile
 from perception.sources.folders.numbered_images import COLOUR_FOLDERS, pairs_by_stamp
 from perception.sources.listing import (
@@ -33,6 +33,13 @@ from perception.sources.listing import (
 
 DEPTH_FACTOR = 5000.0
 POSES = ("groundtruth.txt", "groundtruth_at_rgb.txt")  # the second: already at colour's stamps
+#: files of poses that programs leave in a folder of the benchmark's lists
+OTHER_POSES = (
+    "groundtruth.csv",
+    "CameraTrajectory.txt",
+    "trajectory.txt",
+    "KeyFrameTrajectory.txt",
+)
 
 #: The benchmark's published colour calibrations, by the camera's name in the folder's name.
 CALIBRATIONS = {
@@ -69,7 +76,9 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     missing, lists or poses malformed, or nothing fits together.
     """
     pairs = sorted(_pairs(folder))
-    poses = _poses(folder)
+    poses = _poses(folder) or next(
+        (folder / name for name in OTHER_POSES if (folder / name).is_file()), None
+    )
     if poses is None:
         unposed = tuple(_entry(folder, pair, np.eye(4)) for pair in pairs)
         missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
@@ -112,9 +121,10 @@ def _pairs(folder: Path) -> list[_Pair]:
         rows = _checked(associations, 4, "stamp file stamp file")
         swapped = all("depth" in a and "depth" not in b for _, (_, a, _, b, *_) in rows)
         colour, depth = (2, 0) if swapped else (0, 2)
+        stamps = [floats(words[colour : colour + 1], where)[0] for where, words in rows]
         return [
-            (floats(words[colour : colour + 1], where)[0], words[colour + 1], words[depth + 1])
-            for where, words in rows
+            (float(stamp), words[colour + 1], words[depth + 1])
+            for stamp, (_, words) in zip(in_seconds(np.array(stamps)), rows, strict=True)
         ]
     if not (folder / "rgb.txt").is_file():
         images = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), folder / "depth")
@@ -127,9 +137,11 @@ def _pairs(folder: Path) -> list[_Pair]:
 
 
 def _list(path: Path) -> list[tuple[float, str]]:
+    table = _checked(path, 2, "stamp file")
+    stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]))
     return [
-        (floats(words[:1], where)[0], _file(path.parent, words[1:]))
-        for where, words in _checked(path, 2, "stamp file")
+        (float(stamp), _file(path.parent, words[1:]))
+        for stamp, (_, words) in zip(stamps, table, strict=True)
     ]
 
 

@@ -9,6 +9,8 @@ from perception.sources.folders.numbered_images import COLOUR_FOLDERS
 
 #: names of files, in a folder or the recording itself, and advice
 _FILES: Final = (
+    (("*.db",), "a database, as RTAB-Map records it; `rtabmap-export --images --poses_camera FILE` "
+     "writes a folder that is read"),
     (("*.sens",), "a recording of ScanNet; reader.py of its SensReader with --export_color_images "
      "--export_depth_images --export_poses --export_intrinsics writes a folder that is read"),
     (("*.mkv",), "a video as Azure Kinect records it; Open3D's azure_kinect_mkv_reader.py writes "
@@ -19,6 +21,8 @@ _FILES: Final = (
      "millimetres) and intrinsics.json are read"),
     (("*.oni",), "a recording of OpenNI; its images as rgb/ and depth/ (16-bit PNG, millimetres) "
      "and intrinsics.json are read"),
+    (("*.mcap.zst*", "*.db3.zst*", "*.bag.zst*"), "a compressed bag; `zstd -d FILE` writes one "
+     "that is read"),
     (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst"), "an archive; unpack it first"),
     (("lowres_wide.traj",), "a recording of ARKitScenes; its images as rgb/ and depth/, the 4x4 "
      "camera to world matrix of each image in pose/, and intrinsics.json are read"),

@@ -419,7 +419,7 @@ class FrameStream:
                 camera, reason = camera_or_reason(self._index, choice)
                 if camera is None:
                     raise RecordingError(reason)
-            if choice.depth_apart:
+            if choice.depth_apart and not self.options.registered:
                 depth_camera_of(self._index, choice, choice.depth.stamps[-1] / NANOSECONDS)
             return choice
         except RecordingError as error:
@@ -452,7 +452,7 @@ class FrameStream:
         camera = self.options.intrinsics or camera_of(self._index, choice.camera, choice.colour)
         assert camera is not None
         apart = None
-        if choice.depth_apart:
+        if choice.depth_apart and not self.options.registered:
             with self._changed:
                 apart = depth_camera_of(self._index, choice, entry.stamp)
         noted, (height, width) = self.noted_transform, entry.colour.colour().shape[:2]

@@ -151,7 +151,7 @@ class TransformTree:
         """Parent of a frame, None of a root.
 
         Of several, the one that map, world or odom is above of, in this order; then the one with
-        the most transforms.
+        the most transforms. A moving one that was told once counts last.
         """
         links = self._links.get(frame_name(child))
         if not links:
@@ -161,7 +161,15 @@ class TransformTree:
             return preferred
         if len(links) == 1:
             return next(iter(links))
-        return max(links, key=lambda p: (-self._map_frame_above(p), len(links[p]), p))
+        return max(
+            links,
+            key=lambda p: (
+                links[p].static or len(links[p]) > 1,
+                -self._map_frame_above(p),
+                len(links[p]),
+                p,
+            ),
+        )
 
     def _map_frame_above(self, frame: str) -> int:
         """Index of the first of MAP_FRAMES that a frame is or is below of, by any parents."""

@@ -224,3 +224,48 @@ def test_cameras_that_cannot_be_used() -> None:
         intrinsics_of(camera_info(d=np.ones(3)), "info")
     with pytest.raises(RecordingError, match="finite"):
         intrinsics_of(camera_info(k=np.full(9, np.nan)), "info").fitted(640, 480)
+
+
+def two_publishers(second: float, *, every: int = 1, beside: float = 0.0) -> TransformTree:
+    """odom -> base_link by one publisher, and by another that is `second` [m] beside it."""
+    tree = TransformTree()
+    for i in range(40):
+        x = 0.05 * i
+        tree.add("odom", "base_link", i * 10**8, (x, 0, 0, 0, 0, 0, 1))
+        if i % every == 0:
+            stamp = i * 10**8 + int(beside * 1e9)
+            tree.add("odom", "base_link", stamp, (x + second, second, 0, 0, 0, 0, 1))
+    return tree
+
+
+@pytest.mark.parametrize("beside", [0.0, 0.02, 0.05])
+@pytest.mark.parametrize("every", [1, 5])
+def test_two_publishers_of_one_transform_that_contradict_are_told(every, beside):
+    found = two_publishers(0.3, every=every, beside=beside).contradiction("base_link")
+    assert found == pytest.approx(0.42, abs=0.1)
+
+
+def test_one_publisher_that_is_recorded_twice_or_jumps_once_contradicts_nothing():
+    assert two_publishers(0.0).contradiction("base_link") == 0
+    tree = TransformTree()
+    for i in range(40):
+        tree.add("map", "odom", i * 10**8, (0.8 * (i > 20), 0, 0, 0, 0, 0, 1))
+    assert tree.contradiction("odom") == 0
+
+
+def test_of_two_parents_the_one_below_map_leads_unless_another_frame_is_named():
+    tree = TransformTree()
+    for i in range(20):
+        tree.add("a_visual_odometry", "base_link", i * 10**8, (9, 0, 0, 0, 0, 0, 1))
+        tree.add("vo", "base_link", i * 10**8, (7, 0, 0, 0, 0, 0, 1))
+    for i in range(10):
+        tree.add("wheels", "base_link", i * 10**8, (1, 0, 0, 0, 0, 0, 1))
+        tree.add("map", "wheels", i * 10**8, (0, 0, 0, 0, 0, 0, 1))
+    assert tree.ancestors("base_link") == ["base_link", "wheels", "map"]
+    assert tree.other_parents(["base_link"]) == [
+        ("base_link", "wheels", ["a_visual_odometry", "vo"])
+    ]
+    tree.lead("base_link", "vo")
+    assert tree.ancestors("base_link") == ["base_link", "vo"]
+    tree.lead("base_link", "map")
+    assert tree.ancestors("base_link") == ["base_link", "wheels", "map"]

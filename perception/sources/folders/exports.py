@@ -1,0 +1,185 @@
+"""Folders that other programs export: RTAB-Map's, BOP's, and an image, depth and pose by name.
+
+RTAB-Map's: rtabmap_rgb/, rtabmap_depth/ (millimetres) with stamps as names, rtabmap_calib/ with the
+camera of each, and rtabmap_camera_poses.txt; or rtabmap_poses.txt of the robot's base, which the
+camera's `local_transform` joins to the camera.
+
+BOP's (Hodan et al., ECCV 2018): rgb/, depth/, and scene_camera.json with K, the unit of depth [mm]
+and the pose of the world in the camera [mm] of each image, by its number.
+
+Posed images, as mmdetection3d exports ScanNet: N.jpg, N.png (millimetres) and N.txt beside each
+other, and intrinsic.txt.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from kg.model.errors import RecordingError
+from kg.model.regular_files import read_text
+from perception.camera.intrinsics import (
+    Intrinsics,
+    find_intrinsics,
+    intrinsics_from_matrix,
+    load_intrinsics,
+    yaml_matrix,
+)
+from perception.camera.poses import checked_pose, read_found_pose, read_trajectory
+from perception.sources.folders.image_files import (
+    COLOUR_SUFFIXES,
+    DEPTH_SUFFIXES,
+    ImageFile,
+    files_in,
+    images_by_number,
+)
+from perception.sources.folders.numbered_images import pairs_by_stamp
+from perception.sources.listing import (
+    TOLERANCE,
+    Format,
+    FrameEntry,
+    RecordingListing,
+    Streams,
+    stamp_of_number,
+    subfolder,
+)
+
+MILLIMETRES: Final = 1000.0  # units a metre
+RTABMAP: Final = ("rtabmap_rgb", "rtabmap_depth")
+RTABMAP_POSES: Final = ("rtabmap_camera_poses.txt", "rtabmap_poses.txt")  # the second: of the base
+BOP_FILE: Final = "scene_camera.json"
+
+
+def _read_rtabmap(folder: Path, streams: Streams) -> RecordingListing:
+    """All images that have depth and a pose; raises RecordingError where none has."""
+    colour, depth = (subfolder(folder, name) for name in RTABMAP)
+    pairs = pairs_by_stamp(colour, depth)
+    if not pairs:
+        raise RecordingError(
+            f"{colour}: names of images are no stamps; rtabmap-export with --images and without "
+            "--images_id writes such"
+        )
+    calibrations = files_in(folder / "rtabmap_calib", "*.yaml")
+    camera = load_intrinsics(calibrations[0]) if calibrations else find_intrinsics(folder)
+    poses = next((folder / name for name in RTABMAP_POSES if (folder / name).is_file()), None)
+    entries = [FrameEntry(a.stem, ImageFile(a), ImageFile(b), np.eye(4), s) for a, b, s in pairs]
+    if poses is None:
+        missing = f"{folder} has no poses: {RTABMAP_POSES[0]} is missing"
+        return RecordingListing(tuple(entries), camera, MILLIMETRES, no_poses=missing)
+    T_base_camera = np.eye(4)
+    if poses.name == RTABMAP_POSES[1]:
+        mount = yaml_matrix(calibrations[0], "local_transform") if calibrations else None
+        if mount is None or mount.size != 12:
+            raise RecordingError(
+                f"{poses} has poses of the robot's base, and no local_transform in rtabmap_calib/ "
+                f"joins it to the camera; {RTABMAP_POSES[0]} of `rtabmap-export --poses_camera` "
+                "would work"
+            )
+        T_base_camera[:3] = mount.reshape(3, 4)
+    trajectory = read_trajectory(poses)
+    found = [(e, trajectory.at(e.stamp, TOLERANCE)) for e in entries]
+    posed = tuple(
+        FrameEntry(e.id, e.colour, e.depth, T @ T_base_camera, e.stamp)
+        for e, T in found
+        if T is not None
+    )
+    if not posed:
+        raise RecordingError(f"{folder}: no image has a pose in {poses.name}")
+    return RecordingListing(posed, camera, MILLIMETRES)
+
+
+def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
+    """All images with a camera, by number; raises RecordingError for malformed cameras."""
+    file = folder / BOP_FILE
+    try:
+        cards: dict[str, Any] = json.loads(read_text(file))
+        cameras = {int(number): card for number, card in cards.items()}
+        first = cameras[min(cameras)]
+        K = np.array(first["cam_K"], np.float64).reshape(3, 3)
+        scale = MILLIMETRES / float(first.get("depth_scale", 1.0))
+        poses = {
+            number: _pose_of_bop(card, f"{file}, image {number}")
+            for number, card in cameras.items()
+            if "cam_R_w2c" in card
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise RecordingError(f"{file} is no scene_camera.json of BOP: {error!r}") from error
+    colour = images_by_number(subfolder(folder, "rgb"))
+    depth = images_by_number(subfolder(folder, "depth"), DEPTH_SUFFIXES)
+    entries = tuple(
+        FrameEntry(
+            path.stem,
+            ImageFile(path),
+            ImageFile(depth[number]),
+            poses.get(number, np.eye(4)),
+            stamp_of_number(number),
+        )
+        for number, path in colour.items()
+        if number in depth and (number in poses or not poses)
+    )
+    no_poses = "" if poses else f"{file} has no cam_R_w2c: poses of the camera are missing"
+    camera = intrinsics_from_matrix(K, str(file))
+    return RecordingListing(entries, camera, scale, no_poses=no_poses)
+
+
+def _pose_of_bop(card: dict[str, Any], where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+    T = np.eye(4)
+    T[:3, :3] = np.array(card["cam_R_w2c"], np.float64).reshape(3, 3)
+    T[:3, 3] = np.array(card["cam_t_w2c"], np.float64) / MILLIMETRES
+    return np.linalg.inv(checked_pose(T, where)).astype(np.float64)
+
+
+def _read_posed_images(folder: Path, streams: Streams) -> RecordingListing:
+    """All images that have depth and a finite pose; raises RecordingError where none has."""
+    entries = []
+    for path in _posed(folder):
+        T = read_found_pose(path.with_suffix(".txt"))
+        if T is not None:
+            number = stamp_of_number(int(path.stem))
+            depth = ImageFile(path.with_suffix(".png"))
+            entries.append(FrameEntry(path.stem, ImageFile(path), depth, T, number))
+    if not entries:
+        raise RecordingError(f"{folder}: no image has a pose")
+    return RecordingListing(tuple(entries), _posed_camera(folder), MILLIMETRES)
+
+
+def _posed(folder: Path) -> list[Path]:
+    """Colour images with a depth image and a pose beside them, by number."""
+    found = [
+        path
+        for path in files_in(folder)
+        if path.suffix in COLOUR_SUFFIXES[:2]
+        and path.stem.isdecimal()
+        and all(path.with_suffix(suffix).is_file() for suffix in (".png", ".txt"))
+    ]
+    return sorted(found, key=lambda path: int(path.stem))
+
+
+def _posed_camera(folder: Path) -> Intrinsics | None:
+    file = folder / "intrinsic.txt"
+    return load_intrinsics(file) if file.is_file() else find_intrinsics(folder)
+
+
+EXPORTS: Final = (
+    Format(
+        "rtabmap",
+        "rtabmap_rgb/, rtabmap_depth/, rtabmap_calib/ and rtabmap_camera_poses.txt",
+        lambda folder: all((folder / name).is_dir() for name in RTABMAP),
+        _read_rtabmap,
+    ),
+    Format(
+        "bop",
+        f"rgb/, depth/ and {BOP_FILE}",
+        lambda folder: (folder / BOP_FILE).is_file() and (folder / "depth").is_dir(),
+        _read_bop,
+    ),
+    Format(
+        "posed-images",
+        "N.jpg, N.png, N.txt and intrinsic.txt",
+        lambda folder: folder.is_dir() and bool(_posed(folder)),
+        _read_posed_images,
+    ),
+)

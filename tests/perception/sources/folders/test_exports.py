@@ -1,0 +1,255 @@
+"""Folders as other programs leave them: what is read, and what is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import load_intrinsics
+from perception.camera.poses import quaternion_from_pose
+from perception.sources.recording import open_recording
+from perception.sources.recording_options import RecordingOptions
+from tests.perception.conftest import SIZE, K, room_depth
+
+OPTIONS = RecordingOptions(check=False)
+CAMERA = {"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5}
+STAMPS = [1_700_000_000.0 + i / 10 for i in range(6)]
+BASE = np.array([[0.0, 0, 1, 0.2], [-1, 0, 0, 0], [0, -1, 0, 0.9], [0, 0, 0, 1]])
+ORB = """%YAML:1.0
+Camera.type: "PinHole"
+Camera1.fx: 130.0
+Camera1.fy: 130.0
+Camera1.cx: 79.5
+Camera1.cy: 59.5
+Camera1.k1: 0.0
+RGBD.DepthMapFactor: 1000.0
+"""
+ROS = """image_width: 160
+image_height: 120
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [130, 0, 79.5, 0, 130, 59.5, 0, 0, 1]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0, 0, 0, 0, 0]
+"""
+
+
+def seven(T: np.ndarray) -> list[float]:
+    return [*T[:3, 3], *quaternion_from_pose(T)]
+
+
+def line(numbers) -> str:
+    return " ".join(f"{x:.9f}" for x in numbers) + "\n"
+
+
+class Room:
+    """A folder of images of the room; `views` are its poses."""
+
+    def __init__(self, folder: Path, views: list[np.ndarray]) -> None:
+        self.folder, self.views = folder, views
+
+    def write(self, name: str, text: str | bytes) -> Room:
+        path = self.folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(text.encode() if isinstance(text, str) else text)
+        return self
+
+    def images(self, colour: str, depth: str) -> Room:
+        for i, (T, stamp) in enumerate(zip(self.views, STAMPS, strict=True)):
+            z = np.rint(room_depth(T, K, SIZE) * 1000).astype(np.uint16)
+            for pattern, image in ((colour, np.full((120, 160, 3), i, np.uint8)), (depth, z)):
+                names = {"t": f"{stamp:.6f}", "n": i, "ns": round(stamp * 1e9)}
+                path = self.folder / pattern.format(**names, ms=round(stamp * 1e3))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                cv2.imwrite(str(path), image)
+        return self
+
+    def camera(self) -> Room:
+        return self.write("intrinsics.json", json.dumps({**CAMERA, "depth_scale": 1000}))
+
+
+@pytest.fixture
+def room(tmp_path, room_views) -> Room:
+    return Room(tmp_path / "room", room_views)
+
+
+def tum(room: Room, unit: float = 1.0, w_first: bool = False) -> list[str]:
+    rows = []
+    for T, s in zip(room.views, STAMPS, strict=True):
+        pose = seven(T)
+        pose = [*pose[:3], pose[6], *pose[3:6]] if w_first else pose
+        rows.append(f"{s * unit:.0f} " + line(pose) if unit > 1 else f"{s:.6f} " + line(pose))
+    return rows
+
+
+def rtabmap(room: Room, base: bool) -> None:
+    room.images("rtabmap_rgb/{t}.jpg", "rtabmap_depth/{t}.png")
+    mount = ", ".join(map(str, BASE[:3].ravel()))
+    for s in STAMPS:
+        text = ROS + f"local_transform:\n   rows: 3\n   cols: 4\n   data: [{mount}]\n"
+        room.write(f"rtabmap_calib/{s:.6f}.yaml", text)
+    poses = [T @ np.linalg.inv(BASE) if base else T for T in room.views]
+    rows = [f"{s:.6f} " + line(seven(T)) for s, T in zip(STAMPS, poses, strict=True)]
+    name = "rtabmap_poses.txt" if base else "rtabmap_camera_poses.txt"
+    room.write(name, "#timestamp x y z qx qy qz qw id\n" + "".join(
+        row.strip() + f" {i}\n" for i, row in enumerate(rows)))  # fmt: skip
+
+
+def bop(room: Room) -> None:
+    room.images("rgb/{n:06d}.png", "depth/{n:06d}.png")
+    cards = {}
+    for i, view in enumerate(room.views):
+        T = np.linalg.inv(view)
+        cards[str(i)] = {"cam_K": K.ravel().tolist(), "depth_scale": 1.0,
+                         "cam_R_w2c": T[:3, :3].ravel().tolist(),
+                         "cam_t_w2c": (T[:3, 3] * 1000).tolist()}  # fmt: skip
+    room.write("scene_camera.json", json.dumps(cards))
+
+
+def posed(room: Room) -> None:
+    room.images("{n:05d}.jpg", "{n:05d}.png")
+    whole = np.eye(4)
+    whole[:3, :3] = K
+    room.write("intrinsic.txt", "".join(map(line, whole)))
+    for i, T in enumerate(room.views):
+        room.write(f"{i:05d}.txt", "".join(map(line, T)))
+
+
+def match3d(room: Room) -> None:
+    inner = Room(room.folder / "seq-01", room.views)
+    inner.images("frame-{n:06d}.color.png", "frame-{n:06d}.depth.png")
+    for i, T in enumerate(room.views):
+        inner.write(f"frame-{i:06d}.pose.txt", "".join(map(line, T)))
+    room.write("camera-intrinsics.txt", "".join(map(line, K)))
+    room.folder = inner.folder
+
+
+def numbered(name: str, numbers) -> None:
+    def write(room: Room) -> None:
+        room.images("color/{n}.png", "depth/{n}.png").camera()
+        room.write(name, "".join(line(numbers(T)) for T in room.views))
+
+    return write
+
+
+def listed(unit: str, factor: float):
+    def write(room: Room) -> None:
+        names = f"rgb/{{{unit}}}.png", f"depth/{{{unit}}}.png"
+        room.images(*names).camera().write("groundtruth.txt", "".join(tum(room, factor)))
+        for name, pattern in zip(("rgb", "depth"), names, strict=True):
+            rows = [pattern.format(t=f"{s:.6f}", ns=round(s * 1e9), ms=round(s * 1e3))
+                    for s in STAMPS]  # fmt: skip
+            stamps = [f"{s * factor:.0f}" if factor > 1 else f"{s:.6f}" for s in STAMPS]
+            room.write(
+                f"{name}.txt", "".join(f"{a} {b}\n" for a, b in zip(stamps, rows, strict=True))
+            )
+
+    return write
+
+
+def in_utf16(room: Room) -> None:
+    listed("t", 1)(room)
+    for path in room.folder.glob("*.txt"):
+        path.write_text(path.read_text(), encoding="utf-16")
+
+
+def of_apple(room: Room) -> None:
+    numbered("poses.txt", lambda T: T.ravel())(room)
+    for path in list(room.folder.rglob("*.png")):
+        path.with_name(f"._{path.name}").write_bytes(b"\x00\x05\x16\x07" + bytes(150))
+
+
+def by_yaml(text: str):
+    def write(room: Room) -> None:
+        numbered("poses.txt", lambda T: T.ravel())(room)
+        (room.folder / "intrinsics.json").unlink()
+        room.write("camera.yaml", text).write("other.yaml", "a: 1\n")
+
+    return write
+
+
+def csv(room: Room) -> None:
+    listed("t", 1)(room)
+    (room.folder / "groundtruth.txt").unlink()
+    rows = [row.strip().replace(" ", ",") + ",0,0,0\n" for row in tum(room, 1e9, w_first=True)]
+    room.write("groundtruth.csv", "timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz\n" + "".join(rows))
+
+
+READ = {
+    "RTAB-Map": lambda room: rtabmap(room, base=False),
+    "RTAB-Map, poses of the base": lambda room: rtabmap(room, base=True),
+    "BOP": bop,
+    "posed images": posed,
+    "3DMatch": match3d,
+    "poses of 7 numbers": numbered("poses.txt", seven),
+    "poses of 12 numbers": numbered("poses.txt", lambda T: T[:3].ravel()),
+    "pose.txt": numbered("pose.txt", seven),
+    "nanoseconds": listed("ns", 1e9),
+    "milliseconds": listed("ms", 1e3),
+    "microseconds in lists": listed("t", 1e6),
+    "UTF-16": in_utf16,
+    "AppleDouble": of_apple,
+    "ORB-SLAM's YAML": by_yaml(ORB),
+    "ROS' YAML": by_yaml(ROS),
+    "EuRoC's CSV": csv,
+}
+
+
+@pytest.mark.parametrize("layout", READ)
+def test_folders_of_other_programs_are_read_as_they_are(room, layout):
+    READ[layout](room)
+    recording = open_recording(room.folder, OPTIONS)
+    assert len(recording) == 6
+    for i, T in enumerate(room.views):
+        frame, entry = recording.frame(i), recording.listing.entries[i]
+        np.testing.assert_allclose(entry.T_world_cam, T, atol=1e-5)
+        np.testing.assert_allclose(frame.depth, room_depth(T, K, SIZE), atol=2e-3)
+        assert abs(int(frame.rgb[0, 0, 0]) - i) <= 1
+        np.testing.assert_allclose(frame.K, K, atol=0.01)
+    steps = np.diff([e.stamp for e in recording.listing.entries])
+    np.testing.assert_allclose(steps, 0.1 if recording.start_time == 0 else 1 / 30, atol=1e-5)
+
+
+def test_poses_of_key_frames_are_read_and_told(room, caplog):
+    listed("t", 1)(room)
+    (room.folder / "groundtruth.txt").unlink()
+    keys = room.folder.parent / "keys.txt"
+    keys.write_text("".join(tum(room)[::3]))
+    recording = open_recording(room.folder, RecordingOptions(check=False, poses=keys))
+    assert [e.stamp for e in recording.listing.entries] == STAMPS[::3]
+    assert "poses of 2 of 6 frames, as of key frames" in caplog.text
+
+
+def test_depth_may_be_said_to_be_registered(room):
+    inner = room.images("frame-{n:06d}.color.png", "frame-{n:06d}.depth.png")
+    for i, T in enumerate(room.views):
+        inner.write(f"frame-{i:06d}.pose.txt", "".join(map(line, T)))
+    inner.write("mine.json", json.dumps(CAMERA))
+    camera = load_intrinsics(room.folder / "mine.json")
+    options = RecordingOptions(check=False, intrinsics=camera, registered=True)
+    frame = open_recording(room.folder, options).frame(1)
+    np.testing.assert_allclose(frame.depth, room_depth(room.views[1], K, SIZE), atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["depth/0.png", "poses.txt", "intrinsics.json"])
+def test_pointers_of_git_lfs_are_named(room, name):
+    numbered("poses.txt", seven)(room)
+    room.write(name, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 61234\n")
+    with pytest.raises(RecordingError, match=r"is a Git LFS pointer, .* `git lfs pull`"):
+        open_recording(room.folder, OPTIONS)
+
+
+def test_a_database_of_rtabmap_is_told_the_way(tmp_path):
+    (tmp_path / "rtabmap.db").write_bytes(b"SQLite format 3\0" + bytes(100))
+    for path in (tmp_path, tmp_path / "rtabmap.db"):
+        with pytest.raises(RecordingError, match="rtabmap-export --images --poses_camera"):
+            open_recording(path)
