@@ -50,6 +50,7 @@ from perception.sources.listing import FrameEntry, RecordingListing, nearest_pai
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
 from perception.sources.live.silence import Arrivals, Silence
 from perception.sources.live.stream_counts import StreamCounts
+from perception.sources.live.topic_detector import TYPES, TopicDetector
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name
@@ -79,6 +80,7 @@ class FrameStream:
 
     address: str  # of the connection, for messages
     options: RecordingOptions = DEFAULT_OPTIONS
+    detections: TopicDetector | None = None  # None: frames are not waited for by detections
     problem: str = ""  # the reason why there are no frames yet
     _counts: StreamCounts = field(default_factory=StreamCounts)
     _received: Counter[str] = field(default_factory=Counter)  # number of images, by topic
@@ -139,7 +141,8 @@ class FrameStream:
         with self._changed:
             if self._choice is None:
                 return Silence(self.problem, self.problem) if self.problem else None
-            return self._arrivals.silence(self._choice, self.options.streams.tolerance)
+            tolerance = self.options.streams.tolerance
+            return self._arrivals.silence(self._choice, tolerance, self.detections)
 
     @property
     def noted_transform(self) -> Pose | None:
@@ -171,11 +174,14 @@ class FrameStream:
         """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
             wanted = {n for n, t in topics.items() if t in (*WANTED, IMU) or n == NOTE_TOPIC}
+            if self.detections is not None and topics.get(self.detections.topic) in TYPES:
+                wanted.add(self.detections.topic)
             given, choice = self.options.streams, self._choice
             if choice is not None:
                 images = {choice.colour.topic, choice.depth.topic}
                 images.add(self._pose_topic or "")
                 images |= self._info_topics
+                images.add(self.detections.topic if self.detections is not None else "")
                 types = TRANSFORMS if choice.poses else (*TRANSFORMS, IMU)
                 wanted = {n for n in wanted if topics[n] in types or n in images}
             elif given.colour is not None and given.depth is not None:
@@ -210,7 +216,9 @@ class FrameStream:
 
     def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
         chosen, index = self._choice, self._index
-        if raw.type == IMU:
+        if raw.type in TYPES:
+            self._add_detections(raw, decoder)
+        elif raw.type == IMU:
             held = self._imus.setdefault(raw.topic, deque(maxlen=KEPT))
             held.append(Reading.of(decoder.decoded(raw)))
         elif raw.topic == NOTE_TOPIC:
@@ -245,6 +253,13 @@ class FrameStream:
         if choice is None or self.options.intrinsics is not None:
             return set()
         return {info.topic for info in (choice.camera, choice.depth_camera) if info is not None}
+
+    def _add_detections(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        if self.detections is not None and raw.topic == self.detections.topic:
+            stamp = stamp_of(decoder, raw, self.address)
+            self._arrivals.add(raw.topic, stamp / NANOSECONDS)
+            self.detections.add(stamp, decoder.decoded(raw))
+            self._changed.notify_all()
 
     def _add_camera(self, raw: RawMessage, decoder: LiveDecoder) -> None:
         """Take a CameraInfo that differs from the one before."""
@@ -327,6 +342,8 @@ class FrameStream:
             # later images are farther apart than this pair
             nearest = d.max() >= c[i] + apart and c.max() >= d[j] + apart
             if not (nearest or waited):
+                continue
+            if self.detections is not None and not self.detections.has(colour.stamp):
                 continue
             final, T = self._pose(colour, waited=since >= self._late)
             if T is not None:
@@ -432,12 +449,26 @@ class FrameStream:
                 self._camera = self._opened(entry)
             T = turned_poses(entry.T_world_cam, self._camera.turns)
             frame = self._camera.decoded(replace(entry, T_world_cam=gridded_pose(T)))
+            if self.detections is not None:
+                self._take_detections(self.detections, frame, entry)
         except (RecordingError, ValueError) as error:
             self._counts.unreadable += 1
             self._warn("images", error)
             return None
         self._counts.taken += 1
         return frame
+
+    def _take_detections(self, detections: TopicDetector, frame: Frame, entry: FrameEntry) -> None:
+        """Pass the detections of a frame on."""
+        assert self._camera is not None and self._choice is not None
+        tree, camera = self._choice.tree, self._choice.colour.frame
+
+        def T_cam_of(name: str) -> Pose | None:  # noqa: N802 - names its frames
+            with self._changed:
+                return tree.at(camera, name, entry.stamp)
+
+        stamp = round(entry.stamp * NANOSECONDS)
+        detections.take(frame, stamp, self._camera.rectifier, self._camera.turns, T_cam_of)
 
     def _opened(self, entry: FrameEntry) -> FolderRecording:
         """Recording without frames that decodes images: the cameras, fitted to the first image."""
