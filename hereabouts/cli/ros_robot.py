@@ -44,7 +44,8 @@ def add_ros_arguments(parser: argparse.ArgumentParser) -> None:
         default="default",
         metavar="NAME|FILE",
         help="object detector for its images; best: the best detector, downloaded if needed; "
-        "topic:NAME: detections of another program (default: the bundled ones; see `hereabouts models list`)",
+        "topic:NAME: detections of another program (default: the bundled ones; see "
+        "`hereabouts models list`)",
     )
     group.add_argument(
         "--threshold", type=share, default=0.25, help="minimum score of a detection (default: 0.25)"
