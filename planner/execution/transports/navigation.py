@@ -29,7 +29,8 @@ from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import serialised
 from planner.execution.protocol import cleaned
 
-ANSWER: Final = 5.0  # [s] without an answer about the goal after which it has failed
+ANSWER: Final = 5.0  # [s] of answers about others after which a goal has failed
+GONE: Final = 15.0  # [s] without any answer after which the server is gone
 MAX_SIZE: Final = 1 << 20  # [bytes] of a message
 _STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
 _RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
@@ -128,11 +129,11 @@ class Navigation(ABC):
             goal, now = self._goal, time.monotonic()
             if goal is None or goal.outcome is not None:
                 return None if goal is None else goal.outcome
-            if now - max(self._alive, goal.heard) > ANSWER:
+            if now - max(self._alive, goal.heard) > GONE:
                 raise RobotError(
                     f"{self.name} is gone, with a goal under way; start it, then search --resume"
                 )
-            if now - goal.heard > ANSWER and (self.repeats or not goal.is_taken):
+            if self._alive - goal.heard > ANSWER and (self.repeats or not goal.is_taken):
                 goal.outcome = f"{self.name} has not named its goal for {ANSWER:g} s"
             return goal.outcome
 

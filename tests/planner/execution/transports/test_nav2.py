@@ -160,7 +160,7 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
 def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
     wire: str, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(navigation, "ANSWER", 1.0)
+    monkeypatch.setattr(navigation, "GONE", 2.0)
     made = node(wire, "slow")
     with running(made):
         driven = robot(made, tmp_path)

@@ -139,7 +139,7 @@ def test_where_all_goals_are_aborted_nothing_could_be_reached(
 def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
     master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(navigation, "ANSWER", 1.0)
+    monkeypatch.setattr(navigation, "GONE", 2.0)
     with running(Ros1HouseNode(master.address, furnished_house(), START, rate=0.2)) as node:
 
         def kill() -> bool:
