@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import add_device, share
 from hereabouts.cli.models import named_detector
+from kg.model.errors import RecordingError
 from mapping.objects.settings import ObjectSettings
 
 if TYPE_CHECKING:
@@ -104,7 +105,11 @@ def open_networks(
         inside = Path(folder) / name
         name = str(inside) if inside.exists() else name
     detector: Detector
-    if live and name.startswith(TOPIC):
+    if name.startswith(TOPIC) and not live:
+        raise RecordingError(
+            f"{name}: detections come by a topic where frames do: `live`, `search`"
+        )
+    if name.startswith(TOPIC):
         from perception.sources.live.topic_detector import TopicDetector
 
         detector = TopicDetector(name.removeprefix(TOPIC), o.threshold)
