@@ -87,7 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     source, options = source_options(arguments), mapping_options(arguments)
     if connection is not None and connection.address.startswith(REALSENSE):
         source = replace(source, estimate_poses=True)
-    networks = open_networks(network_options(arguments), arguments.recording)
+    named = network_options(arguments)
+    networks = open_networks(named, arguments.recording, live=connection is not None)
     prepare = _folder_run if connection is None else partial(_stream_run, connection)
     with until_signal() as ended, open_viewers(arguments, title_for(arguments.into)) as viewer:
         mapped = MappedFrames()
@@ -138,8 +139,10 @@ def _stream_run(
     from perception.inference.detector_pair import RememberingDetector
     from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
     from perception.sources.live.stream import FrameStream
+    from perception.sources.live.topic_detector import TopicDetector
 
-    stream = FrameStream(connection.address, source)
+    topic = networks.detector if isinstance(networks.detector, TopicDetector) else None
+    stream = FrameStream(connection.address, source, topic)
 
     def run() -> None:
         name, limit = source.name or "live", mapped.left(arguments.limit)

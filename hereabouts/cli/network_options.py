@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import add_device, share
 from hereabouts.cli.models import named_detector
+from kg.model.errors import RecordingError
 from mapping.objects.settings import ObjectSettings
 
 if TYPE_CHECKING:
@@ -18,6 +19,9 @@ if TYPE_CHECKING:
 #: counts the weaker ones for `hereabouts why --candidates`
 _REPORTED: Final = 0.5
 _MAPPED: Final = ObjectSettings().min_score  # minimum score of mapped detections in bayes mode
+
+#: before the name of a topic of detections, in place of a detector's name
+TOPIC: Final = "topic:"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,8 +57,8 @@ def add_network_arguments(parser: argparse.ArgumentParser) -> None:
         default="default",
         metavar="NAME|FILE",
         help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder; best: the best detector, downloaded if needed (default: the bundled ones; see "
-        "`hereabouts models list`)",
+        "folder; best: the best detector, downloaded if needed; live: topic:NAME, detections of "
+        "another program (default: the bundled ones; see `hereabouts models list`)",
     )
     group.add_argument(
         "--second-detector",
@@ -92,10 +96,12 @@ def network_options(arguments: argparse.Namespace) -> NetworkOptions:
     )
 
 
-def open_networks(options: NetworkOptions, folder: str | None = None) -> Networks:
+def open_networks(
+    options: NetworkOptions, folder: str | None = None, *, live: bool = False
+) -> Networks:
     """Open the networks; a file of recorded detections may be in the recording's `folder`.
 
-    Raises ModelError or RecordingError.
+    Where frames come `live` from topics, detections may, too. Raises ModelError or RecordingError.
     """
     from perception.inference.detector_pair import DetectorPair
     from perception.inference.recorded_detections import open_detector
@@ -105,7 +111,17 @@ def open_networks(options: NetworkOptions, folder: str | None = None) -> Network
     if folder is not None and name.endswith(".json") and not Path(name).exists():
         inside = Path(folder) / name
         name = str(inside) if inside.exists() else name
-    detector: Detector = open_detector(name, threshold=o.threshold, device=o.device, head=o.head)
+    detector: Detector
+    if name.startswith(TOPIC) and not live:
+        raise RecordingError(
+            f"{name}: detections come by a topic where frames do: `live`, `search`"
+        )
+    if name.startswith(TOPIC):
+        from perception.sources.live.topic_detector import TopicDetector
+
+        detector = TopicDetector(name.removeprefix(TOPIC), o.threshold)
+    else:
+        detector = open_detector(name, threshold=o.threshold, device=o.device, head=o.head)
     if o.second_detector is not None:
         second = open_detector(o.second_detector, threshold=o.threshold, device=o.device)
         detector = DetectorPair(detector, second)

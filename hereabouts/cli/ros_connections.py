@@ -106,7 +106,14 @@ def publish_to(arguments: argparse.Namespace, source: str) -> Publish:
     to = arguments.publish or source
     scheme = to.partition("://")[0]
     if arguments.publish and scheme == "ws":
-        return partial(_serve_foxglove, to, title_for(arguments.into))
+        require_ros(to, "foxglove", "foxglove")
+        try:
+            parts = urlsplit(to)
+            host, port = parts.hostname or "127.0.0.1", parts.port
+        except ValueError as error:
+            raise RecordingError(f"{to!r} is no address; ws://127.0.0.1:8765 is one") from error
+        port = 8765 if port is None else port
+        return partial(_serve_foxglove, host, port, title_for(arguments.into))
     if scheme not in ("ros1", "ros2"):
         raise RecordingError(
             f"{to!r} takes no messages; --publish ros1://HOST or ros2://DOMAIN would work, or "
@@ -150,20 +157,17 @@ def _publish_to_ros(
 
 @contextmanager
 def _serve_foxglove(
-    to: str, title: str, semantic_map: SemanticMap, frame: str, T_map: Callable[[], Pose]
+    host: str,
+    port: int,
+    title: str,
+    semantic_map: SemanticMap,
+    frame: str,
+    T_map: Callable[[], Pose],
 ) -> Iterator[None]:
-    require_ros(to, "foxglove", "foxglove")
     from hereabouts.display.viewers.feed import LiveFeed
     from hereabouts.display.viewers.foxglove_viewer import FoxgloveServer
 
-    try:
-        parts = urlsplit(to)
-        host, port = parts.hostname or "127.0.0.1", parts.port
-    except ValueError as error:
-        raise RecordingError(
-            f"{to!r} is no address to serve; ws://127.0.0.1:8765 is one"
-        ) from error
-    server = FoxgloveServer(title, host, 8765 if port is None else port)
+    server = FoxgloveServer(title, host, port)
     with LiveFeed(semantic_map, server, server.subscribed, period=_PERIOD):
         note(f"Foxglove at {server.url}")
         yield

@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import add_map, count, positive, share, title_for
 from hereabouts.cli.console import note, write
-from hereabouts.cli.ros1_robot import (
-    add_ros1_arguments,
-    check_no_ros1_arguments,
-    is_ros1,
-    open_ros1_robot,
-    ros1_options,
+from hereabouts.cli.ros_robot import (
+    add_ros_arguments,
+    check_no_ros_arguments,
+    is_ros,
+    open_ros_robot,
+    ros_options,
 )
 from hereabouts.cli.simulated_house import add_hide, house_with
 from hereabouts.cli.viewers import add_viewers, open_viewers
@@ -50,7 +50,8 @@ _ROBOT = (
     "sim: the simulated robot of the demo house; stdio:COMMAND: a program with the line "
     "protocol of docs/reference/robot-protocol.md; stdio: the parent process, on stdin and stdout; "
     "http://...: a robot behind that address; ros1://HOST[:PORT], or ros1 (ROS_MASTER_URI): "
-    "move_base and a camera behind a ROS 1 master"
+    "move_base and a camera behind a ROS 1 master; ros2://DOMAIN: Nav2 over DDS, by /goal_pose; "
+    "ws://HOST:PORT: Nav2 behind foxglove_bridge with include_hidden:=true"
 )
 
 
@@ -97,7 +98,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="sim: seed of sensing errors (default: 0)",
     )
-    add_ros1_arguments(parser)
+    add_ros_arguments(parser)
     add_viewers(parser)
     parser.add_argument("--json", action="store_true", help="print each event as a line of JSON")
 
@@ -148,15 +149,16 @@ def _check_usage(arguments: argparse.Namespace) -> None:
         arguments.usage_error("--json and --robot stdio both use stdout; give stdio:COMMAND")
     if arguments.robot != "sim" and arguments.hide:
         arguments.usage_error("--hide needs --robot sim")
-    if is_ros1(arguments.robot):
+    if is_ros(arguments.robot):
         return
-    check_no_ros1_arguments(arguments)
+    check_no_ros_arguments(arguments)
     known = arguments.robot in ("sim", "stdio")
     known |= _scheme(arguments.robot) in extensions(ROBOTS)
     if not known and not arguments.robot.startswith(("stdio:", "http://", "https://")):
         added = "".join(f", {scheme}://" for scheme in sorted(extensions(ROBOTS)))
         arguments.usage_error(
-            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http:// or ros1://{added}"
+            f"no robot {arguments.robot!r}; give sim, stdio, stdio:COMMAND, http://, ros1://, "
+            f"ros2:// or ws://{added}"
         )
 
 
@@ -171,8 +173,8 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
         from planner.simulation.robot.house_robot import simulated_robot
 
         return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
-    if is_ros1(arguments.robot):
-        return open_ros1_robot(arguments.robot, ros1_options(arguments))
+    if is_ros(arguments.robot):
+        return open_ros_robot(arguments.robot, ros_options(arguments))
     if _scheme(arguments.robot) in extensions(ROBOTS):
         from planner.execution.robot import AddedRobot
 

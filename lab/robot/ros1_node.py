@@ -70,6 +70,8 @@ class _Goal:
 class Ros1HouseNode:
     """Node of the robot; an `Inbox` of goals."""
 
+    CAMERA_AND_TF: Final = {**IMAGE_TOPICS, "/tf": _TRANSFORMS, "/tf_static": _TRANSFORMS}
+
     def __init__(
         self,
         master: Ros1Master,
@@ -89,17 +91,23 @@ class Ros1HouseNode:
         self._goals = deque[_Goal](maxlen=100)
         self._orders = deque[tuple[str, Any]](maxlen=100)
         self._cancelled = deque[str](maxlen=100)  # ids of goals that have not arrived yet
+        self._pictures = 0
+        self._join(master)
+
+    def _join(self, master: Any) -> None:
+        """Begin to publish."""
         self._maker = MessageMaker(is_ros1=True)
         topics = {
-            **IMAGE_TOPICS,
-            "/tf": _TRANSFORMS,
-            "/tf_static": _TRANSFORMS,
-            f"{navigation}/status": _STATUS,
-            f"{navigation}/result": _RESULT,
-            f"{navigation}/feedback": "move_base_msgs/msg/MoveBaseActionFeedback",
+            **self.CAMERA_AND_TF,
+            f"{self._navigation}/status": _STATUS,
+            f"{self._navigation}/result": _RESULT,
+            f"{self._navigation}/feedback": "move_base_msgs/msg/MoveBaseActionFeedback",
         }
-        self._publisher = Ros1Publisher(master, topics, frozenset(["/tf_static"]))
-        self._pictures = 0
+        self._publisher: Any = Ros1Publisher(master, topics, frozenset(["/tf_static"]))
+
+    def _listen(self, ended: threading.Event) -> None:
+        """Pass on messages to `offer` until `ended`."""
+        self._publisher.master.run(self, ended)
 
     @property
     def seconds(self) -> float:
@@ -121,8 +129,7 @@ class Ros1HouseNode:
 
     def run(self, ended: threading.Event) -> None:
         """Publish and take goals until `ended`."""
-        master = self._publisher.master
-        threading.Thread(target=master.run, args=(self, ended), daemon=True).start()
+        threading.Thread(target=self._listen, args=(ended,), daemon=True).start()
         T_base_cam = self._camera.model.pose(0.0, 0.0, 0.0)
         mounted = self._maker.transforms(self._stamp, BASE, CAMERA, T_base_cam)
         self._publisher.publish("/tf_static", mounted)

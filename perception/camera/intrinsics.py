@@ -296,6 +296,15 @@ class Rectifier:
             return rgb
         return cv2.remap(rgb, *self.maps, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
+    def undistorted(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Points (n, 2) [px] of the camera's own image in the undistorted one."""
+        if self.maps is None:
+            return points
+        model = cv2.fisheye if self.camera.fisheye else cv2
+        K, dist = self.camera.K, np.array(self.camera.dist)
+        found = model.undistortPoints(points.reshape(-1, 1, 2), K, dist, P=K)
+        return np.asarray(found, np.float64).reshape(-1, 2)
+
     def depth(self, depth: NDArray[np.float32]) -> NDArray[np.float32]:
         """(H, W) [m] at the colour image's size with distortion undone, nearest."""
         size = self.camera.size

@@ -73,6 +73,8 @@ class SearchRun:
         self._verifier = DetectionVerifier()
         self._passing_views = PassingViews()
         self._failed_goals = FailedGoals()
+        self._failed_reason = ""  # of the last viewpoint that could not be reached
+        self._looked = False  # whether this run took a look
         self._related = RelatedObjects(semantic_map, targets)
         self._old_obstacles = recent_obstacles(semantic_map, log.record.iri, options.clock())
         self._before = log.record.seconds
@@ -116,13 +118,22 @@ class SearchRun:
             if proposal is None and self._retry_obstacles():
                 continue
             if proposal is None:
-                return "given up", "no look is worth the way any more"
+                return "given up", self._why_no_look()
             if len(self._log.looks) >= MAX_LOOKS:
                 return "given up", f"{MAX_LOOKS} looks were taken"
             self._reporter.plan(proposal)
             if self._drive(proposal) == "arrived":
                 self._look_or_go_on(proposal)
         return "found", "all that was wanted is found"
+
+    def _why_no_look(self) -> str:
+        """Why there is no next look: none is worth the way, or none could be reached."""
+        failed = self._failed_reason
+        if failed and not self._looked:
+            return f"nothing could be reached ({failed})"
+        if failed:
+            return f"no look that can be reached is worth the way any more ({failed})"
+        return "no look is worth the way any more"
 
     def _retry_obstacles(self) -> bool:
         """Forget obstacles of earlier searches before giving up; returns whether there are any."""
@@ -185,6 +196,7 @@ class SearchRun:
         if turned > ALIKE and self._go(pose.x, pose.y, goal.heading) == "found":
             return
         answer = self._look_around(goal.turn, goal.extent)
+        self._looked |= answer is not None
         if answer is None:
             self._goal_failed(goal, "the look failed")
             return
@@ -348,6 +360,7 @@ class SearchRun:
     def _goal_failed(self, goal: NextView, reason: str) -> None:
         self._reporter.surprise(f"did not work: {reason}")
         if self._failed_goals.add(goal, reason):
+            self._failed_reason = reason
             self._unreachable(goal, reason)
 
     def _unreachable(self, goal: NextView, reason: str) -> None:

@@ -18,7 +18,8 @@ from lab.robot.ros1_node import Ros1HouseNode
 from perception.inference.detector import load_detector
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
-from planner.execution.transports.ros1_robot import Ros1Robot
+from planner.execution.transports.navigation import MoveBase
+from planner.execution.transports.ros_robot import RosRobot
 from planner.simulation.houses.house import House, Item, furnished_house
 
 ORANGE = np.array([7.05, 8.30, 0.89])  # [m] its middle
@@ -49,7 +50,8 @@ def running(node: Ros1HouseNode) -> Iterator[Ros1HouseNode]:
         thread.join()
 
 
-def robot(master: Ros1Master, folder: Path, **settings: Any) -> Ros1Robot:
+def robot(master: Ros1Master, folder: Path, **settings: Any) -> RosRobot:
     network = folder / "oranges.onnx"
     onnx.save(orange_network(), network)
-    return Ros1Robot(master, FrameStream(master.address), load_detector(network), **settings)
+    stream = FrameStream(master.address)
+    return RosRobot(master, stream, load_detector(network), MoveBase(master), **settings)

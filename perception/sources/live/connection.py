@@ -223,6 +223,20 @@ class HeldImages:
         self.images.remove(image)
         self.size -= len(image.raw.data)
 
+    def drop_unpaired(self, others: HeldImages, tolerance: float) -> int:
+        """Drop images older than the newest of `others` that have none within `tolerance` [s].
+
+        Returns their number.
+        """
+        if not others.images:
+            return 0
+        near, before = others.seconds, len(self.images)
+        passed = near.max() - tolerance
+        for image in list(self.images):
+            if image.seconds < passed and np.abs(near - image.seconds).min() > tolerance:
+                self.drop(image)
+        return before - len(self.images)
+
     @property
     def seconds(self) -> NDArray[np.float64]:
         """Stamps [s] (n,)."""

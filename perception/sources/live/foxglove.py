@@ -1,7 +1,8 @@
 """Foxglove WebSocket servers: channels of ROS messages, and of Foxglove's own schemas.
 
 Protocols foxglove.websocket.v1 and foxglove.sdk.v1: JSON for what there is and what is subscribed
-to, binary frames for messages (opcode 1, subscription, time [ns], the message).
+to, binary frames for messages (opcode 1, subscription, time [ns], the message), and for calls of
+services and their answers.
 """
 
 from __future__ import annotations
@@ -9,11 +10,12 @@ from __future__ import annotations
 import json
 import struct
 import threading
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Any, Final
 from urllib.parse import urlsplit
 
-from kg.model.errors import RecordingError
+from kg.model.errors import RecordingError, in_one_line
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live.connection import MAX_IMAGE, Inbox, Retry, max_size
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
@@ -25,6 +27,8 @@ MAX_CHANNELS: Final = 10_000
 PATIENCE: Final = 5.0  # [s] for a connection
 TICK: Final = 0.2  # [s]
 _MESSAGE: Final = struct.Struct("<BIQ")
+_CALL: Final = struct.Struct("<BIII")  # service, call, length of the encoding's name
+_CALL_OPCODE, _ANSWER_OPCODE, _CDR = 2, 3, b"cdr"
 _LATEST: Final = (1 << 63) - 1  # [ns]
 
 
@@ -37,11 +41,76 @@ class _Channel:
     schema: str
 
 
+class FoxgloveServices:
+    """The services of a server, called through the connection that receives its messages."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str, int] = {}  # by name
+        self._send: Callable[[bytes], None] | None = None  # None: not connected
+        self._waiting: dict[int, Callable[[bytes | str], None]] = {}  # by the call's number
+        self._last, self._lock = 0, threading.Lock()
+
+    def has(self, name: str) -> bool:
+        """Whether the server has a service now."""
+        with self._lock:
+            return self._send is not None and name in self._numbers
+
+    def call(self, name: str, request: bytes, answered: Callable[[bytes | str], None]) -> None:
+        """Call a service with a request in CDR; raises RecordingError where it is not there.
+
+        The thread that receives passes `answered` the answer in CDR, or the reason of the failure.
+        """
+        with self._lock:
+            if self._send is None or name not in self._numbers:
+                raise RecordingError(f"the server has no service {name} now")
+            self._last += 1
+            self._waiting[self._last] = answered
+            number, send, service = self._last, self._send, self._numbers[name]
+        head = _CALL.pack(_CALL_OPCODE, service, number, len(_CDR))
+        try:
+            send(head + _CDR + request)
+        except Exception as error:  # noqa: BLE001 - the connection broke off
+            self._answer(number, in_one_line(error))
+
+    def begin(self, send: Callable[[bytes], None] | None) -> None:
+        """A connection begins; None: it has ended, and calls under way have failed."""
+        with self._lock:
+            self._send, self._numbers = send, {}
+            failed, self._waiting = self._waiting, {}
+        for answered in failed.values():
+            answered("the connection broke off")
+
+    def take(self, message: Any) -> None:
+        """Take a JSON message of the server about services."""
+        if message["op"] == "advertiseServices":
+            found = {str(one["name"]): int(one["id"]) for one in message["services"]}
+            with self._lock:
+                self._numbers |= dict(list(found.items())[:MAX_CHANNELS])
+        elif message["op"] == "unadvertiseServices":
+            gone = set(map(int, message["serviceIds"]))
+            with self._lock:
+                self._numbers = {k: v for k, v in self._numbers.items() if v not in gone}
+        elif message["op"] == "serviceCallFailure":
+            self._answer(int(message["callId"]), str(message.get("message", "it failed")))
+
+    def receive(self, data: bytes) -> None:
+        """Take an answer."""
+        _, _, number, size = _CALL.unpack_from(data)
+        self._answer(number, bytes(data[_CALL.size + size :]))
+
+    def _answer(self, number: int, answer: bytes | str) -> None:
+        with self._lock:
+            answered = self._waiting.pop(number, None)
+        if answered is not None:
+            answered(answer)
+
+
 @dataclass(frozen=True, slots=True)
 class FoxgloveConnection:
     """A connection to a Foxglove WebSocket server."""
 
     address: str  # ws://HOST:PORT or wss://HOST:PORT
+    services: FoxgloveServices = field(default_factory=FoxgloveServices, compare=False)
 
     @classmethod
     def at(cls, address: str) -> FoxgloveConnection:
@@ -73,16 +142,18 @@ class FoxgloveConnection:
                     open_timeout=PATIENCE,
                     close_timeout=1,
                 ) as socket:
-                    _Session(socket, inbox, retry).run(ended)
+                    self.services.begin(socket.send)
+                    _Session(socket, inbox, retry, self.services).run(ended)
             except (OSError, EOFError, WebSocketException, RecordingError) as error:
+                self.services.begin(None)
                 retry.failed(error)
 
 
 class _Session:
     """One connection: the channels it advertises, and what is subscribed to."""
 
-    def __init__(self, socket: Any, inbox: Inbox, retry: Retry) -> None:
-        self._socket, self._inbox, self._retry = socket, inbox, retry
+    def __init__(self, socket: Any, inbox: Inbox, retry: Retry, services: FoxgloveServices) -> None:
+        self._socket, self._inbox, self._retry, self._services = socket, inbox, retry, services
         self._channels: dict[int, _Channel] = {}
         self._subscribed: dict[int, _Channel] = {}  # by the subscription's number
         self._last = 0
@@ -111,6 +182,8 @@ class _Session:
             elif kind == "unadvertise":
                 gone = set(map(int, message["channelIds"]))
                 self._channels = {k: v for k, v in self._channels.items() if k not in gone}
+            else:
+                self._services.take(message)
         except (ValueError, TypeError, LookupError, RecursionError) as error:
             raise RecordingError(f"malformed JSON of the server: {error}") from error
 
@@ -138,6 +211,8 @@ class _Session:
         self._socket.send(json.dumps(message))
 
     def _received(self, data: bytes) -> None:
+        if len(data) >= _CALL.size and data[0] == _ANSWER_OPCODE:
+            self._services.receive(data)
         if len(data) < _MESSAGE.size or data[0] != 1:
             return  # a message of another kind, such as the time
         _, number, stamp = _MESSAGE.unpack_from(data)

@@ -11,9 +11,10 @@ from __future__ import annotations
 import logging
 import os
 import re
+import socket
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
@@ -25,6 +26,8 @@ from perception.sources.bags.bag_index import IMAGES
 from perception.sources.live.connection import MAX_WARNINGS, Inbox, max_size
 from perception.sources.ros.message_types import message_types
 
+ALONE: Final = 5.0  # [s] without any topic after which that is told
+OURS: Final = ("/hereabouts/", "/tf_static", "/goal_pose")  # topics that we publish, too
 POLL: Final = 0.2  # [s] between two readings of the publishers
 MAX_READERS: Final = 100
 MAX_WRITERS: Final = 10_000
@@ -51,7 +54,8 @@ class _Topic:
 class Ros2Domain:
     """A ROS 2 domain: all publishers that this computer reaches over its network.
 
-    CYCLONEDDS_URI configures the network, as it does for ROS 2 with rmw_cyclonedds.
+    CYCLONEDDS_URI configures the network, as it does for ROS 2 with rmw_cyclonedds; without it,
+    ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST do.
     """
 
     number: int
@@ -78,7 +82,31 @@ class Ros2Domain:
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
         """Offer messages to `inbox` until `ended`; raises RecordingError without a network."""
         with network_errors(self.address):
-            _Participant(self.number, inbox).run(ended)
+            _Participant(self.joined(), self.number, inbox).run(ended)
+
+    def joined(self) -> Any:
+        """A participant of the domain; raises DDSException without a network."""
+        from cyclonedds.domain import DomainParticipant
+
+        settings = network_settings(os.environ)
+        if settings and not os.environ.get("CYCLONEDDS_URI"):
+            os.environ["CYCLONEDDS_URI"] = settings  # where Cyclone DDS looks
+        return DomainParticipant(self.number)
+
+
+_LOCAL: Final = """<CycloneDDS><Domain>
+<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex>
+<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+
+def network_settings(variables: Mapping[str, str]) -> str:
+    """Configuration of Cyclone DDS by ROS' own environment variables; "" for its defaults."""
+    reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
+    is_local = variables.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0") or reach == "LOCALHOST"
+    return _LOCAL if is_local else ""
 
 
 @contextmanager
@@ -98,13 +126,13 @@ def network_errors(address: str) -> Iterator[None]:
 class _Participant:
     """Participant of a domain: reads its publications, and each topic that is wanted."""
 
-    def __init__(self, domain: int, inbox: Inbox) -> None:
+    def __init__(self, participant: Any, domain: int, inbox: Inbox) -> None:
         from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
         from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
-        from cyclonedds.domain import DomainParticipant
 
-        self._inbox = inbox
-        self._participant = DomainParticipant(domain)
+        self._inbox, self._domain = inbox, domain
+        self._participant, self._began = participant, time.monotonic()
+        self._is_alone = True  # whether no topic of others was seen, and that was not told
         self._writers = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         alive = InstanceState.Alive | SampleState.Any | ViewState.Any
         self._alive = ReadCondition(self._writers, alive)
@@ -129,6 +157,11 @@ class _Participant:
         from cyclonedds.core import DDSException, ReadCondition
 
         there = topics_of(self._writers.read(MAX_WRITERS, self._alive))
+        if self._is_alone and any(not topic.name.startswith(OURS) for topic in there):
+            self._is_alone = False
+        if self._is_alone and time.monotonic() > self._began + ALONE:
+            self._is_alone = False
+            _log.warning("ros2://%d: %s", self._domain, _unheard(self._domain))
         names = self._inbox.wanted({topic.name: topic.type for topic in there})
         wanted = [topic for topic in there if topic.name in names][:MAX_READERS]
         for topic in self._readers.keys() - wanted:
@@ -171,6 +204,23 @@ class _Participant:
         if data is not None and len(data) <= max_size(topic.type):
             raw = RawMessage(topic.name, topic.type, time.time_ns(), data)
             self._inbox.offer(raw, is_ros1=False)
+
+
+def _unheard(domain: int) -> str:
+    """What to look at where no topic is seen."""
+    where = "as CYCLONEDDS_URI has it"
+    if not os.environ.get("CYCLONEDDS_URI"):
+        try:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                probe.connect(("239.255.0.1", 7400))  # where discovery goes; sends nothing
+                where = f"through the interface of {probe.getsockname()[0]}"
+        except OSError:
+            where = "for lack of a network"
+    return (
+        f"no topic of ROS 2 is seen in domain {domain}, {where}; ROS_DOMAIN_ID and CYCLONEDDS_URI "
+        "choose others, and robots with Zenoh or behind a router need foxglove_bridge "
+        "(ws://ROBOT:8765)"
+    )
 
 
 def topics_of(writers: Iterable[Any]) -> list[_Topic]:

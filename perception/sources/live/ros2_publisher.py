@@ -24,11 +24,9 @@ class Ros2Publisher:
     def __init__(
         self, domain: Ros2Domain, types: Mapping[str, str], latched: frozenset[str] = frozenset()
     ) -> None:
-        from cyclonedds.domain import DomainParticipant
-
         self._types, self._lock = dict(types), threading.Lock()
         with network_errors(domain.address):
-            self._participant = DomainParticipant(domain.number)
+            self._participant = domain.joined()
             self._writers = {t: self._writer(t, latched=t in latched) for t in types}
 
     def _writer(self, topic: str, *, latched: bool) -> Any:

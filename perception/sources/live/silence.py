@@ -9,6 +9,7 @@ from typing import Final
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag import Choice
 from perception.sources.bags.bag_index import Stream
+from perception.sources.live.topic_detector import TopicDetector
 
 DRY: Final = 5.0  # [s] without a frame after which the reason is told, ...
 SLOW: Final = 4.0  # ... or as many times the usual time between two frames
@@ -33,8 +34,10 @@ class Arrivals:
         """An image of a topic came, with its stamp [s]."""
         self.came[topic], self.stamps[topic] = time.monotonic(), stamp
 
-    def silence(self, choice: Choice, tolerance: float) -> Silence | None:
-        """Why there is no frame of a choice now; None where images and poses come."""
+    def silence(
+        self, choice: Choice, tolerance: float, detections: TopicDetector | None = None
+    ) -> Silence | None:
+        """Why there is no frame of a choice now; None where images, detections and poses come."""
         for kind, stream in (("colour", choice.colour), ("depth", choice.depth)):
             silent = time.monotonic() - self.came.get(stream.topic, 0.0)
             if silent > DRY:
@@ -42,12 +45,28 @@ class Arrivals:
                     stream.topic, f"no {kind} images of {stream.topic} for {silent:.0f} s"
                 )
         newest = self.stamps[choice.colour.topic]
+        if detections is not None and (found := self._undetected(detections, newest)):
+            return found
         apart = abs(newest - self.stamps[choice.depth.topic])
         unposed = _unposed(choice, choice.colour, newest)
         if unposed is None and apart > max(tolerance, 1.0):
             line = f"stamps of colour and depth are {apart:.3g} s apart (--tolerance {tolerance:g})"
             return Silence("stamps", line)
         return unposed
+
+    def _undetected(self, detections: TopicDetector, newest: float) -> Silence | None:
+        """Why there are no detections of the image with the stamp `newest` [s]."""
+        topic = detections.topic
+        silent = time.monotonic() - self.came.get(topic, 0.0)
+        if topic not in self.came:
+            return Silence(topic, f"no detections of {topic} so far")
+        if silent > DRY:
+            return Silence(topic, f"no detections of {topic} for {silent:.0f} s")
+        if abs(self.stamps[topic] - newest) > DRY:
+            apart = self.stamps[topic] - newest
+            line = f"stamps of {topic} and of the images are {apart:+.1f} s apart; "
+            return Silence(topic, line + "detections need the stamp of their image")
+        return None
 
 
 def _unposed(choice: Choice, colour: Stream, newest: float) -> Silence | None:

@@ -58,6 +58,8 @@ _ROS2: Final = {
     "vision_msgs/msg/BoundingBox2D": f"Pose2D center{_SIZE}",
     "vision_msgs/msg/Detection2D": f"{_RESULTS}BoundingBox2D bbox\nstring id",
     "vision_msgs/msg/Detection3D": f"{_RESULTS}BoundingBox3D bbox\nstring id",
+    # nav2_msgs/action/NavigateToPose_SendGoal: the request of its service
+    "nav2_msgs/msg/SendGoalRequest": f"{_GOAL}geometry_msgs/PoseStamped pose\nstring behavior_tree",
 }
 _ZEROS: Final[dict[str, Any]] = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
 _ARRAYS: Final = {"byte": "uint8", "char": "uint8"}  # octets
@@ -109,9 +111,10 @@ def _value(node: tuple[Any, Any], given: Any, is_ros1: bool) -> Any:
         return [made(name, one, is_ros1=is_ros1) if _is_part(one) else one for one in items]
     if name[0] == "string":
         return list(given or ())
-    if given is not None:
-        return given
-    return np.zeros(size if kind == Nodetype.ARRAY else 0, _ARRAYS.get(name[0], name[0]))
+    dtype = _ARRAYS.get(name[0], name[0])
+    if given is None:
+        return np.zeros(size if kind == Nodetype.ARRAY else 0, dtype)
+    return np.asarray(given, dtype)
 
 
 def _is_part(value: Any) -> bool:

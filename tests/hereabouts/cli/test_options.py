@@ -16,7 +16,7 @@ from hereabouts.cli import build_parser, main
 from hereabouts.cli.mapping_options import mapping_options
 from hereabouts.cli.network_options import network_options
 from hereabouts.cli.recording_options import recording_options, source_options
-from hereabouts.cli.ros1_robot import ros1_options
+from hereabouts.cli.ros_robot import ros_options
 from hereabouts.cli.search import search_options
 from kg.serving.opening import open_map
 from tests.hereabouts.cli.test_serve import Process
@@ -92,7 +92,7 @@ SEARCH: dict[str, tuple[list[str], str, Any]] = {
 _MAP = {"--into", "--pictures", "--mcap", "--rerun", "--base", "--power-safe", "--keep", "--json"}
 OWN = {
     "map": {*_MAP, "--again"},
-    "live": {*_MAP, "--limit", "--idle"},
+    "live": {*_MAP, "--limit", "--idle", "--publish"},
     "serve": {
         *("--host", "--port", "--token-file", "--read-token-file", "--public-host", "--public"),
         *("--allow-origin", "--allow-service", "--timeout", "--foxglove", "--keep", "--verbose"),
@@ -157,7 +157,7 @@ def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]
     def build(command: str, *words: str) -> dict[str, Any]:
         given = parser_of_all().parse_args([*command.split(), *FIXED[command], *words])
         if command == "search":
-            ros1 = ros1_options(given)
+            ros1 = ros_options(given)
             return {"search": search_options(given), "ros1": ros1, "topics": ros1.topics}
         live = command == "live"
         return {

@@ -29,12 +29,13 @@ from kg.model.errors import RecordingError
 from perception.sources.bag_writer import COLOUR, DEPTH, write_bag
 from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.listing import Streams
-from perception.sources.live import stream
-from perception.sources.live.ros2 import Ros2Domain, topics_of
+from perception.sources.live import ros2, stream
+from perception.sources.live.ros2 import Ros2Domain, network_settings, topics_of
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.sources.live import ros2_peer
+from tests.waiting import until
 
 LOOPBACK = """<CycloneDDS><Domain><General>
 <Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
@@ -281,6 +282,31 @@ def test_a_topic_is_read_as_all_that_write_it_allow() -> None:
         "/image": ("sensor_msgs/msg/Image", False, False),
         "/two": ("tf2_msgs/msg/TFMessage", True, False),
     }
+
+
+@pytest.mark.parametrize(
+    "variable", [("ROS_LOCALHOST_ONLY", "1"), ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")]
+)
+def test_the_variables_of_ros_configure_the_network(
+    bag: Path, monkeypatch: pytest.MonkeyPatch, variable: tuple[str, str]
+) -> None:
+    assert network_settings({}) == network_settings({"ROS_LOCALHOST_ONLY": "0"}) == ""
+    with peer(bag):  # in a process of its own, on the loopback interface alone
+        monkeypatch.setenv("CYCLONEDDS_URI", "")
+        monkeypatch.setenv(*variable)
+        with running() as made:
+            frame_of(made)
+
+
+def test_a_domain_without_a_topic_is_told_with_what_may_help(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(ros2, "ALONE", 0.1)
+    with reading("/nothing"):
+        until(lambda: "no topic of ROS 2" in caplog.text)
+    (line,) = (r.getMessage() for r in caplog.records if "no topic" in r.getMessage())
+    for word in (f"domain {DOMAIN}", "CYCLONEDDS_URI", "ROS_DOMAIN_ID", "foxglove_bridge"):
+        assert word in line
 
 
 def test_domains_are_numbers(monkeypatch: pytest.MonkeyPatch) -> None:

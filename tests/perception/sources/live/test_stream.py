@@ -237,7 +237,6 @@ def test_transforms_that_come_late_are_waited_for_longer(messages: Messages) -> 
     made = offered(FrameStream("peer"), first)
     assert made.next_frame(5) is not None
     waiting: list[RawMessage] = []
-    made._late = 0.05
     for number in range(6):  # transforms come 0.4 s after their images, 8 times the patience
         for raw in (moved(raw, number + 1) for raw in rest[0] if raw.topic != "/tf_static"):
             waiting.append(raw) if raw.topic == "/tf" else made.offer(raw, is_ros1=True)

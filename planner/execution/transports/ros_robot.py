@@ -1,31 +1,25 @@
-"""ROS 1 robot: move_base drives it; its camera is read from topics, its pose from tf.
+"""Robot of ROS 1 or ROS 2: navigation drives it; its camera is read from topics, its pose from tf.
 
 For a view, it turns by goals on the spot, with an overlapping picture at each. Detections in
-pictures on the way are reported as they come. move_base is spoken to by actionlib's topics: goal,
-cancel, status, result (wiki.ros.org/actionlib). There is one goal at a time. It ends by a status or
-result, or once no status has named it for ANSWER seconds, after a restart of move_base for example.
+pictures on the way are reported as they come. There is one goal at a time.
 """
 
 from __future__ import annotations
 
-import logging
 import math
-import os
 import threading
 import time
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
-from kg.model.errors import RecordingError, RobotError
+from kg.model.errors import RobotError
 from perception.camera.poses import Pose
 from perception.frames import Detector, Frame
-from perception.sources.bags.bag_file import RawMessage, decoded
-from perception.sources.live.ros1 import Ros1Master
-from perception.sources.live.ros1_publisher import Ros1Publisher
+from perception.sources.bags.bag_file import RawMessage
+from perception.sources.live.connection import Connection
 from perception.sources.live.stream import FrameStream
 from perception.sources.ros.image_messages import NANOSECONDS
-from perception.sources.ros.message_maker import MessageMaker
 from planner.execution.protocol import (
     MAX_COORDINATE,
     Arrived,
@@ -37,124 +31,9 @@ from planner.execution.protocol import (
     LookAround,
     Message,
     RobotPose,
-    cleaned,
 )
 from planner.execution.robot import Step, StepwiseRobot
-
-ANSWER: Final = 5.0  # [s] without a status of the goal after which it has failed
-MAX_SIZE: Final = 1 << 20  # [bytes]
-_STATUS: Final = "actionlib_msgs/msg/GoalStatusArray"
-_RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
-_GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
-_CANCEL: Final = "actionlib_msgs/msg/GoalID"
-SUCCEEDED: Final = 3
-#: final states of actionlib_msgs/GoalStatus, and the reason of the failure
-_OVER: Final = {
-    2: "navigation was preempted: somebody gave another goal or cancelled this one",
-    SUCCEEDED: "",
-    4: "navigation aborted",
-    5: "navigation rejected the goal",
-    8: "navigation was cancelled before it began",
-    9: "navigation lost the goal",
-}
-
-_log = logging.getLogger(__name__)
-
-
-@dataclass(slots=True)
-class _Goal:
-    id: str
-    heard: float  # [s] of time.monotonic(), when it was sent or last named
-    outcome: str | None = None  # reason of its failure, "" after success; None: under way
-
-
-class MoveBase:
-    """Client of move_base's action server; an `Inbox` of its messages."""
-
-    def __init__(self, master: Ros1Master, name: str = "/move_base") -> None:
-        self.name = name.rstrip("/") or "/"
-        self._master = master
-        self._goal_topic, self._cancel_topic = f"{self.name}/goal", f"{self.name}/cancel"
-        self._publisher = Ros1Publisher(
-            master, {self._goal_topic: _GOAL, self._cancel_topic: _CANCEL}
-        )
-        self._maker = MessageMaker(is_ros1=True)
-        self._goal: _Goal | None = None
-        self._lock = threading.Lock()
-        self._warned = set[str]()  # topics
-
-    @property
-    def ready(self) -> bool:
-        """Whether a node subscribes to goals."""
-        return self._publisher.subscribers(self._goal_topic) > 0
-
-    def wanted(self, topics: Mapping[str, str]) -> set[str]:
-        """Topics of status and result."""
-        known = {f"{self.name}/status": _STATUS, f"{self.name}/result": _RESULT}
-        return {topic for topic, type_ in topics.items() if known.get(topic) == type_}
-
-    def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
-        """Receive a status or result; warns once for each topic with unreadable messages."""
-        if raw.type not in (_STATUS, _RESULT) or len(raw.data) > MAX_SIZE:
-            return
-        try:
-            message = decoded(raw, is_ros1, self._master.address)
-            states = message.status_list if raw.type == _STATUS else [message.status]
-            for state in states:
-                self._update(str(state.goal_id.id), int(state.status), str(state.text))
-        except (RecordingError, AttributeError, TypeError, ValueError) as error:
-            if raw.topic not in self._warned:
-                self._warned.add(raw.topic)
-                _log.warning("%s: messages of %s are skipped: %s", self.name, raw.topic, error)
-
-    def send(self, x: float, y: float, heading: float, frame: str, stamp: int) -> None:
-        """Send a goal: a pose [m, rad] in `frame` at `stamp` [ns]; one under way is replaced."""
-        goal = _Goal(f"hereabouts-{os.getpid()}-{time.time_ns()}", time.monotonic())
-        with self._lock:
-            self._goal = goal
-        turned = {"z": math.sin(heading / 2), "w": math.cos(heading / 2)}
-        header = self._maker.header(stamp, frame)
-        pose = {"position": {"x": x, "y": y}, "orientation": turned}
-        message = self._maker.make(
-            _GOAL,
-            header=header,
-            goal_id={"stamp": header["stamp"], "id": goal.id},
-            goal={"target_pose": {"header": header, "pose": pose}},
-        )
-        self._publisher.publish(self._goal_topic, message)
-
-    def outcome(self) -> str | None:
-        """Reason why the goal failed, "" after success; None without a goal or under way."""
-        with self._lock:
-            goal = self._goal
-            if goal is None or goal.outcome is not None:
-                return None if goal is None else goal.outcome
-            if time.monotonic() - goal.heard > ANSWER:
-                goal.outcome = f"{self.name} has not named its goal for {ANSWER:g} s"
-            return goal.outcome
-
-    def cancel(self) -> None:
-        """Cancel our goal under way, if any; goals of other clients go on."""
-        with self._lock:
-            goal, self._goal = self._goal, None
-        if goal is not None and goal.outcome is None:
-            self._publisher.publish(self._cancel_topic, self._maker.make(_CANCEL, id=goal.id))
-
-    def close(self) -> None:
-        """Cancel the goal under way, and leave."""
-        self.cancel()
-        self._publisher.close()
-
-    def _update(self, number: str, status: int, text: str) -> None:
-        with self._lock:
-            goal = self._goal
-            if goal is None or goal.id != number or goal.outcome is not None:
-                return
-            goal.heard = time.monotonic()
-            if status in _OVER:
-                why, details = _OVER[status], cleaned(text)
-                goal.outcome = f"{why}: {details}" if why and details else why
-
+from planner.execution.transports.navigation import GoalPose, Navigation
 
 BASES: Final = ("base_link", "base_footprint")  # frames that robots usually have
 OVERLAP: Final = 0.7  # turn between two pictures, as a share of the field of view
@@ -181,7 +60,7 @@ class _Inboxes:
     """Forward messages to the camera's frames and to navigation."""
 
     stream: FrameStream
-    navigation: MoveBase
+    navigation: Navigation
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics that either wants."""
@@ -193,8 +72,8 @@ class _Inboxes:
         self.navigation.offer(raw, is_ros1=is_ros1)
 
 
-class Ros1Robot(StepwiseRobot):
-    """A `Robot` that move_base drives.
+class RosRobot(StepwiseRobot):
+    """A `Robot` that `navigation` drives; messages come through `connection`.
 
     `base` is its frame in tf; by default one of BASES, else the colour camera's. `patience` [s]
     bounds the wait for navigation, images and poses; RobotError then names the missing one.
@@ -202,21 +81,21 @@ class Ros1Robot(StepwiseRobot):
 
     def __init__(
         self,
-        master: Ros1Master,
+        connection: Connection,
         stream: FrameStream,
         detector: Detector,
+        navigation: Navigation,
         *,
-        navigation: str = "/move_base",
         base: str | None = None,
         patience: float = 30.0,
     ) -> None:
         super().__init__()
-        self.name = f"the robot at {master.address}"
+        self.name = f"the robot at {connection.address}"
         self._stream, self._detector, self._base, self._patience = stream, detector, base, patience
-        self._navigation = MoveBase(master, navigation)
+        self._navigation = navigation
         self._ended = threading.Event()
         self._thread = threading.Thread(
-            target=master.run, args=(_Inboxes(stream, self._navigation), self._ended), daemon=True
+            target=connection.run, args=(_Inboxes(stream, navigation), self._ended), daemon=True
         )
         self._thread.start()
         self._field_of_view = 0.0  # [rad] of the camera, across
@@ -234,11 +113,15 @@ class Ros1Robot(StepwiseRobot):
 
     def _stop(self) -> None:
         super()._stop()
-        self._navigation.cancel()
+        try:
+            here = self._goal_at(self._location()) if self._stream.choice else None
+        except RobotError:  # its pose is unknown
+            here = None
+        self._navigation.cancel(here)
 
     def close(self) -> None:
-        """Cancel the goal under way, and leave the master."""
-        super()._stop()
+        """Cancel the goal under way, and leave."""
+        self._stop()
         self._navigation.close()
         self._ended.set()
         self._thread.join(LEAVE_WITHIN)
@@ -246,12 +129,12 @@ class Ros1Robot(StepwiseRobot):
     def _greet(self) -> Iterator[Step]:
         until = time.monotonic() + self._patience
         while not self._navigation.ready:
-            name = self._navigation.name
-            self._check_late(until, f"nobody takes goals of {name}/goal (--navigation)")
+            self._check_late(until, self._navigation.missing)
             yield None
         frame: Frame | None = None
         while frame is None:
-            missing = self._stream.problem or "no images with depth and a pose"
+            silence = self._stream.silence()
+            missing = silence.line if silence else "no images with depth and a pose"
             self._check_late(until, missing)
             frame = self._stream.next_frame(_TICK)
             yield None
@@ -289,7 +172,7 @@ class Ros1Robot(StepwiseRobot):
         yield DetectionsMessage(look.id, views=tuple(views))
 
     def _until_over(self, *, pictures: bool) -> Generator[Step, None, str]:
-        """Poses until the goal is over, with `pictures` too; returns its `MoveBase.outcome`."""
+        """Poses until the goal is over, with `pictures` too; returns its `Navigation.outcome`."""
         while (outcome := self._navigation.outcome()) is None:
             yield self._pose()
             frame = self._stream.next_frame(_TICK) if pictures else None
@@ -316,10 +199,13 @@ class Ros1Robot(StepwiseRobot):
 
     def _go(self, x: float, y: float, heading: float) -> None:
         """Send a goal at (x, y) [m] at which the camera has the heading `heading` [rad]."""
-        choice, here = self._stream.choice, self._location()
+        here = self._location()
+        self._navigation.send(self._goal_at(replace(here, x=x, y=y, heading=heading)))
+
+    def _goal_at(self, at: _Location) -> GoalPose:
+        choice, stamp = self._stream.choice, round(max(at.stamp, 0.0) * NANOSECONDS)
         assert choice is not None  # there were frames
-        stamp = round(max(here.stamp, 0.0) * NANOSECONDS)
-        self._navigation.send(x, y, heading - here.offset, choice.map_frame, stamp)
+        return GoalPose(at.x, at.y, at.heading - at.offset, choice.map_frame, stamp)
 
     def _pose(self) -> RobotPose:
         here = self._location()

@@ -31,8 +31,9 @@ from planner.execution.protocol import (
     RobotPose,
 )
 from planner.execution.search_loop import search
-from planner.execution.transports import ros1_robot
-from planner.execution.transports.ros1_robot import MoveBase, Ros1Robot
+from planner.execution.transports import navigation
+from planner.execution.transports.navigation import GoalPose, MoveBase
+from planner.execution.transports.ros_robot import RosRobot
 from planner.simulation.houses.house import furnished_house
 from planner.simulation.robot.motion import TimedPose
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
@@ -113,7 +114,7 @@ def test_why_a_goal_failed_is_said(
     node: type[Ros1HouseNode],
     said: str,
 ) -> None:
-    monkeypatch.setattr(ros1_robot, "ANSWER", 0.5)
+    monkeypatch.setattr(navigation, "ANSWER", 0.5)
     events: list[Event] = []
     options = SearchOptions(
         on_event=events.append,
@@ -124,6 +125,38 @@ def test_why_a_goal_failed_is_said(
     assert outcome.state == "stopped"
     (surprise,) = [event.text for event in events if event.kind == "surprise"]
     assert surprise == said
+
+
+def test_where_all_goals_are_aborted_nothing_could_be_reached(
+    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    with running(NoWay(master.address, furnished_house(), START)):
+        outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path))
+    assert (outcome.state, outcome.looks) == ("given up", 0)
+    assert outcome.reason == "nothing could be reached (navigation aborted: the door is closed)"
+
+
+def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
+    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(navigation, "GONE", 2.0)
+    with running(Ros1HouseNode(master.address, furnished_house(), START, rate=0.2)) as node:
+
+        def kill() -> bool:
+            if node._active is not None:
+                node._publisher.close()
+            return False
+
+        with pytest.raises(RobotError, match="/move_base is gone, with a goal under way"):
+            search(
+                semantic_map,
+                ["orange"],
+                robot(master.address, tmp_path),
+                SearchOptions(stopping=kill),
+            )
+    (record,) = semantic_map.searches.all()
+    assert record.state == "stopped"
+    assert not semantic_map.searches.obstacles(record.iri)
 
 
 def test_the_goal_under_way_is_cancelled_at_the_end(
@@ -177,7 +210,7 @@ def test_a_camera_that_looks_aside_is_turned_towards_what_is_to_be_seen(
         driven.close()
 
 
-def received(driven: Ros1Robot, command: Command, kind: type[M]) -> M:
+def received(driven: RosRobot, command: Command, kind: type[M]) -> M:
     """The first answer of a kind, but pictures on the way."""
     driven.send(command)
     end = time.monotonic() + 30
@@ -194,7 +227,7 @@ def test_malformed_status_is_said_once_and_skipped(
 ) -> None:
     client = MoveBase(master.address)
     try:
-        client.send(1.0, 2.0, 0.5, "map", 0)
+        client.send(GoalPose(1.0, 2.0, 0.5, "map", 0))
         for data in (b"", b"\xff" * 40, b"\x00" * 12 + b"\xff" * 4):
             for kind in ("actionlib_msgs/msg/GoalStatusArray", "std_msgs/msg/String"):
                 client.offer(RawMessage("/move_base/status", kind, 0, data), is_ros1=True)

@@ -1,0 +1,130 @@
+"""The topics that a live stream makes frames of, and what may change in them while it runs.
+
+A CameraInfo that differs from the one before is taken; a colour image of another frame has the
+pose of that frame; transforms that come late are waited for longer.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from kg.model.errors import RecordingError
+from perception.camera.poses import Pose
+from perception.sources.bags.bag import (
+    Choice,
+    camera_of,
+    camera_or_reason,
+    choose,
+    depth_camera_of,
+)
+from perception.sources.bags.bag_file import RawMessage
+from perception.sources.bags.bag_index import STAMPED, BagIndex, frame_of
+from perception.sources.bags.bag_poses import add_poses
+from perception.sources.live.connection import LiveDecoder, LiveImage
+from perception.sources.recording_options import RecordingOptions
+from perception.sources.ros.image_messages import NANOSECONDS, frame_name
+
+MAX_PATIENCE: Final = 8.0  # [s] for which transforms are waited for at most, ...
+LATER: Final = 1.5  # ... else for so many times as they were late
+
+_log = logging.getLogger(__name__)
+
+
+def choice_or_error(index: BagIndex, options: RecordingOptions) -> Choice | RecordingError:
+    """The choice by the messages so far, or an error that names the missing topic."""
+    try:
+        choice = choose(index, options.streams)
+        if choice.poses is None and (choice.posed_elsewhere or options.streams.pose):
+            raise RecordingError(choice.no_poses)
+        if options.intrinsics is None:
+            camera, reason = camera_or_reason(index, choice)
+            if camera is None:
+                raise RecordingError(reason)
+        if choice.depth_apart and not options.registered:
+            depth_camera_of(index, choice, choice.depth.stamps[-1] / NANOSECONDS)
+        return choice
+    except RecordingError as error:
+        return error
+
+
+@dataclass(slots=True)
+class ChosenTopics:
+    """The chosen topics of a stream, as they change."""
+
+    index: BagIndex
+    choice: Choice
+    patience: float  # [s] for which transforms are waited for; grows where they come later
+    has_camera: bool  # whether the camera is given, so that CameraInfo does not count
+    cameras: int = 0  # how often a camera has changed
+    _infos: dict[str, bytes] = field(default_factory=dict)  # CameraInfo by topic, without its stamp
+    _names: set[str] = field(default_factory=set)  # frames of colour that were told
+    _unposed: LiveImage | None = None  # an image that transforms have not reached in time
+
+    @property
+    def pose_topic(self) -> str:
+        """Topic of the poses; "" where they come from tf."""
+        return "" if self.choice.pose_topic is None else self.choice.pose_topic.topic
+
+    @property
+    def info_topics(self) -> set[str]:
+        """Topics of CameraInfo that frames depend on."""
+        infos = (self.choice.camera, self.choice.depth_camera)
+        return set() if self.has_camera else {info.topic for info in infos if info is not None}
+
+    def add_poses(self, frame: str | None) -> None:
+        """Take new poses of the topic of poses, of `frame` where the user names it."""
+        choice = self.choice
+        assert choice.poses is not None
+        add_poses(self.index, self.pose_topic, choice.poses.tree, choice.colour.frame, frame)
+
+    def add_camera(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        """Take a CameraInfo that differs from the one before; raises RecordingError."""
+        body = raw.data[STAMPED:]
+        if self._infos.get(raw.topic) == body:
+            return
+        self._infos[raw.topic] = body
+        stream, images = self.index.streams[raw.topic], self.choice.colour
+        new = replace(stream, first=decoder.decoded(raw))
+        before = camera_of(self.index, stream, images)
+        if camera_of(self.index, new, images) != before:
+            stream.first, self.cameras = new.first, self.cameras + 1
+            _log.warning("%s: %s has changed, and counts from now on", decoder.address, raw.topic)
+
+    def check_frame(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        """Take the frame of a colour image for that of its poses."""
+        colour, name = self.choice.colour, frame_name(frame_of(decoder, raw, decoder.address))
+        if name == colour.frame:
+            return
+        if name not in self._names:
+            self._names |= {name, colour.frame}
+            line = "%s: %s is of the frame %r now, not of %r; poses are those of %r"
+            _log.warning(line, decoder.address, raw.topic, name, colour.frame, name)
+        colour.frame = name
+
+    def pose(self, image: LiveImage, since: float) -> tuple[bool, Pose | None]:
+        """Whether the pose of an image is final, and the pose, or None without transforms.
+
+        The image has waited `since` [s]. Raises RecordingError where no transforms link it to the
+        map.
+        """
+        poses, stamp, missed = self.choice.poses, image.seconds, self._unposed
+        if poses is None:
+            return True, np.eye(4)
+        tree, names = poses.tree, (poses.map_frame, self.choice.colour.frame)
+        span = tree.span(*names)
+        if missed and span and span[1] >= missed.seconds:  # transforms go on: were they late?
+            if tree.at(*names, missed.seconds) is not None:
+                late = LATER * (time.monotonic() - missed.came)
+                self.patience = min(max(late, self.patience), MAX_PATIENCE)
+            self._unposed = None
+        if since < self.patience and span is not None and span[1] < stamp:
+            return False, None
+        T = tree.at(*names, stamp)
+        if T is None:
+            self._unposed = self._unposed or image
+        return True, T

@@ -1,0 +1,180 @@
+"""Detections that another program publishes, instead of a network: vision_msgs' arrays of boxes.
+
+A Detection2DArray is in pixels of the colour image whose stamp it has. Of a Detection3DArray, each
+box counts as its outline in the image. Each detection has its best hypothesis alone.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import RecordingError
+from perception.camera.intrinsics import Rectifier
+from perception.camera.poses import Pose, pose_from_quaternion
+from perception.frames import Detections, Frame
+
+BOXES: Final = "vision_msgs/msg/Detection2DArray"
+SOLIDS: Final = "vision_msgs/msg/Detection3DArray"
+TYPES: Final = (BOXES, SOLIDS)
+SAME: Final = 1_000_000  # [ns] between the stamps of an image and of its detections
+KEPT: Final = 200  # messages, and frames
+MAX_DETECTIONS: Final = 300  # of a frame; the best are kept
+NEAR: Final = 0.05  # [m] from the camera, before which a box has no outline
+_CORNERS: Final = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+_log = logging.getLogger(__name__)
+
+
+class TopicDetector:
+    """A `Detector` of the detections that come on a topic; a `FrameStream` passes them on.
+
+    Frames without a message of the same stamp are not mapped, since they would count as views that
+    show nothing. An empty message is a view that shows nothing.
+    """
+
+    def __init__(self, topic: str, threshold: float = 0.0) -> None:
+        self.topic, self.threshold = topic, threshold
+        self.name = f"topic:{topic}"
+        self._held: OrderedDict[int, Any] = OrderedDict()  # messages by stamp [ns]
+        self._found: OrderedDict[str, Detections] = OrderedDict()  # by the frame's id
+        self._lock = threading.Lock()
+        self._warned = False
+
+    def add(self, stamp: int, message: Any) -> None:
+        """Keep a message with its stamp [ns]."""
+        with self._lock:
+            self._held[stamp] = message
+            while len(self._held) > KEPT:
+                self._held.popitem(last=False)
+
+    def nearest(self, stamp: int) -> int | None:
+        """Stamp [ns] of the message nearest to the stamp of an image; None without messages."""
+        with self._lock:
+            return min(self._held, key=lambda one: abs(one - stamp), default=None)
+
+    def has(self, stamp: int) -> bool:
+        """Whether there are detections of the image with that stamp [ns]."""
+        nearest = self.nearest(stamp)
+        return nearest is not None and abs(nearest - stamp) <= SAME
+
+    def take(
+        self,
+        frame: Frame,
+        stamp: int,
+        rectifier: Rectifier,
+        turns: int,
+        T_cam_of: Callable[[str], Pose | None],
+    ) -> None:
+        """Keep the detections of a frame of the stamp [ns], in the frame's own pixels.
+
+        `T_cam_of` gives the transform (4, 4) of a frame of tf to the camera. Raises RecordingError
+        where boxes have no place in the image.
+        """
+        nearest = self.nearest(stamp)
+        with self._lock:
+            message = None if nearest is None else self._held.get(nearest)
+        if message is None:
+            raise RecordingError(f"no detections of {self.topic} at {frame.id}")
+        boxes, scores, labels = list[NDArray[np.float64]](), list[float](), list[str]()
+        for one in message.detections:
+            best = max(one.results, key=_score, default=None)
+            if best is None or not self.threshold <= _score(best) <= 1.0:
+                continue
+            if hasattr(one.bbox, "size_x"):
+                if not min(one.bbox.size_x, one.bbox.size_y) > 0:
+                    continue
+                points = rectifier.undistorted(_corners(one.bbox))
+            else:
+                name = one.header.frame_id or message.header.frame_id
+                T = T_cam_of(name)
+                if T is None:
+                    raise RecordingError(f"{self.topic}: tf does not link {name!r} to the camera")
+                points = _outline(one.bbox, T, rectifier.camera.K)
+            if not len(points) or not np.isfinite(points).all():
+                continue
+            box = _in_image(points, rectifier.camera.size, turns)
+            if box is not None:
+                boxes.append(box)
+                scores.append(_score(best))
+                labels.append(_label(best))
+        self._keep(frame.id, boxes, scores, labels)
+
+    def _keep(
+        self, name: str, boxes: list[NDArray[np.float64]], scores: list[float], labels: list[str]
+    ) -> None:
+        if len(boxes) > MAX_DETECTIONS and not self._warned:
+            self._warned = True
+            line = "%s: %d detections of one image; the best %d count"
+            _log.warning(line, self.topic, len(boxes), MAX_DETECTIONS)
+        order = np.argsort(-np.array(scores), kind="stable")[:MAX_DETECTIONS]
+        found = Detections(
+            np.array([boxes[i] for i in order], np.float32).reshape(-1, 4),
+            np.array([scores[i] for i in order], np.float32),
+            tuple(labels[i] for i in order),
+        )
+        with self._lock:
+            self._found[name] = found
+            while len(self._found) > KEPT:
+                self._found.popitem(last=False)
+
+    def detect(self, frame: Frame) -> Detections:
+        """The detections of a frame; raises RecordingError for one that came without any."""
+        with self._lock:
+            found = self._found.get(frame.id)
+        if found is None:
+            raise RecordingError(f"no detections of {self.topic} at {frame.id}")
+        return found
+
+
+def _score(result: Any) -> float:
+    return float(getattr(result, "hypothesis", result).score)
+
+
+def _label(result: Any) -> str:
+    """Category of a hypothesis: text in ROS 2, a number in ROS 1."""
+    return str(result.hypothesis.class_id if hasattr(result, "hypothesis") else result.id)[:200]
+
+
+def _corners(box: Any) -> NDArray[np.float64]:
+    """Corners (4, 2) [px] of a BoundingBox2D; ROS 1 has its centre flat."""
+    centre = getattr(box.center, "position", box.center)
+    x, y, w, h = float(centre.x), float(centre.y), float(box.size_x) / 2, float(box.size_y) / 2
+    return np.array([(x - w, y - h), (x + w, y - h), (x - w, y + h), (x + w, y + h)])
+
+
+def _outline(box: Any, T: Pose, K: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners (n, 2) [px] of a BoundingBox3D in the image of K (3, 3); none behind the camera.
+
+    `T` (4, 4) takes the box's frame to the camera.
+    """
+    p, q = box.center.position, box.center.orientation
+    turned = (q.x, q.y, q.z, q.w) if any((q.x, q.y, q.z, q.w)) else (0.0, 0.0, 0.0, 1.0)
+    T_box = T @ pose_from_quaternion(np.array([p.x, p.y, p.z]), np.array(turned), "a box")
+    size = np.array([box.size.x, box.size.y, box.size.z], np.float64)
+    points = (_CORNERS * size) @ T_box[:3, :3].T + T_box[:3, 3]
+    if not (points[:, 2] > NEAR).all():
+        return np.zeros((0, 2))
+    seen = points @ K.T
+    outline: NDArray[np.float64] = seen[:, :2] / seen[:, 2:]
+    return outline
+
+
+def _in_image(
+    points: NDArray[np.float64], size: tuple[int, int], turns: int
+) -> NDArray[np.float64] | None:
+    """x1, y1, x2, y2 [px] of points within an image of (W, H) that is turned; None outside."""
+    (width, height), (x, y) = size, points.T
+    for _ in range(turns):
+        x, y = y, width - 1 - x
+        width, height = height, width
+    x1, x2 = np.clip([x.min(), x.max()], 0, width)
+    y1, y2 = np.clip([y.min(), y.max()], 0, height)
+    return np.array([x1, y1, x2, y2]) if x2 - x1 >= 1 and y2 - y1 >= 1 else None

@@ -1,0 +1,178 @@
+"""Searches with a stand-in for Nav2: over DDS by topics, and behind foxglove_bridge by services."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+
+pytest.importorskip("cyclonedds")
+from benchmarks.search.orange_network import orange_network
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import LayoutError, RobotError
+from kg.serving.opening import in_memory_map
+from perception.inference.detector import load_detector
+from perception.sources.live import stream
+from perception.sources.live.foxglove import FoxgloveConnection
+from perception.sources.live.ros2 import Ros2Domain
+from perception.sources.live.ros2_publisher import Ros2Publisher
+from perception.sources.live.stream import FrameStream
+from perception.sources.live.topic_detector import BOXES, TopicDetector
+from perception.sources.ros.message_maker import MessageMaker
+from planner.execution.options import SearchOptions
+from planner.execution.search_loop import search
+from planner.execution.transports import navigation
+from planner.execution.transports.navigation import Nav2Services, Nav2Topics, Navigation
+from planner.execution.transports.ros_robot import RosRobot
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.robot.motion import TimedPose
+from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
+from tests.planner.nav2_house import BridgedHouseNode, Nav2HouseNode
+from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, running
+from tests.waiting import until
+
+
+@pytest.fixture(autouse=True)
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    monkeypatch.setattr(stream, "SETTLING", 0.1)
+    monkeypatch.setattr(stream, "SILENT", 0.2)
+
+
+@pytest.fixture
+def semantic_map() -> Iterator[SemanticMap]:
+    with in_memory_map() as semantic_map:
+        add_dining_room(semantic_map)
+        yield semantic_map
+
+
+def node(wire: str, kind: str = "") -> Nav2HouseNode:
+    base = Nav2HouseNode if wire == "dds" else BridgedHouseNode
+    if kind == "no way":
+
+        class NoWay(base):  # type: ignore[misc,valid-type]
+            def _way(self, goal: np.ndarray, heading: float) -> Sequence[TimedPose]:
+                raise LayoutError("the door is closed")
+
+        base = NoWay
+    place = furnished_house() if kind else house()  # with nothing to be found, or an orange
+    return base(Ros2Domain(DOMAIN + 2), place, START, rate=0.2 if kind else 5)
+
+
+def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
+    onnx.save(orange_network(), folder / "oranges.onnx")
+    connection: FoxgloveConnection | Ros2Domain
+    client: Navigation
+    if isinstance(made, BridgedHouseNode):
+        connection = FoxgloveConnection.at(made.url)
+        client = Nav2Services(connection)
+    else:
+        connection = Ros2Domain(DOMAIN + 2)
+        client = Nav2Topics(connection)
+    detector = load_detector(folder / "oranges.onnx")
+    return RosRobot(connection, FrameStream(connection.address), detector, client, patience=20)
+
+
+@pytest.mark.parametrize("wire", ["dds", "bridge"])
+def test_a_thing_is_found_by_nav2(wire: str, semantic_map: SemanticMap, tmp_path: Path) -> None:
+    with running(node(wire)) as made:
+        outcome = search(semantic_map, ["orange"], robot(made, tmp_path))
+    assert outcome.state == "found"
+    (orange,) = semantic_map.objects("orange")
+    assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
+
+
+def test_a_thing_is_found_by_the_detections_of_another_program(
+    semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    onnx.save(orange_network(), tmp_path / "oranges.onnx")
+    network, domain = load_detector(tmp_path / "oranges.onnx"), Ros2Domain(DOMAIN + 2)
+    camera, ended = FrameStream(domain.address), threading.Event()
+    make = MessageMaker(is_ros1=False)
+
+    def detect() -> None:
+        """The other program: it hears images, and publishes what it detects in each."""
+        threading.Thread(target=domain.run, args=(camera, ended), daemon=True).start()
+        publisher = Ros2Publisher(domain, {"/yolo": BOXES})
+        while not ended.is_set():
+            frame = camera.next_frame(0.1)
+            if frame is None:
+                continue
+            found, (sec, nanosec) = network.detect(frame), frame.id.split(".")
+            header = {"stamp": {"sec": int(sec), "nanosec": int(nanosec)}, "frame_id": "camera"}
+            boxes = []
+            for (x1, y1, x2, y2), score in zip(found.xyxy.tolist(), found.score, strict=True):
+                middle = {"position": {"x": (x1 + x2) / 2, "y": (y1 + y2) / 2}}
+                bbox = {"center": middle, "size_x": x2 - x1, "size_y": y2 - y1}
+                kind = {"class_id": "orange", "score": float(score)}
+                boxes.append({"header": header, "bbox": bbox, "results": [{"hypothesis": kind}]})
+            publisher.publish("/yolo", make.make(BOXES, header=header, detections=boxes))
+        publisher.close()
+
+    other = threading.Thread(target=detect)
+    with running(Nav2HouseNode(domain, house(), START, rate=3)):
+        other.start()
+        try:
+            theirs = TopicDetector("/yolo", 0.25)
+            stream = FrameStream(domain.address, detections=theirs)
+            driven = RosRobot(domain, stream, theirs, Nav2Topics(domain), patience=30)
+            outcome = search(semantic_map, ["orange"], driven)
+        finally:
+            ended.set()
+            other.join()
+    assert outcome.state == "found"
+    (orange,) = semantic_map.objects("orange")
+    assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
+
+
+@pytest.mark.parametrize("wire", ["dds", "bridge"])
+def test_where_all_goals_are_aborted_nothing_could_be_reached(
+    wire: str, semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    with running(node(wire, "no way")) as made:
+        outcome = search(semantic_map, ["orange"], robot(made, tmp_path))
+    assert outcome.state == "given up"
+    assert outcome.reason == "nothing could be reached (navigation aborted)"
+    assert outcome.looks == 0
+
+
+@pytest.mark.parametrize("wire", ["dds", "bridge"])
+def test_the_goal_under_way_is_cancelled_at_the_end(
+    wire: str, semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    with running(node(wire, "slow")) as made:
+        options = SearchOptions(stopping=lambda: made._active is not None)
+        assert search(semantic_map, ["orange"], robot(made, tmp_path), options).state == "stopped"
+        if wire == "bridge":
+            until(lambda: made._active is None)
+            assert made._goals[-1].text == "cancelled"
+        else:  # over DDS it is sent to where it is
+            until(lambda: len(made._goals) > 1 and made._goals[0].text == "another goal came")
+            until(lambda: made._active is None)
+            assert abs(made._goals[-1].way[-1].x - made.pose.x) < 0.2
+
+
+@pytest.mark.parametrize("wire", ["dds", "bridge"])
+def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
+    wire: str, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(navigation, "GONE", 2.0)
+    made = node(wire, "slow")
+    with running(made):
+        driven = robot(made, tmp_path)
+
+        def kill() -> bool:
+            if made._active is not None:
+                made._publisher.close()  # and nothing is published any more
+                made._publisher.publish = lambda *_: None
+            return False
+
+        with pytest.raises(RobotError, match="is gone, with a goal under way"):
+            search(semantic_map, ["orange"], driven, SearchOptions(stopping=kill))
+    (record,) = semantic_map.searches.all()
+    assert record.state == "stopped"
+    assert not semantic_map.searches.obstacles(record.iri)

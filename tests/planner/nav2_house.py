@@ -1,0 +1,137 @@
+"""A stand-in for Nav2 in a house: it speaks the protocol of the action, over DDS or Foxglove.
+
+It is not Nav2. Over DDS it takes /goal_pose, as Nav2's bt_navigator does; as foxglove_bridge does
+with include_hidden, it serves the action's hidden services, with the server of Foxglove's own SDK.
+"""
+
+from __future__ import annotations
+
+import threading
+import uuid
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import foxglove
+from foxglove import Channel, Schema
+from foxglove.websocket import Capability, MessageSchema, ServerListener, Service, ServiceSchema
+
+from lab.robot.ros1_node import PREEMPTED, RECALLED, REJECTED, SUCCEEDED, Ros1HouseNode
+from perception.sources.live.ros2 import Ros2Domain
+from perception.sources.live.ros2_publisher import Ros2Publisher
+from perception.sources.ros.message_maker import MessageMaker
+from perception.sources.ros.message_types import message_types, serialised
+
+ACTION = "/navigate_to_pose/_action"
+STATUS = f"{ACTION}/status"
+GOAL = "geometry_msgs/msg/PoseStamped"
+#: of action_msgs/GoalStatus, for those of move_base; ABORTED for all others
+STATES = {1: 2, SUCCEEDED: 4, PREEMPTED: 5, RECALLED: 5}
+LATCHED = frozenset(["/tf_static", STATUS])
+
+
+class Nav2HouseNode(Ros1HouseNode):
+    """The robot of a ROS 2 domain."""
+
+    def _join(self, master: Ros2Domain) -> None:
+        self._maker, self._master = MessageMaker(is_ros1=False), master
+        self._told: list[tuple[str, int]] = []
+        topics = {**self.CAMERA_AND_TF, STATUS: "action_msgs/msg/GoalStatusArray"}
+        self._publisher = self._opened(topics)
+
+    def _opened(self, topics: Mapping[str, str]) -> Any:
+        return Ros2Publisher(self._master, topics, LATCHED)
+
+    def _listen(self, ended: threading.Event) -> None:
+        self._master.run(self, ended)
+
+    def wanted(self, topics: Mapping[str, str]) -> set[str]:
+        return {topic for topic in topics if topic == "/goal_pose"}
+
+    def _take_orders(self) -> None:
+        while self._orders:
+            kind, message = self._orders.popleft()
+            if kind == "cancel":
+                self._cancel(message)
+                continue
+            number, target = message if kind == "goal" else (uuid.uuid4().hex, message)
+            goal = SimpleNamespace(target_pose=target)
+            self._begin(SimpleNamespace(goal_id=SimpleNamespace(id=number), goal=goal))
+            self._publish_status()
+
+    def _end(self, goal: Any, status: int, text: str) -> None:
+        goal.status, goal.text = status, text
+        self._publish_status()
+
+    def _publish_status(self) -> None:
+        now = [(g.id.id, STATES.get(g.status, 6)) for g in self._goals if g.status != REJECTED]
+        if now != self._told:  # as Nav2, once for each change
+            self._told = now
+            listed = [
+                {"goal_info": {"goal_id": {"uuid": list(bytes.fromhex(number))}}, "status": state}
+                for number, state in now
+            ]
+            made = self._maker.make("action_msgs/msg/GoalStatusArray", status_list=listed)
+            self._publisher.publish(STATUS, made)
+
+
+class BridgedHouseNode(Nav2HouseNode):
+    """The robot behind a stand-in of foxglove_bridge; `url` is its address."""
+
+    def _opened(self, topics: Mapping[str, str]) -> Any:
+        self.bridge = _Bridge(topics, self._orders.append)
+        self.url = self.bridge.url
+        return self.bridge
+
+    def _listen(self, ended: threading.Event) -> None:
+        """Nothing: the services' handlers get goals."""
+
+
+class _Bridge(ServerListener):
+    def __init__(self, topics: Mapping[str, str], order: Any) -> None:
+        self._context, self._order, self._topics = foxglove.Context(), order, topics
+        self._last: dict[str, bytes] = {}
+        self._channels = {
+            topic: Channel(
+                topic, schema=_schema(kind), message_encoding="cdr", context=self._context
+            )
+            for topic, kind in topics.items()
+        }
+        handlers = {"send_goal": self._goal, "cancel_goal": self._cancelled}
+        plain = MessageSchema(encoding="cdr", schema=_schema(GOAL))
+        kind = ServiceSchema("any", request=plain, response=plain)
+        self._server = foxglove.start_server(
+            host="127.0.0.1", port=0, capabilities=[Capability.Services],
+            supported_encodings=["cdr"], server_listener=self, context=self._context,
+            services=[Service(f"{ACTION}/{name}", schema=kind, handler=handler)
+                      for name, handler in handlers.items()],
+        )  # fmt: skip
+        self.url = f"ws://127.0.0.1:{self._server.port}"
+
+    def _goal(self, request: Any) -> bytes:
+        sent = message_types(False).deserialize_cdr(
+            request.payload, "nav2_msgs/msg/SendGoalRequest"
+        )
+        self._order(("goal", (bytes(sent.goal_id.uuid).hex(), sent.pose)))
+        return b"\x00\x01\x00\x00\x01" + bytes(11)  # accepted, and a stamp
+
+    def _cancelled(self, request: Any) -> bytes:
+        sent = message_types(False).deserialize_cdr(request.payload, "action_msgs/msg/GoalInfo")
+        self._order(("cancel", bytes(sent.goal_id.uuid).hex()))
+        return b"\x00\x01\x00\x00" + bytes(8)
+
+    def on_subscribe(self, client: object, channel: Any) -> None:
+        if channel.topic in LATCHED and channel.topic in self._last:
+            self._channels[channel.topic].log(self._last[channel.topic])
+
+    def publish(self, topic: str, message: Any) -> None:
+        self._last[topic] = serialised(self._topics[topic], message, is_ros1=False)
+        self._channels[topic].log(self._last[topic])
+
+    def close(self) -> None:
+        self._server.stop()
+
+
+def _schema(kind: str) -> Schema:
+    definition = message_types(False).generate_msgdef(kind, ros_version=2)[0]
+    return Schema(name=kind, encoding="ros2msg", data=definition.encode())
