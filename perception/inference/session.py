@@ -39,6 +39,8 @@ SPINNING: Final = "0"
 USUAL_SIZE = 640
 MAX_SIZE = 4096  # ... and the largest side of any
 _SUFFIX = "ExecutionProvider"
+_QUIET = ort.RunOptions()
+_QUIET.log_severity_level = 4  # a run that fails raises, and is not told on stderr as well
 #: devices that "auto" takes, best first; TensorRT builds its plans for minutes
 _PREFERRED = ("cuda", "migraphx", "rocm", "dml", "cpu")
 _NO_DEVICES = ("azure",)  # a provider that sends images away
@@ -125,7 +127,7 @@ class Session:
     ) -> list[NDArray[np.generic]]:
         """The named outputs; raises ModelError where the network refuses its inputs."""
         try:
-            found: list[NDArray[np.generic]] = self._session.run(list(outputs), inputs)
+            found: list[NDArray[np.generic]] = self._session.run(list(outputs), inputs, _QUIET)
         except _FAILURES as error:
             reason = str(error).splitlines()[0]
             raise ModelError(f"{self.path.name} failed on an image: {reason}") from error
