@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -187,15 +187,23 @@ def colour_table(tokens: list[str], values: int = 3) -> np.ndarray:
     return table
 
 
-def write_colour_pair(folder: Path, *, values: int = 3, text_values: int | None = None, **how):
+def write_colour_pair(
+    folder: Path,
+    *,
+    values: int = 3,
+    text_values: int | None = None,
+    words: Sequence[str] = (),
+    **how,
+) -> str:
     """Write small image.onnx, text.onnx and tokenizer.json; the value of --encoder.
 
-    Keys of `how` that begin with text_ are for the text network.
+    `words` have tokens too. Keys of `how` that begin with text_ are for the text network.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    tokens = write_tokenizer(folder, sorted(COLOURS))
+    tokens = write_tokenizer(folder, [*sorted(COLOURS), *words])
     of_text = {k.removeprefix("text_"): how.pop(k) for k in [*how] if k.startswith("text_")}
     _write(image_network(values, **how), folder / "image.onnx")
     table = colour_table(tokens, text_values or values)
+    table[5 + len(COLOURS) :, 0] = 1.0
     _write(text_network(table, **of_text), folder / "text.onnx")
     return f"{folder / 'image.onnx'},{folder / 'text.onnx'}"

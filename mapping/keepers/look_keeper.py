@@ -1,8 +1,8 @@
 """Look keeper: embeddings of new pictures by the user's encoder, beside the map.
 
 A thread of the lowest priority describes the best view of each thing and each key view while the
-other threads wait; a picture that is replaced before its turn is left out. What is left when the
-recording ends is described then.
+other threads wait; a picture that is replaced before its turn is left out. Best views that are left
+when the recording ends are described then.
 """
 
 from __future__ import annotations

@@ -95,16 +95,20 @@ class LookStore:
         return self._described({key: [view_picture(self._folder, *key)] for key in keys}, limit)
 
     def settle(self, iris: Iterable[str], keys: Iterable[Key], known: Rows) -> None:
-        """Describe all pictures of objects and key views, and drop the rows of any other pictures.
+        """Describe the best picture of each object and the key views; drop rows of no picture.
 
+        Former views that nobody had the time to describe are described when they are asked for.
         `known` are rows that were computed meanwhile. The file is written even without pictures.
         """
-        pictures = [path for iri in dict.fromkeys(iris) for path in self._pictures.views_of(iri)]
-        pictures += [view_picture(self._folder, *key) for key in keys]
-        shown = _read_pictures(pictures)
+        views = [self._pictures.views_of(iri) for iri in dict.fromkeys(iris)]
+        needed = [*(found[0] for found in views if found)]
+        needed += [view_picture(self._folder, *key) for key in keys]
+        former = [path for found in views for path in found[1:]]
         before = self._load(self._path) | known
-        rows = {c: before[c] for c in shown if c in before}
-        rows |= {c: described(self._encoder, data) for c, data in shown.items() if c not in rows}
+        rows = {c: before[c] for c in _read_pictures(former) if c in before}
+        for checksum, data in _read_pictures(needed).items():
+            row = before.get(checksum)
+            rows[checksum] = described(self._encoder, data) if row is None else row
         self._save(rows)
 
     def _described(self, paths: Mapping[Name, Sequence[Path]], limit: int) -> dict[Name, Floats]:

@@ -87,6 +87,8 @@ def test_embeddings_are_bounded_and_follow_the_pictures(seen, cut_out, class_pai
         object.__setattr__(record.evidence, "frame", f"view-{number}")
         pictures.write(record, cut_out("banana", float(number)))
     settle(semantic_map, encoder)
+    assert len(kept_embeddings(folder, [banana])[1][banana]) == 1  # the best view; the others ...
+    assert len(looks_of(semantic_map, [banana], encoder)[banana]) == MAX_VIEWS  # ... when asked for
     kept, found = kept_embeddings(folder, [banana])
     assert len(found[banana]) == MAX_VIEWS and len(kept.rows) == MAX_VIEWS + 2
     with np.load(folder / ENCODED) as data:
