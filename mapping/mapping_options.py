@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from mapping.labels.label_resolver import LabelTable
+from mapping.looks.user_encoder import UserEncoder
 from mapping.objects.settings import ObjectSettings
 from mapping.places.layout import Layout
 from mapping.reference.settings import ReferenceSettings
@@ -40,6 +41,8 @@ class MappingOptions:
             their side. A map on a server keeps none.
         things: whether things without a name are found, which needs the surface
             (`mapping.things`); only the Bayes mapper does so.
+        encoder: the user's encoder (`mapping.looks.user_encoder.remembered`), by which pictures of
+            things and key views are compared with texts; it needs `pictures` and a map in a folder.
     """
 
     mode: Mode = "bayes"
@@ -54,6 +57,7 @@ class MappingOptions:
     pictures: bool = True
     surface: float | None = 0.025
     things: bool = True
+    encoder: UserEncoder | None = None
 
     @property
     def min_score(self) -> float:

@@ -25,6 +25,8 @@ SCENES_SHOWN = 3
 PANEL_SHADE = 0.4  # brightness left behind the scene scores
 
 _Colour = tuple[int, int, int]
+Image = NDArray[np.uint8]  # (H, W, 3)
+Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
 
 
 def draw_detections(
@@ -134,7 +136,8 @@ def _write(
     cv2.putText(picture, text, origin, FONT, FONT_SCALE * size, ink, 1, cv2.LINE_AA)
 
 
-MAX_SIDE: Final = 160  # [px] side of a picture
+MAX_SIDE: Final = 160  # [px] side of a picture of a thing, ...
+VIEW_SIDE: Final = 256  # ... and of a view
 _MARGIN: Final = 0.15  # of the box, shown around it
 _BLOCKS: Final = 6  # that people are coarsened to, along each side of their part of a picture
 
@@ -144,8 +147,12 @@ def object_picture(
     box: tuple[float, float, float, float],
     people: NDArray[np.float32],
     max_bytes: int,
+    *,
+    side: int = MAX_SIDE,
 ) -> bytes | None:
     """JPEG of `box` (xyxy [px]) in an image (H, W, 3), with a margin, of `max_bytes` at most.
+
+    Its longer side is `side` [px], or less where the box is small.
 
     The parts of it in the boxes `people` (n, 4) are coarsened beyond recognition. None where the
     box lies outside the image, or the JPEG cannot be made small enough.
@@ -160,7 +167,7 @@ def object_picture(
     picture = rgb[top:bottom, left:right].copy()
     for person in people:
         _coarsen(picture, person - np.array([left, top, left, top], np.float32))
-    scale = min(MAX_SIDE / max(picture.shape[:2]), 2.0)
+    scale = min(side / max(picture.shape[:2]), 2.0)
     size = max(round(picture.shape[1] * scale), 1), max(round(picture.shape[0] * scale), 1)
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else 1)
     for quality in (80, 60, 40, 20):

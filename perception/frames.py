@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from kg.model.errors import FrameError
 from perception.no_return import without_constants
 
+Names = Sequence[str] | Mapping[int, str]  # of classes, by their numbers
 _MAX_SCORE: Final = 1.0001  # by rounding
+_MAX_MASK: Final = 1 << 26  # pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +94,55 @@ class Detections:
     def __len__(self) -> int:
         return len(self.label)
 
+    @classmethod
+    def from_supervision(cls, found: Any, names: Names | None = None) -> Detections:
+        """Of a `supervision.Detections`, with its masks.
+
+        Names of classes are those of its data (`class_name`), or `names` by their numbers. Raises
+        FrameError, a ValueError, where names, scores or sizes do not fit.
+        """
+        given = found.data.get("class_name") if names is None else None
+        labels = _names(found.class_id, names) if given is None else tuple(map(str, given))
+        return _converted(found.xyxy, found.confidence, labels, found.mask)
+
+    @classmethod
+    def from_ultralytics(cls, found: Any) -> Detections:
+        """Of the `Results` of one image from Ultralytics' models, with the masks of its outlines.
+
+        Raises FrameError where names or sizes do not fit.
+        """
+        boxes, masks = found.boxes, None
+        if boxes is None:
+            raise FrameError("the results have no boxes; those of a detector would work")
+        if found.masks is not None:
+            masks = [_filled([outline], found.orig_shape) for outline in found.masks.xy]
+        labels = _names(_array(boxes.cls), found.names)
+        return _converted(_array(boxes.xyxy), _array(boxes.conf), labels, masks)
+
+    @classmethod
+    def from_coco(cls, found: Sequence[Mapping[str, Any]], names: Names) -> Detections:
+        """Of one image's entries of COCO's results: `bbox` (x, y, width, height) [px], `score`,
+        `category_id`, and perhaps `segmentation`, in runs or polygons.
+
+        `names` are those of the categories, by their numbers. Raises FrameError for others.
+        """
+        try:
+            boxes = np.array([one["bbox"] for one in found], np.float32).reshape(-1, 4)
+            score = [float(one["score"]) for one in found]
+            labels = _names([one["category_id"] for one in found], names)
+            shown = [
+                _segment(one.get("segmentation"), box)
+                for one, box in zip(found, boxes, strict=True)
+            ]
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise FrameError(
+                f"an entry of COCO's results has bbox, score and category_id, and a segmentation "
+                f"in whole numbers; got {found[0] if found else found!r:.80} ({error})"
+            ) from error
+        boxes[:, 2:] += boxes[:, :2]
+        masks = shown if any(one is not None for one in shown) else None
+        return _converted(boxes, score, labels, masks)
+
     def chosen(self, indices: NDArray[np.integer]) -> Detections:
         """Detections at `indices`, in that order."""
         at = [int(index) for index in indices]
@@ -103,6 +154,98 @@ class Detections:
             self.detectors,
             tuple(self.mask[i] for i in at) if self.mask else (),
         )
+
+
+def _names(numbers: Any, names: Names | None) -> tuple[str, ...]:
+    """Names of classes by their numbers; raises FrameError for numbers without one."""
+    if names is None or numbers is None:
+        raise FrameError("the classes have no names; names=('cup', 'chair', ...) would work")
+    known = names if isinstance(names, Mapping) else dict(enumerate(names))
+    found = [int(number) for number in numbers]
+    if missing := sorted({number for number in found if number not in known}):
+        raise FrameError(f"classes {missing[:5]} have no name; there are {len(known)} names")
+    return tuple(str(known[number]) for number in found)
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """An array of a tensor, on whichever device."""
+    return np.asarray(values.cpu() if hasattr(values, "cpu") else values)
+
+
+def _converted(
+    xyxy: Any, score: Any, labels: tuple[str, ...], masks: Sequence[Any] | None
+) -> Detections:
+    """Detections best first, of boxes, scores, and masks (H, W) of the whole image."""
+    if score is None:
+        raise FrameError("the detections have no scores; those of a detector have some")
+    found = Detections(
+        np.array(xyxy, np.float32).reshape(-1, 4), np.array(score, np.float32), labels
+    )
+    if masks is not None and len(masks):
+        if len(masks) != len(found):
+            raise FrameError(f"masks must be ({len(found)}, H, W), got {len(masks)} of them")
+        cut = tuple(_inside(mask, box) for mask, box in zip(masks, found.xyxy, strict=True))
+        found = replace(found, mask=cut)
+    return found.chosen(np.argsort(-found.score, kind="stable"))
+
+
+def _inside(mask: Any, box: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """The part of a mask (H, W) in its box; None without a pixel of it there."""
+    if mask is None:
+        return None
+    whole = np.asarray(mask, np.bool_)
+    if whole.ndim != 2:
+        raise FrameError(f"a mask must be (H, W) as the image, got {whole.shape}")
+    at = box_pixels(box, (whole.shape[0], whole.shape[1]))
+    part = whole[:0] if at is None else whole[at[0] : at[1], at[2] : at[3]]
+    return part if part.any() else None
+
+
+def _filled(outlines: Sequence[Any], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask (H, W) of the polygons (k, 2) x, y [px]."""
+    import cv2  # as late as possible: what needs no masks starts faster
+
+    mask = np.zeros(shape, np.uint8)
+    corners = [np.round(np.reshape(one, (-1, 2))).astype(np.int32) for one in outlines]
+    cv2.fillPoly(mask, [one for one in corners if len(one)], 1)
+    return mask.astype(np.bool_)
+
+
+def _segment(found: Any, box: NDArray[np.float32]) -> NDArray[np.bool_] | None:
+    """Mask of COCO's runs (by columns), or of polygons, up to the end of its box x, y, w, h."""
+    if not isinstance(found, Mapping):
+        end = np.ceil(box[:2] + box[2:]).astype(np.int64) + 1
+        if not 0 < end.prod() <= _MAX_MASK:
+            raise ValueError(f"a box of {box.tolist()} px has no mask")
+        return _filled(found, (int(end[1]), int(end[0]))) if found else None
+    counts, (height, width) = np.array(_lengths(found["counts"]), np.int64), found["size"]
+    if not 0 < height * width <= _MAX_MASK or counts.min(initial=0) < 0:
+        raise ValueError("a mask needs a size [h, w] and lengths of runs")
+    if int(counts.sum()) != height * width:
+        raise ValueError(f"runs of a mask of size {found['size']} need that many pixels")
+    flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
+    return flat.reshape(width, height).T
+
+
+def _lengths(counts: Any) -> Sequence[int]:
+    """Lengths of COCO's runs: as numbers, or in its text of five bits a character.
+
+    The sixth bit says that more follow; from the fourth number on each is a difference to the last
+    but one.
+    """
+    if not isinstance(counts, str | bytes):
+        return list(counts)
+    lengths, value, shift = list[int](), 0, 0
+    for code in counts.encode() if isinstance(counts, str) else counts:
+        bits = code - 48
+        value |= (bits & 0x1F) << shift
+        shift += 5
+        if bits & 0x20:
+            continue
+        value -= (bits & 0x10 and 1) << shift
+        lengths.append(value + (lengths[-2] if len(lengths) > 2 else 0))
+        value = shift = 0
+    return lengths
 
 
 def _check_arrays(**arrays: object) -> None:

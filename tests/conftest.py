@@ -59,6 +59,15 @@ def shared() -> object:
     return shared_path
 
 
+@pytest.fixture(scope="session")
+def class_pair(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The value of --encoder for the pair of the bundled classifier and its classes' words."""
+    from tests.encoder_files import words_of_classes, write_class_pair
+
+    synsets = shared_path("bundled/words/imagenet_synsets.csv")
+    return write_class_pair(tmp_path_factory.mktemp("pair"), words_of_classes(synsets))
+
+
 @pytest.fixture
 def semantic_map() -> Iterator[SemanticMap]:
     """A real, empty map in memory."""

@@ -217,6 +217,17 @@ class PictureOf(Answer):
     time: str
 
 
+class AlikeViewOf(Answer):
+    """The key view that looks most like a text: a pose to drive to, and never a fact."""
+
+    x: Metres
+    y: Metres
+    heading: Metres  # [rad]
+    untrusted_recording: Label
+    untrusted_frame: Label
+    encoder: str
+
+
 class ThingsToName(Answer):
     """Things in the order of the pictures that follow; those without a name come first."""
 

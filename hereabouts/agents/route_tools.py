@@ -15,7 +15,10 @@ from hereabouts.agents.list_tools import Metres, Skip, ThingName
 from hereabouts.agents.map_context import MapContext, clock
 from hereabouts.agents.search_tools import start_of
 from hereabouts.display.naming_sheet import things_to_name
+from kg.maps.object_pictures import MAX_VIEW_BYTES, view_picture
 from kg.model.errors import QueryParameterError
+from kg.model.regular_files import read_bytes
+from mapping.looks.word_looks import alike, compares_texts
 from planner.search.plans.route import route
 from planner.settings import SPEED
 
@@ -31,11 +34,18 @@ class RouteTools:
         self._context, self._drawn = context, (-1, b"")
 
     def picture(
-        self, what: ThingName | None = None, skip: Skip = 0
+        self,
+        what: ThingName | None = None,
+        like: Annotated[
+            str | None, Field(max_length=100, description="the corner with the plants")
+        ] = None,
+        skip: Skip = 0,
     ) -> tuple[a.Answer, *tuple[Image, ...]]:
-        """A small picture of a thing (object/17), or of the "map" with names; without `what`, of
-        twelve things to name.
+        """A small picture of a thing (object/17), of the "map" with names, or of the view that
+        looks most `like` a text, with its pose; without both, of twelve things to name.
         """
+        if like is not None:
+            return self._alike(like)
         if what is None:
             return self._to_name(skip)
         if what == "map":
@@ -72,6 +82,28 @@ class RouteTools:
                 )
             self._drawn = state.sequence, map_png(semantic_map, _PIXELS)
         return a.Answer(map=state), Image(data=self._drawn[1], format="png")
+
+    def _alike(self, text: str) -> tuple[a.AlikeViewOf, Image]:
+        state, semantic_map = self._context.state(), self._context.semantic_map
+        found = alike(semantic_map, text) if compares_texts(semantic_map) else None
+        if found is None or semantic_map.store.path is None:
+            raise QueryParameterError("the map has no encoder to compare views with a text")
+        if not found.views:
+            raise QueryParameterError(
+                f"no view looks like {text!r}, says the encoder {found.encoder}"
+            )
+        view = found.views[0]
+        jpeg = read_bytes(view_picture(semantic_map.store.path, *view.key), MAX_VIEW_BYTES)
+        about = a.AlikeViewOf(
+            map=state,
+            x=view.x,
+            y=view.y,
+            heading=view.heading,
+            untrusted_recording=view.recording,
+            untrusted_frame=view.frame,
+            encoder=found.encoder,
+        )
+        return about, Image(data=jpeg, format="jpeg")
 
     def _to_name(self, skip: int) -> tuple[a.ThingsToName, *tuple[Image, ...]]:
         """Things with pictures, in the order of their images; those without a name first."""

@@ -51,6 +51,7 @@ COMMANDS = (
     "compact",
     "assert_",
     "name",
+    "labels",
     "retract",
     "update",
     "restore",
@@ -80,7 +81,7 @@ _RENAMED = {
 }
 
 #: options that name what a command writes
-_OUTPUTS = ("output", "picture", "pictures", "mcap", "rerun", "review")
+_OUTPUTS = ("output", "picture", "pictures", "features", "mcap", "rerun", "review")
 
 #: command of each module whose name is not the command's
 _NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}

@@ -85,18 +85,35 @@ def _print(semantic_map: SemanticMap, *, as_json: bool) -> None:
     description = asdict(semantic_map.description)
     frame = frame_of(semantic_map.engine, semantic_map.base)
     parent, T = transform_of(semantic_map.engine, frame) or (None, None)
+    encoder = _encoder(semantic_map)
     if as_json:
         matrix = None if T is None else T.tolist()
-        write_json(description | {"frame": frame, "relative_to": parent, "transform": matrix})
+        placed = {"frame": frame, "relative_to": parent, "transform": matrix}
+        write_json(description | placed | {"encoder": encoder})
         return
     for name, value in description.items():
         write(f"{name:13} {value or 'not set'}")
     write(f"frame         {frame}")
     write(f"relative to   {parent or 'no other frame'}")
+    if encoder is not None:
+        size = f"{encoder['embeddings']} embeddings in {int(encoder['bytes']) / 1000:.0f} kB"
+        write(f"encoder       {encoder['name']}, {size}")
     if T is not None:
         x, y, z = T[:3, 3]
         turn = math.degrees(math.atan2(T[1, 0], T[0, 0]))
         write(f"origin there  ({x:.2f}, {y:.2f}, {z:.2f}) m, turned by {turn:.1f} degrees")
+
+
+def _encoder(semantic_map: SemanticMap) -> dict[str, str | int] | None:
+    """The user's encoder that the map was made with, and the size of what is kept of it."""
+    from mapping.looks.look_store import ENCODED, kept_looks
+
+    folder = semantic_map.store.path
+    kept = None if folder is None else kept_looks(folder / ENCODED)
+    if kept is None:
+        return None
+    found = {"name": kept.name, "checksum": kept.checksum}
+    return {**found, "embeddings": len(kept.rows), "bytes": kept.bytes}
 
 
 def _pose(text: str) -> NDArray[np.float64]:

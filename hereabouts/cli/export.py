@@ -69,6 +69,12 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="copy the pictures of the objects into this folder (object/17: 17.jpg)",
     )
+    parser.add_argument(
+        "--features",
+        metavar="FILE.npz",
+        help="write the embeddings of the objects' views by the map's encoder, as arrays iri (n,) "
+        "and embedding (n, D); no other export has them",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -87,6 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
         if arguments.at is not None:
             semantic_map = stack.enter_context(semantic_map.at(arguments.at))
+        _write_beside(semantic_map, arguments)
         if chosen == "reference":
             note(f"wrote {_write_reference(semantic_map, output)}")
         elif chosen in _DOCUMENTS:
@@ -102,11 +109,41 @@ def run(arguments: argparse.Namespace) -> int:
             count = export_map(semantic_map, output, format=chosen, ontology=with_ontology)
             unit = "quads" if keeps_graphs(chosen) else "triples"
             note(f"wrote {output}: {count:,} {unit}")
-        if arguments.pictures is not None:
-            folder = Path(arguments.pictures)
-            count = _copy_pictures(semantic_map, folder, _min_existence(arguments))
-            note(f"wrote {folder}: {count} pictures")
     return 0
+
+
+def _write_beside(semantic_map: SemanticMap, arguments: argparse.Namespace) -> None:
+    """Write the pictures and embeddings that are asked for."""
+    if arguments.pictures is not None:
+        folder = Path(arguments.pictures)
+        count = _copy_pictures(semantic_map, folder, _min_existence(arguments))
+        note(f"wrote {folder}: {count} pictures")
+    if arguments.features is not None:
+        count = _write_features(semantic_map, Path(arguments.features), arguments)
+        note(f"wrote {arguments.features}: {count} embeddings")
+
+
+def _write_features(semantic_map: SemanticMap, output: Path, arguments: argparse.Namespace) -> int:
+    """Write the embeddings of objects and things without a name; returns their number."""
+    import numpy as np
+
+    from mapping.looks.look_store import kept_embeddings
+    from perception.inference.array_file import write_arrays
+
+    if semantic_map.store.path is None:
+        raise QueryParameterError("--features needs the folder of a map as MAP")
+    records = semantic_map.objects(min_existence=_min_existence(arguments))
+    iris = [one.iri for one in (*records, *semantic_map.unnamed_things())]
+    kept, found = kept_embeddings(semantic_map.store.path, iris)
+    rows = [row for views in found.values() for row in views]
+    arrays = {
+        "encoder": np.array(kept.name),
+        "checksum": np.array(kept.checksum),
+        "iri": np.array([iri for iri, views in found.items() for _ in views], dtype=np.str_),
+        "embedding": np.array(rows, np.float16),
+    }
+    write_arrays(output, arrays)
+    return len(rows)
 
 
 def _copy_pictures(semantic_map: SemanticMap, folder: Path, min_existence: float) -> int:

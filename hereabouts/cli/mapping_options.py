@@ -20,6 +20,7 @@ from hereabouts.cli.recording_options import (
 )
 
 if TYPE_CHECKING:
+    from mapping.looks.user_encoder import UserEncoder
     from mapping.mapping_options import MappingOptions, Mode
     from mapping.places.layout import Layout
     from perception.sources.recording import FolderRecording
@@ -114,7 +115,19 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         check_poses=not arguments.no_check,
         pictures=not arguments.no_pictures,
         surface=arguments.surface,
+        encoder=_encoder(arguments),
     )
+
+
+def _encoder(arguments: argparse.Namespace) -> UserEncoder | None:
+    """The user's encoder, checked."""
+    if arguments.encoder is None:
+        return None
+    if arguments.no_pictures:
+        arguments.usage_error("--encoder compares pictures; leave out --no-pictures")
+    from mapping.looks.user_encoder import remembered
+
+    return remembered(arguments.encoder)
 
 
 def _layout(name: str) -> Layout:
@@ -192,6 +205,13 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-pictures",
         action="store_true",
         help="store no pictures of objects in the map's folder (those of people are never stored)",
+    )
+    group.add_argument(
+        "--encoder",
+        metavar="FILES",
+        help="encoder of your own, by which any text is compared with the looks of things and "
+        "views: image.onnx,text.onnx of CLIP, SigLIP or the like, or one file with both, and "
+        "tokenizer.json beside it",
     )
 
 

@@ -15,6 +15,7 @@ from hereabouts.cli.arguments import add_json
 from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
 
 if TYPE_CHECKING:
+    from mapping.looks.user_encoder import UserEncoder
     from perception.inference.detector import OnnxDetector
     from perception.inference.model_zoo import ModelCard
 
@@ -31,7 +32,10 @@ def add(parser: argparse.ArgumentParser) -> None:
     fetch.set_defaults(run=run_fetch)
     check = actions.add_parser("check", help="list what a detector can see, and what it cannot")
     check.add_argument(
-        "file", metavar="FILE", help="a detector (.onnx, or a name), or a list of labels (.txt)"
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="a detector (.onnx, or a name), or a list of labels (.txt); with --encoder a map",
     )
     check.add_argument(
         "image", metavar="IMAGE", nargs="?", help="a photograph, to draw what the detector finds"
@@ -40,8 +44,20 @@ def add(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--head", metavar="NAME", help="meaning of its outputs, where an error names two"
     )
+    check.add_argument(
+        "--encoder",
+        metavar="FILES",
+        help="check image.onnx,text.onnx instead; with a map as FILE tell how many absent words "
+        "nothing in it is said to look like",
+    )
+    check.add_argument(
+        "--negatives",
+        metavar="WORDS",
+        help="words of things that are absent, to which the encoder's threshold is fitted: a file "
+        "with one a line, or zebra,glacier,... (default: 160 animals, vehicles and landscapes)",
+    )
     add_json(check)
-    check.set_defaults(run=run_check)
+    check.set_defaults(run=run_check, usage_error=check.error)
     path = actions.add_parser("path", help="print the path of a network's file")
     path.add_argument("name", metavar="NAME")
     path.set_defaults(run=run_path)
@@ -109,6 +125,12 @@ def _fetch(model: ModelCard) -> Path:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """List the labels of a detector with the categories that they get in a map."""
+    if arguments.encoder is not None:
+        return run_check_encoder(arguments)
+    if arguments.negatives is not None:
+        arguments.usage_error("--negatives is for an encoder: --encoder image.onnx,text.onnx")
+    if arguments.file is None:
+        arguments.usage_error("give a detector or a list of labels, or --encoder FILES")
     from kg.knowledge.ontology.shipped import shipped_ontology
     from mapping.labels.label_resolver import check_labels
     from perception.inference.class_labels import is_object, read_labels
@@ -153,6 +175,45 @@ def _draw(detector: OnnxDetector, path: Path) -> None:
     save_image(drawn, draw_detections(frame, found))
     read = detector.head.name if detector.readings.decided else "nothing certain yet"
     note(f"{len(found)} found in {path.name}, drawn in {drawn}; outputs are read as: {read}")
+
+
+def run_check_encoder(arguments: argparse.Namespace) -> int:
+    """Check an encoder, fit its threshold to absent words, and judge it by the map in `file`."""
+    from mapping.looks.user_encoder import listed_words, remembered
+
+    words = arguments.negatives
+    if words is not None:
+        words = listed_words(Path(words)) if Path(words).is_file() else words.split(",")
+        words = [word.strip() for word in words if word.strip()]
+    encoder = remembered(arguments.encoder, words)
+    found = None if arguments.file is None else _refused(arguments.file, encoder)
+    note(f"{encoder.name}: {encoder.size} values, {len(encoder.words)} absent words")
+    if found is not None:
+        share, things = found
+        note(f"nothing of {things} things looks like {share:.0%} of words, fitted to the others")
+    if arguments.json:
+        answer = {"encoder": encoder.name, "checksum": encoder.checksum, "values": encoder.size}
+        judged = {} if found is None else {"nothing_looks_like": found[0], "things": found[1]}
+        write_json({**answer, "absent_words": len(encoder.words), **judged})
+    return 0
+
+
+def _refused(address: str, encoder: UserEncoder) -> tuple[float, int]:
+    """Share of absent words that nothing in a map looks like, and the number of its things."""
+    from kg.model.errors import ModelError
+    from kg.serving.opening import open_map
+    from mapping.looks.user_encoder import check_same, share_refused
+    from mapping.looks.word_looks import looks_of
+
+    with open_map(address, read_only=True) as semantic_map:
+        if semantic_map.store.path is None:
+            raise ModelError(f"{address} is no folder of a map, where pictures of things are")
+        check_same(semantic_map.store.path, encoder)
+        records = (*semantic_map.objects(min_existence=0.5), *semantic_map.unnamed_things())
+        rows = looks_of(semantic_map, [record.iri for record in records], encoder)
+    if not rows:
+        raise ModelError(f"{address} has no pictures of things to compare words with")
+    return share_refused(list(rows.values()), encoder), len(rows)
 
 
 def run_path(arguments: argparse.Namespace) -> int:

@@ -206,7 +206,7 @@ def teach_thing(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from kg.store.sparql_client import is_url
     from mapping.looks.known_things import KnownThings, taught
-    from mapping.looks.object_looks import Looks
+    from mapping.looks.word_looks import network
     from perception.inference.markers import marker_name
 
     if is_url(arguments.map):
@@ -223,7 +223,7 @@ def teach_thing(arguments: argparse.Namespace) -> int:
     pictures = [_read(path) for path in paths]
     for path, picture in zip(paths, pictures, strict=True):
         try:
-            Looks.of_pictures([picture])
+            network().describe(picture)
         except (RecordingError, ModelError) as error:
             raise type(error)(f"{path}: {error}") from error
     thing = taught(name, pictures, marker)

@@ -1,4 +1,7 @@
-"""Pictures of a map's objects: small JPEGs of each one's best observations, in the map's folder."""
+"""Pictures of a map's objects: small JPEGs of each one's best observations, in the map's folder.
+
+A map with an encoder has one of each key view, too.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,14 @@ FOLDER: Final = "pictures"  # in the folder of a map
 MAX_BYTES: Final = 10_000  # of one picture
 MAX_PICTURES: Final = 5_000  # of one map; former views go first, then the oldest
 MAX_VIEWS: Final = 4  # of one object: its best observation, and the last that were best before
+MAX_VIEW_BYTES: Final = 20_000  # of the picture of a key view
 _NUMBER = re.compile(r".*/object/([0-9]{1,18})")
 _NAME = re.compile(r"[0-9]{1,18}-[0-9a-f]{8}\.jpg")
+
+
+def view_picture(folder: Path, recording: str, frame: str) -> Path:
+    """File of the picture of a key view of the map in `folder`."""
+    return folder / FOLDER / f"view-{zlib.crc32(f'{recording}/{frame}'.encode()):08x}.jpg"
 
 
 class ObjectPictures:

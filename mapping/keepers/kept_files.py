@@ -12,8 +12,7 @@ from mapping.key_views.view_store import FILE as VIEWS
 from mapping.key_views.view_store import views_damage
 from mapping.looks.known_things import FILE as KNOWN_THINGS
 from mapping.looks.known_things import KnownThings
-from mapping.looks.object_looks import FILE as LOOKS
-from mapping.looks.object_looks import looks_damage
+from mapping.looks.look_store import ENCODED, LOOKS, looks_damage
 from mapping.objects.detections.detection_report import FILE as REPORT
 from mapping.objects.detections.detection_report import read_report
 from mapping.objects.track_store import FILE as TRACKS
@@ -27,9 +26,11 @@ def unreadable_files(semantic_map: SemanticMap) -> Iterator[tuple[Path, str]]:
     folder = semantic_map.store.path
     if folder is None:
         return
-    lines = {TRACKS: tracks_damage, VIEWS: views_damage, LOOKS: looks_damage}
-    for name, damage in lines.items():
+    for name, damage in {TRACKS: tracks_damage, VIEWS: views_damage}.items():
         if problem := damage(folder, live=semantic_map.store.live):
+            yield folder / name, problem
+    for name in (LOOKS, ENCODED):
+        if problem := looks_damage(folder / name):
             yield folder / name, problem
     readers: dict[str, Callable[[], object]] = {
         REPORT: lambda: read_report(folder),

@@ -7,23 +7,20 @@ from contextlib import contextmanager
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, ModelError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
+from mapping.keepers.look_keeper import LookKeeper
 from mapping.looks.known_things import MovedLooks, NamedObject, recognise, remember_named
-from perception.annotate import object_picture
+from perception.annotate import Boxes, Image, object_picture
 from perception.frames import Detections, Frame
-
-Image = NDArray[np.uint8]  # (H, W, 3)
-Boxes = NDArray[np.float32]  # (n, 4) xyxy [px]
 
 PERSON: Final = "person"  # label of things whose pictures are never kept
 RECENT: Final = 15  # frames held, since a thing is a candidate before it is an object
 _SUSPECTED: Final = 0.1  # score from which what may be a person is left out of the surface
-_SURE: Final = 0.5  # and from which it is made unrecognisable in pictures of other things
+SURE: Final = 0.5  # and from which it is made unrecognisable in pictures of other things
 _COVERED: Final = 0.3  # share of a thing's box that people cover, so that another frame is taken
 
 
@@ -34,8 +31,10 @@ class PictureKeeper:
     continues without pictures.
     """
 
-    def __init__(self, semantic_map: SemanticMap, recording: str) -> None:
-        self._map, self._recording = semantic_map, recording
+    def __init__(
+        self, semantic_map: SemanticMap, recording: str, looks: LookKeeper | None = None
+    ) -> None:
+        self._map, self._recording, self._looks = semantic_map, recording, looks
         path = semantic_map.store.path
         self._pictures = None if path is None else ObjectPictures(path)
         self._recent = dict[str, tuple[Image, Boxes]]()  # frame id -> its image, boxes of people
@@ -50,7 +49,7 @@ class PictureKeeper:
         """Hold a frame for pictures of what it shows."""
         if self._pictures is None:
             return
-        self._recent[frame.id] = frame.rgb, people_in(detections, _SURE)
+        self._recent[frame.id] = frame.rgb, people_in(detections, SURE)
         if len(self._recent) > RECENT:
             del self._recent[next(iter(self._recent))]
 
@@ -85,6 +84,8 @@ class PictureKeeper:
             data = self._picture(shown)
             if data is not None:
                 pictures.write(record, data)
+                if self._looks is not None:
+                    self._looks.add(record.iri, data)
 
     def _picture(self, shown: Evidence) -> bytes | None:
         """JPEG of an observation in a recent frame; None in others."""

@@ -9,8 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import ModelError
 from kg.model.records import MapUpdate, ObjectRecord
-from mapping.keepers.picture_keeper import PictureKeeper, people_in
+from mapping.keepers.look_keeper import LookKeeper
+from mapping.keepers.picture_keeper import SURE, PictureKeeper, people_in
 from mapping.key_views.view_store import ViewKeeper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.extents.surface_growth import Voxels
@@ -20,6 +22,7 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.runs.progress_report import StageTimer
 from mapping.surface.surface_mapper import SurfaceMapper
 from mapping.things.thing_mapper import ThingMapper
+from perception.annotate import Boxes, Image
 from perception.frames import Detections, Frame
 
 
@@ -43,7 +46,14 @@ class SceneKeepers:
                 pictures = options.pictures
                 self._things = ThingMapper(semantic_map, places, recording, pictures=pictures)
         self._views = ViewKeeper(semantic_map, recording)
-        self.pictures = PictureKeeper(semantic_map, recording) if options.pictures else None
+        if options.encoder is not None and not options.pictures:
+            raise ModelError("an encoder compares pictures, and no pictures are to be kept")
+        encoder = options.encoder
+        self._looks = None if encoder is None else LookKeeper(semantic_map, encoder)
+        self._shown: tuple[Image, Boxes] | None = None  # the frame, and people that are sure
+        self.pictures: PictureKeeper | None = None
+        if options.pictures:
+            self.pictures = PictureKeeper(semantic_map, recording, self._looks)
 
     @property
     def voxels(self) -> Voxels | None:
@@ -67,6 +77,8 @@ class SceneKeepers:
             self._views.add(frame, people)
         if self.pictures is not None:
             self.pictures.see(frame, detections)
+        if self._looks is not None:
+            self._shown = frame.rgb, people_in(detections, SURE)
 
     def save(self, sequence: int) -> None:
         """Store the frame beside the map, before its transaction of that number."""
@@ -83,7 +95,9 @@ class SceneKeepers:
         if self._surface is not None:
             with self._timer.stage("surface"):
                 self._surface.accept()
-        self._views.accept()
+        view = self._views.accept()
+        if self._looks is not None and self._shown is not None and view is not None:
+            self._looks.add_view(view, *self._shown)
         if self.pictures is not None:
             self.pictures.keep(update, joined)
 
@@ -105,6 +119,8 @@ class SceneKeepers:
             self._surface.finish()
         if self.pictures is not None:
             self.pictures.finish()
+        if self._looks is not None:
+            self._looks.finish()
 
     @property
     def problems(self) -> tuple[str, ...]:

@@ -141,6 +141,20 @@ def stored_views(folder: Path | None, sequence: int, *, live: bool = False) -> l
         return []
 
 
+def view_poses(folder: Path | None, sequence: int, *, live: bool = False) -> dict[Key, Pose]:
+    """Poses (4, 4) of the views up to a transaction, in the map frame; {} where unreadable."""
+    if folder is None or not (path := folder / FILE).is_file():
+        return {}
+    rows = "SELECT recording, frame, pose FROM views WHERE mark <= ? LIMIT ?"
+    how = {"read_only": True, "live": live}
+    try:
+        with closing(open_sqlite(path, [_SCHEMA], _VERSION, MAX_BYTES, **how)) as file:
+            found = file.execute(rows, (sequence, MAX_VIEWS)).fetchall()
+        return {(str(recording), str(frame)): _pose(pose) for recording, frame, pose in found}
+    except _ERRORS:
+        return {}
+
+
 def views_damage(folder: Path | None, *, live: bool = False) -> str:
     """A line about views that cannot be read in the folder of a map; "" for good ones or none."""
     try:
@@ -206,10 +220,10 @@ class ViewKeeper:
             full = len(self._keys) >= MAX_VIEWS and self._new.key not in self._keys
             self._store.write(self._new, sequence, self._keys[spare(self._poses)] if full else None)
 
-    def accept(self) -> None:
-        """Count the view, whose transaction is in the map now."""
+    def accept(self) -> Key | None:
+        """Count the view, whose transaction is in the map now; its key, or None without one."""
         if self._new is None:
-            return
+            return None
         if self._new.key in self._keys:
             self._forget(self._keys.index(self._new.key))
         elif len(self._keys) >= MAX_VIEWS:
@@ -217,6 +231,7 @@ class ViewKeeper:
         self._keys.append(self._new.key)
         self._poses.append(self._new.view.pose)
         self._new = None
+        return self._keys[-1]
 
     def _forget(self, number: int) -> None:
         del self._keys[number], self._poses[number]

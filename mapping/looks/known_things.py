@@ -1,4 +1,4 @@
-"""Things known by their looks: named ones in later recordings, and moved ones.
+"""Things known by their looks: named ones in later recordings, listed ones, and moved ones.
 
 A map's folder keeps them in `known_things.npz`, so that they outlive the objects they were learned
 from. A believed object without an asserted category gets the name of the known thing that it is
@@ -16,23 +16,19 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kg.knowledge.ontology.catalogue import name_key
 from kg.knowledge.ontology.provisional_classes import NAMED
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
-from kg.maps.thing_names import marked_categories
-from kg.model.errors import HereaboutsError, ModelError, RecordingError
+from kg.maps.thing_names import category_of_name, checked_name, marked_categories
+from kg.model.errors import HereaboutsError, ModelError
 from kg.model.records import Evidence, ObjectRecord
 from kg.model.regular_files import read_bytes
-from mapping.looks.object_looks import (
-    Looks,
-    ObjectLooks,
-    feature_statistics,
-    likeness,
-    most_alike,
-    network,
-)
+from mapping.looks.likeness import feature_statistics, features_of, likeness, most_alike
+from mapping.looks.look_store import Floats, LookStore, described
+from mapping.looks.user_encoder import encoder_of, fits, least_fit
+from mapping.looks.word_looks import looks_of, network
 from mapping.objects.tracks import Track
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 
@@ -46,8 +42,6 @@ MIN_DISTINCT: Final = 0.6
 MAX_SIZE_RATIO: Final = 2.0  # of the longest sides of two views of one thing
 _BELIEVED: Final = 0.5  # existence
 _MAX_FILE: Final = 1 << 26  # bytes
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +121,7 @@ class NamedObject:
 
     iri: str
     name: str
-    likeness: float  # 1 for a mark
+    likeness: float  # 1 for a mark; for a word, how much better it fits than absent ones
 
 
 def remember_named(semantic_map: SemanticMap) -> None:
@@ -150,10 +144,10 @@ def remember_named(semantic_map: SemanticMap) -> None:
     records = {record.iri: record for record in semantic_map.perceived.objects()}
     kept = [one for one in before.things if one.source not in records]
     known = KnownThings(tuple(kept), before.proposed)
-    looks = ObjectLooks(folder).of(names.keys() & records.keys())
+    looks = LookStore(folder, network()).of(names.keys() & records.keys())
     for iri, look in sorted(looks.items()):
         name = semantic_map.catalogue.label(names[iri])
-        known = known.with_thing(KnownThing(name, look.features, iri, _size(records[iri])))
+        known = known.with_thing(KnownThing(name, features_of(look), iri, _size(records[iri])))
     known.save(folder)
 
 
@@ -182,18 +176,69 @@ def recognise(semantic_map: SemanticMap) -> tuple[NamedObject, ...]:
         if not used & {one.iri, one.name}:
             used |= {one.iri, one.name}
             found.append(one)
-    new = [one for one in found if f"{one.iri} {one.name}" not in known.proposed]
+    return propose(semantic_map, known, found)
+
+
+def propose(
+    semantic_map: SemanticMap, known: KnownThings, found: Iterable[NamedObject]
+) -> tuple[NamedObject, ...]:
+    """Give objects their names, each once, as assertions of `AUTHOR`; returns those that are made.
+
+    Raises ModelError where the folder of the map cannot be written.
+    """
     made = []
-    for one in new:
+    for one in found:
+        if f"{one.iri} {one.name}" in known.proposed:
+            continue
         try:
             semantic_map.assertions.add(one.iri, "name", one.name, by=AUTHOR)
         except HereaboutsError:
             continue  # the object went meanwhile, or the name is a kind of place now
         made.append(one)
-    if made:
+    if made and semantic_map.store.path is not None:
         proposed = (*known.proposed, *(f"{one.iri} {one.name}" for one in made))
-        KnownThings(known.things, proposed[-10 * MAX_THINGS :]).save(folder)
+        KnownThings(known.things, proposed[-10 * MAX_THINGS :]).save(semantic_map.store.path)
     return tuple(made)
+
+
+MAX_NAMES: Final = 500  # of one list
+
+
+def label_things(semantic_map: SemanticMap, names: Sequence[str]) -> tuple[NamedObject, ...]:
+    """Name things without a name by those of `names` that they look most like; returns them.
+
+    A thing that looks like none of them, by the threshold of the map's encoder, stays without a
+    name. Names are asserted by "looks", each once: where somebody retracts one, it stays so.
+
+    Raises ModelError: the map has no encoder, or the encoder does not know a name;
+    InvalidFactError or UnknownCategoryError for a text that is no name of a thing.
+    """
+    folder = semantic_map.store.path
+    encoder = None if folder is None else encoder_of(folder)
+    if folder is None or encoder is None:
+        raise ModelError(
+            "the map has no encoder to compare names with; one that is mapped with --encoder "
+            "image.onnx,text.onnx would work"
+        )
+    wanted = list({name_key(name): checked_name(name) for name in names}.values())
+    if not 0 < len(wanted) <= MAX_NAMES:
+        raise ModelError(f"give 1 to {MAX_NAMES} names, got {len(wanted)}")
+    for name in wanted:
+        category_of_name(semantic_map.catalogue, name)  # refuses kinds of places
+    texts = np.stack([encoder.pair.encode_text(name) for name in wanted])
+    rows = looks_of(semantic_map, [one.iri for one in semantic_map.unnamed_things()], encoder)
+    if not rows:
+        return ()
+    things = list(rows.values())
+    absent = fits(things, encoder.negatives, encoder.negatives)
+    least = np.maximum(absent.max(axis=1), least_fit(absent))  # it fits no absent word better
+    fit = fits(things, texts, encoder.negatives)
+    found = [
+        NamedObject(iri, wanted[int(scores.argmax())], float(scores.max()))
+        for iri, scores, enough in zip(rows, fit, least, strict=True)
+        if scores.max() >= enough
+    ]
+    return propose(semantic_map, KnownThings.load(folder), found)
 
 
 def _marked(semantic_map: SemanticMap) -> list[KnownThing]:
@@ -226,7 +271,7 @@ def _pairs(
 
     marks = {one.marker: one.name for one in wanted if one.marker}
     pictures = ObjectPictures(folder)
-    looks = ObjectLooks(folder).of(
+    looks = LookStore(folder, network()).of(
         record.iri for record in sorted(records, key=lambda one: one.iri not in free)
     )
     for record in (one for one in records if one.iri in free):
@@ -237,7 +282,7 @@ def _pairs(
             yield math.inf, NamedObject(record.iri, marks[mark], 1.0)
         if record.iri not in looks:
             continue
-        features = looks[record.iri].features
+        features = features_of(looks[record.iri])
         for one in wanted:
             if one.source == record.iri or not len(one.features) or not _fits(one, record):
                 continue
@@ -245,7 +290,7 @@ def _pairs(
             if alike < MIN_LIKENESS:
                 continue
             before = [
-                looks[r.iri].features
+                features_of(looks[r.iri])
                 for r in records
                 if r.iri in looks and r.iri != one.source and r.first_seen < record.first_seen
             ]
@@ -276,7 +321,8 @@ def taught(name: str, pictures: Iterable[bytes], marker: str = "") -> KnownThing
     data = list(pictures)
     if not data:
         return _without_looks(name, marker)
-    return KnownThing(name, Looks.of_pictures(data).features, marker=marker)
+    rows = np.stack([network().describe(picture) for picture in data])
+    return KnownThing(name, features_of(rows), marker=marker)
 
 
 #: log-likelihood ratio of one thing against two of a category, by how much more alike they look
@@ -316,9 +362,9 @@ class MovedLooks:
         # another best observation of it brings another picture
         key = track.iri or track.number, "" if track.best is None else track.best.frame
         if key not in self._known:
-            found = [_described(data) for data in self._views(track)]
-            shown = [features for features in found if features is not None]
-            self._known[key] = np.stack(shown) if shown else None
+            rows = [described(network(), data) for data in self._views(track)]
+            shown = [row for row in rows if np.isfinite(row).all()]
+            self._known[key] = features_of(np.stack(shown)) if shown else None
             if len(self._known) > _KEPT:
                 del self._known[next(iter(self._known))]
         return self._known[key]
@@ -332,11 +378,3 @@ class MovedLooks:
             data = self._recent(track.best)
             if data is not None:
                 yield data
-
-
-def _described(picture: bytes) -> Floats | None:
-    """(F,) features of a picture; None for one that shows nothing."""
-    try:
-        return network().describe(picture)[0]
-    except (RecordingError, ModelError):
-        return None

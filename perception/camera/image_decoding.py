@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.model.errors import RecordingError
+from kg.model.errors import ModelError, RecordingError
 
 NO_RETURN: Final = (0, 65535)  # 65535 marks invalid pixels in 7-Scenes, elsewhere saturation
 MAX_PIXELS: Final = 1 << 27
+PLAIN: Final = 4.0  # standard deviation of the grey values below which a picture shows nothing
 PNG: Final = b"\x89PNG\r\n\x1a\n"
 MILLIMETRES: Final = 1000.0  # units a metre of 16-bit depth, where nothing else is said
 
@@ -33,6 +34,18 @@ def decode_image(data: NDArray[np.uint8], flags: int, where: str) -> NDArray[Any
     if image is None:
         raise RecordingError(f"{where} cannot be decoded: damaged image")
     return image
+
+
+def decode_picture(picture: bytes) -> NDArray[np.uint8]:
+    """Image (H, W, 3) of a JPEG or PNG of a thing.
+
+    Raises RecordingError for a damaged picture, and ModelError for one that shows nothing.
+    """
+    data = np.frombuffer(picture, np.uint8)
+    bgr = np.asarray(decode_image(data, cv2.IMREAD_COLOR, "the picture"), np.uint8)
+    if bgr.mean(axis=2).std() < PLAIN:
+        raise ModelError("the picture shows nothing: it has one colour")
+    return np.ascontiguousarray(bgr[:, :, ::-1])
 
 
 def _check_pixels(png: NDArray[np.uint8], where: str) -> None:

@@ -39,6 +39,8 @@ SPINNING: Final = "0"
 USUAL_SIZE = 640
 MAX_SIZE = 4096  # ... and the largest side of any
 _SUFFIX = "ExecutionProvider"
+_QUIET = ort.RunOptions()
+_QUIET.log_severity_level = 4  # a run that fails raises, and is not told on stderr as well
 #: devices that "auto" takes, best first; TensorRT builds its plans for minutes
 _PREFERRED = ("cuda", "migraphx", "rocm", "dml", "cpu")
 #: types of images, by onnxruntime's names
@@ -132,7 +134,7 @@ class Session:
         """The named outputs; raises ModelError where the network refuses its inputs."""
         try:
             adapted = {name: self._adapted(name, value) for name, value in inputs.items()}
-            found: list[NDArray[np.generic]] = self._session.run(list(outputs), adapted)
+            found: list[NDArray[np.generic]] = self._session.run(list(outputs), adapted, _QUIET)
         except _FAILURES as error:
             reason = str(error).splitlines()[0]
             raise ModelError(f"{self.path.name} failed on an image: {reason}") from error

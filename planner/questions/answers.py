@@ -17,6 +17,7 @@ from kg.model.errors import (
     UnknownCategoryError,
     UnknownQueryError,
 )
+from mapping.looks.word_looks import compares_texts
 from planner.questions.answerer import Answerer
 from planner.questions.examples import example_questions
 from planner.questions.moments import past
@@ -25,6 +26,7 @@ from planner.questions.plain_answer import PlainAnswer
 from planner.questions.recognition import is_known_word, target_named
 from planner.questions.rooms import WHOLE, about_rooms
 from planner.search.goals.place_names import spoken_places
+from planner.search.goals.targets import undetectable_target
 from planner.search.plans.report import empty_answer, find_answer
 
 _MAX_ORDERED: Final = 3  # words of an order's thing that are repeated
@@ -115,6 +117,9 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
     Raises as `answer_question` and `find_answer`.
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
+    seen = _by_looks(semantic_map, wanted, question)
+    if seen is not None:
+        return seen
     if question is None:
         found = _found(semantic_map, wanted)
         return {**found, "about": about(semantic_map, _texts(found["answer"]))}
@@ -135,6 +140,28 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         "target": wanted[0],
         "answer": list(answer.lines),
         "about": about(semantic_map, answer.lines, listed),
+    }
+
+
+def _by_looks(
+    semantic_map: SemanticMap, wanted: Sequence[str], question: Question | None
+) -> dict[str, object] | None:
+    """The answer about one thing that only the encoder of the map can tell; else None."""
+    if len(wanted) != 1 or not compares_texts(semantic_map):
+        return None
+    text = wanted[0] if question is None else question.what
+    if question is not None and (question.kind != "where" or question.also or question.at):
+        return None
+    unseen = undetectable_target(semantic_map, text)
+    if unseen is None or unseen.alike is None:
+        return None
+    lines = [f"{line}." for line in unseen.sentences]
+    listed = [one.iri for one in unseen.alike.found.things[: len(unseen.alike.things)]]
+    return {
+        **empty_answer(semantic_map, (), time.time()),
+        "target": wanted[0],
+        "answer": lines,
+        "about": about(semantic_map, lines, listed),
     }
 
 

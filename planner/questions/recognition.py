@@ -51,6 +51,9 @@ def target_named(semantic_map: SemanticMap, words: str) -> Target:
 
 
 def _ask_back(semantic_map: SemanticMap, words: str) -> None:
-    found = any_meaning(semantic_map.catalogue, words)
+    try:
+        found = any_meaning(semantic_map.catalogue, words)
+    except UnknownCategoryError:
+        return  # the encoder of the map knows it
     if found.how == "spelling":
         raise UnknownCategoryError(f"nothing is called '{found.text}'; did you mean {found.word}?")

@@ -46,7 +46,8 @@ _PHRASES: Final = frozenset(
 _PLURALS: Final = ("", "n", "en", "e", "er", "s")  # endings of German plurals
 _MIN_HEAD: Final = 4  # letters of the last part of a German compound
 
-How = Literal["label", "word", "folded", "head", "spelling"]
+#: "unknown" is a text that is no known word, and is told by looks alone
+How = Literal["label", "word", "folded", "head", "spelling", "unknown"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from typing import Final, Literal, cast
 
 from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import QueryParameterError, UndetectableError
+from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
 from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
@@ -87,7 +87,7 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         return _object_status(semantic_map, what, thing)
     try:
         category = resolve_target(semantic_map.catalogue, what)
-    except UndetectableError:
+    except UnknownCategoryError:
         unseen = undetectable(semantic_map, what)
         if unseen is None:
             raise

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 
 from kg.knowledge.ontology.catalogue import Catalogue, name_key
-from kg.knowledge.words.meaning import Meaning, listed, shown_name, understand
+from kg.knowledge.words.meaning import MAX_NAME, Meaning, listed, shown_name, understand
 from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_places
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import UndetectableError, UnknownCategoryError
+from kg.model.errors import ModelError, UndetectableError, UnknownCategoryError
 from kg.model.place_names import plain_place
-from mapping.looks.word_looks import things_that_look_like
+from mapping.looks.word_looks import Alike, alike, compares_texts
 from planner.search.goals.place_names import in_words, place_category
 
 _ALIKE = 3  # things that are said to look like a word
@@ -25,11 +26,13 @@ class Undetectable:
     meaning: Meaning
     usual: UsualPlaces | None  # None: nothing is known
     here: tuple[tuple[str, str], ...] = ()  # kinds of usual places, and their label in the map
-    alike: tuple[str, ...] | None = None  # things of the map that look like it; None: not known
+    alike: AlikeHere | None = None  # what looks like it; None: not known
 
     @property
     def sentences(self) -> list[str]:
         """The answer: that no detector sees it, where it usually is, and where that is here."""
+        if self.unknown:
+            return [f"'{self.meaning.text}' is no word that is known here", *self.looks]
         known = self.meaning
         name = known.word if known.how == "spelling" else known.text
         english = f" ({known.means})" if known.means != known.word else ""
@@ -47,13 +50,17 @@ class Undetectable:
             else f"This map has a {label}"
             for kind, label in self.here
         ]
-        if self.alike:
-            first = " and ".join(filter(None, (", ".join(self.alike[:-1]), *self.alike[-1:])))
-            look = "looks" if len(self.alike) == 1 else "look"
-            lines.append(f"Of the things in this map, {first} {look} most like it")
-        elif self.alike is not None:
-            lines.append("Nothing with a picture in this map looks like it")
-        return lines
+        return [*lines, *self.looks]
+
+    @property
+    def looks(self) -> list[str]:
+        """What looks like it, if that is known."""
+        return [] if self.alike is None else self.alike.sentences("it")
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it is no known word, so that its looks alone can tell anything."""
+        return self.meaning.how == "unknown"
 
     @property
     def answer(self) -> str:
@@ -72,7 +79,8 @@ class Undetectable:
             "places": [asdict(place) for place in usual.places] if usual else [],
             "supports": list(usual.supports) if usual else [],
             "in_this_map": [{"place": label, "kind": kind} for kind, label in self.here],
-            "looks_like": None if self.alike is None else list(self.alike),
+            "looks_like": None if self.alike is None else list(self.alike.things),
+            **({} if self.alike is None else self.alike.to_json()),
         }
 
 
@@ -108,37 +116,101 @@ def undetectable(semantic_map: SemanticMap, text: str) -> Undetectable | None:
     """The answer for a thing that no detector can see, with places of the map; else None.
 
     No category includes such things, or only one by which people name things, and nobody has
-    named one in this map. None for a text that is no known word, too.
+    named one in this map. A text that is no known word has an answer where the map's encoder
+    compares it with looks; else None.
     """
     try:
         meaning = any_meaning(semantic_map.catalogue, text)
     except UnknownCategoryError:
-        return None
+        return _by_looks_alone(semantic_map, text)
     if any(not one.undetected for one in meaning.categories):
         return None
     if any(semantic_map.objects(one.iri) for one in meaning.categories):
         return None
     usual = usual_places(meaning.synset)
     here = _places_here(semantic_map, usual.places if usual else ())
-    return Undetectable(meaning, usual, here, _alike(semantic_map, meaning.synset))
+    own = meaning.how != "spelling" and meaning.means == meaning.word
+    said = text if own else meaning.means
+    return Undetectable(meaning, usual, here, alike_here(semantic_map, said, meaning.synset))
 
 
-def _alike(semantic_map: SemanticMap, synset: str) -> tuple[str, ...] | None:
-    """Things that look most like a word, as in ``object/17 (bottle, in the kitchen)``."""
-    found = things_that_look_like(semantic_map, synset)
-    if found is None:
+def _by_looks_alone(semantic_map: SemanticMap, text: str) -> Undetectable | None:
+    """The answer for a text that is no known word, where the encoder of the map knows it."""
+    is_place = place_category(semantic_map.catalogue, text) is not None
+    if is_place or not any(map(str.isalnum, text)) or len(text) > MAX_NAME:
         return None
+    if not compares_texts(semantic_map):
+        return None
+    shown = shown_name(text)
+    meaning = Meaning(shown, shown, "unknown", "none", ())
+    return Undetectable(meaning, None, (), alike_here(semantic_map, text))
+
+
+@dataclass(frozen=True, slots=True)
+class AlikeHere:
+    """What looks like a text in a map, in words."""
+
+    found: Alike
+    things: tuple[str, ...] = ()  # as in ``object/17 (bottle, in the kitchen)``
+    problem: str = ""  # why the encoder of the map does not compare
+
+    def sentences(self, what: str) -> list[str]:
+        """Which things, and from where a view, look most like `what`."""
+        by = f", says the encoder {self.found.encoder}" if self.found.encoder else ""
+        lines = [self.problem[:1].upper() + self.problem[1:]] if self.problem else []
+        if self.things:
+            look = "looks" if len(self.things) == 1 else "look"
+            found = _and(self.things)
+            lines.append(f"Of the things in this map, {found} {look} most like {what}{by}")
+        elif by and not self.found.views:
+            lines.append(f"Nothing here looks like {what}{by}")
+        elif not by and not self.problem:
+            lines.append(f"Nothing with a picture in this map looks like {what}")
+        if self.found.views:
+            one = self.found.views[0]
+            pose = f"({one.x:.1f}, {one.y:.1f}), heading {math.degrees(one.heading):.0f} degrees"
+            lines.append(f"The view from {pose}, looks most like {what}{by}")
+        return lines
+
+    def to_json(self) -> dict[str, object]:
+        """The encoder, and the views that look like the text; {} for the bundled classifier."""
+        if not self.found.encoder:
+            return {"problem": self.problem} if self.problem else {}
+        views = [asdict(one) for one in self.found.views[:_ALIKE]]
+        return {"encoder": self.found.encoder, "views_like": views}
+
+
+def alike_here(semantic_map: SemanticMap, text: str, synset: str = "") -> AlikeHere | None:
+    """What looks most like a text, or else a synset of WordNet; None where it cannot be known.
+
+    Raises ModelError where there is no synset, and the map's encoder cannot compare the text.
+    """
+    problem = ""
+    try:
+        found = alike(semantic_map, text, synset)
+    except ModelError as error:
+        if not synset:
+            raise
+        problem = str(error)
+        found = alike(semantic_map, text, synset, bundled=True)
+    if found is None:
+        return AlikeHere(Alike(()), (), problem) if problem else None
     things = (*semantic_map.objects(), *semantic_map.unnamed_things())
     records = {record.iri: record for record in things}
     places = {place.iri: place.label for place in semantic_map.places()}
     described = []
-    for record in (records[one.iri] for one in found[:_ALIKE]):
+    for record in (records[one.iri] for one in found.things[:_ALIKE]):
         known = semantic_map.catalogue.by_iri(record.category)
         parts = [] if known is None else [known.label]
         if record.place in places:
             parts.append(f"in {in_words(semantic_map.catalogue, places[record.place])}")
         described.append(f"{record.iri.removeprefix(semantic_map.base)} ({', '.join(parts)})")
-    return tuple(described)
+    return AlikeHere(found, tuple(described), problem)
+
+
+def _and(parts: tuple[str, ...]) -> str:
+    """``a, b and c``."""
+    return " and ".join(filter(None, (", ".join(parts[:-1]), parts[-1])))
 
 
 def _places_here(

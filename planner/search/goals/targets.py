@@ -16,6 +16,7 @@ from kg.model.errors import (
     UnknownCategoryError,
     did_you_mean,
 )
+from mapping.looks.word_looks import compares_texts
 from planner.search.goals.place_names import is_unnamed, object_named
 from planner.search.goals.target_words import Undetectable, meaning_of, undetectable
 
@@ -23,6 +24,7 @@ _NEED: Final = re.compile(
     r"(?:(?:some|any)(?:thing|where|place)|a thing|things|what)(?: (?:i|one|we) can)?(?: to)? (.+)",
     re.IGNORECASE,
 )
+_NAMES: Final = ("label", "word", "folded")  # how names of single things are understood
 _LINKS: Final = {"from", "on", "with", "in", "at", "out", "of"}
 
 
@@ -83,11 +85,17 @@ def as_one(semantic_map: SemanticMap, texts: Sequence[str]) -> list[str]:
         return [whole] if texts else []
     if object_named(semantic_map, whole):
         return [whole]
+    if compares_texts(semantic_map) and any(_understood(semantic_map, t) is None for t in texts):
+        return [whole]  # as in: red mug
+    return [whole] if _understood(semantic_map, whole) in _NAMES else list(texts)
+
+
+def _understood(semantic_map: SemanticMap, text: str) -> str | None:
+    """How a text is understood; None for no known word."""
     try:
-        is_name = understand(semantic_map.catalogue, whole).how in ("label", "word", "folded")
+        return understand(semantic_map.catalogue, text).how
     except UnknownCategoryError:
-        is_name = False
-    return [whole] if is_name else list(texts)
+        return None
 
 
 def undetectable_target(semantic_map: SemanticMap, text: str) -> Undetectable | None:
@@ -132,9 +140,11 @@ def _named(semantic_map: SemanticMap, text: str) -> Target:
         return _one_thing(semantic_map, text, iri)
     try:
         meaning = meaning_of(semantic_map.catalogue, text)
-    except UndetectableError as error:
+    except UnknownCategoryError as error:
         answer = undetectable(semantic_map, text)
-        raise UndetectableError(answer.answer if answer else str(error)) from error
+        if answer is None:
+            raise
+        raise UndetectableError(answer.answer) from error
     single = meaning.categories[0] if len(meaning.categories) == 1 else None
     label = single.label if single else meaning.text
     target = _target(semantic_map, text, label, single.iri if single else None, meaning.iris)

@@ -14,10 +14,12 @@ import numpy as np
 from kg.history.timestamps import span
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
+from mapping.looks.word_looks import compares_texts
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import in_words
 from planner.search.goals.search_goals import times, with_article
 from planner.search.goals.status import Value, status
+from planner.search.goals.target_words import alike_here
 from planner.search.goals.targets import Target
 
 if TYPE_CHECKING:
@@ -58,13 +60,25 @@ def find_sentences(
         most: Number of objects that are listed.
     """
     known = known_of(semantic_map, target, state)
+    looks = _looks(semantic_map, target)
     if known:
-        return answer_lines(known, now, target, rooms=_room_probabilities(state), most=most)
+        lines = answer_lines(known, now, target, rooms=_room_probabilities(state), most=most)
+        return [*lines, *looks]
     guess = _guess(semantic_map.catalogue, target, state, found)
     if target.iri is None:
-        return [f"{target.none} is in the map{guess}"]
+        return [f"{target.none} is in the map{guess}", *looks]
     fate = status(semantic_map, target.thing or target.iri)
-    return [f"{target.none} is in the map{_NONE[fate.value]}: {fate.proof}{guess}"]
+    return [f"{target.none} is in the map{_NONE[fate.value]}: {fate.proof}{guess}", *looks]
+
+
+def _looks(semantic_map: SemanticMap, target: Target) -> list[str]:
+    """What looks like a text that says more than its category, such as ``red mug``."""
+    if target.thing or not target.note or len(target.text.split()) < 2:
+        return []
+    if not compares_texts(semantic_map):
+        return []
+    found = alike_here(semantic_map, target.text)
+    return [] if found is None else found.sentences(f"'{target.text}'")
 
 
 def known_of(

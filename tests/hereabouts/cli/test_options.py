@@ -19,6 +19,8 @@ from hereabouts.cli.recording_options import recording_options, source_options
 from hereabouts.cli.ros_robot import ros_options
 from hereabouts.cli.search import search_options
 from kg.serving.opening import open_map
+from mapping.looks.user_encoder import listed_words
+from tests.encoder_files import write_colour_pair
 from tests.hereabouts.cli.test_serve import Process
 
 #: Option -> words of its value, the value in `Built` that it sets, and what that is then.
@@ -36,6 +38,7 @@ MAPPING: dict[str, tuple[list[str], str, Any]] = {
     "--no-floor": ([], "mapping.occupancy", False),
     "--no-pictures": ([], "mapping.pictures", False),
     "--surface": (["5"], "mapping.surface", 0.05),
+    "--encoder": (["mine/image.onnx,mine/text.onnx"], "mapping.encoder.name", "mine"),
     "--detector": (["other.onnx"], "networks.detector", "other.onnx"),
     "--second-detector": (["other.onnx"], "networks.second_detector", "other.onnx"),
     "--threshold": (["0.3"], "mapping.objects.min_score", 0.3),
@@ -144,6 +147,8 @@ CASES = [
 def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
     """Callable: a command and words -> the values of its options, by their names."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HEREABOUTS_CACHE", str(tmp_path / "cache"))
+    write_colour_pair(tmp_path / "mine", words=" ".join(listed_words()).split())
     (tmp_path / "labels.csv").write_text("mug,cup\n")
     (tmp_path / "places.csv").write_text("label,xmin,xmax,ymin,ymax\nhall,0,1,0,1\n")
     (tmp_path / "K.txt").write_text("500 0 320\n0 500 240\n0 0 1\n")

@@ -16,7 +16,8 @@ from mapping.looks.known_things import (
     remember_named,
     taught,
 )
-from mapping.looks.object_looks import Looks, likeness
+from mapping.looks.likeness import features_of, likeness
+from mapping.looks.word_looks import network
 from mapping.mapper import Mapper
 from perception.inference.markers import marker_name
 from tests.mapping.looks.conftest import add_things
@@ -134,7 +135,7 @@ def test_a_mark_that_does_not_exist_is_refused(mark):
 
 def test_likeness_is_high_for_two_views_of_a_thing(cut_out):
     def features(name, moved=0.0):
-        return Looks.of_pictures([cut_out(name, moved)]).features
+        return features_of(network().describe(cut_out(name, moved))[None])
 
     assert likeness(features("cup"), features("cup", 5.0)) > 0.8
     assert likeness(features("cup"), features("banana")) < 0.3

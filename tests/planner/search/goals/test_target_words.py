@@ -8,8 +8,10 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UndetectableError, UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from mapping.looks.word_looks import Alike
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.search_goals import resolve_target
+from planner.search.goals.target_words import AlikeHere
 from planner.search.goals.targets import resolve, undetectable_target
 
 
@@ -109,5 +111,6 @@ def test_other_texts_are_no_undetectable_things(semantic_map: SemanticMap, text:
 def test_what_looks_like_an_unseen_thing_is_a_suggestion(semantic_map, alike, said):
     answer = undetectable_target(semantic_map, "wallet")
     assert answer is not None
-    assert said in replace(answer, alike=alike).answer
+    shown = None if alike is None else AlikeHere(Alike(()), alike)
+    assert said in replace(answer, alike=shown).answer
     assert answer.alike is None  # a map in memory has no pictures

@@ -14,8 +14,8 @@ from kg.model.records import Evidence, MapUpdate
 from kg.model.vocabulary import UNNAMED_THING
 from kg.serving.opening import in_memory_map, open_map
 from mapping.looks.known_things import KnownThings, MovedLooks, recognise, taught
-from mapping.looks.object_looks import FILE, Looks, ObjectLooks
-from mapping.looks.word_looks import imagenet_classes, things_that_look_like
+from mapping.looks.look_store import LOOKS, LookStore
+from mapping.looks.word_looks import alike, imagenet_classes, network
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import track_of
 
@@ -34,13 +34,13 @@ def test_looks_are_kept_with_the_pictures_of_each_object(furnished, cut_out):
     semantic_map = furnished(("cup", cut_out("banana")), ("cup", cut_out("teddy bear")))
     banana, bear = (record.iri for record in semantic_map.objects())
     folder = semantic_map.store.path
-    first = ObjectLooks(folder).of([banana, bear])
-    written = (folder / FILE).stat().st_mtime_ns
-    again = ObjectLooks(folder).of([bear, banana])
-    assert (folder / FILE).stat().st_mtime_ns == written  # read, not computed again
+    first = LookStore(folder, network()).of([banana, bear])
+    written = (folder / LOOKS).stat().st_mtime_ns
+    again = LookStore(folder, network()).of([bear, banana])
+    assert (folder / LOOKS).stat().st_mtime_ns == written  # read, not computed again
     for iri in (banana, bear):
-        assert np.allclose(first[iri].features, again[iri].features, atol=0.01)
-    assert first[banana].features.shape == (1, 1280)
+        assert np.allclose(first[iri], again[iri], atol=0.01)
+    assert first[banana].shape == (1, 2280)
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04", b"x" * 1000])
@@ -48,21 +48,19 @@ def test_a_damaged_file_of_looks_is_computed_again(furnished, cut_out, damage):
     semantic_map = furnished(("cup", cut_out("banana")))
     (banana,) = (record.iri for record in semantic_map.objects())
     folder = semantic_map.store.path
-    before = ObjectLooks(folder).of([banana])
-    (folder / FILE).write_bytes(damage)
-    assert np.array_equal(
-        ObjectLooks(folder).of([banana])[banana].features, before[banana].features
-    )
+    before = LookStore(folder, network()).of([banana])
+    (folder / LOOKS).write_bytes(damage)
+    assert np.array_equal(LookStore(folder, network()).of([banana])[banana], before[banana])
 
 
 def test_looks_of_other_sizes_are_computed_again(furnished, cut_out):
     semantic_map = furnished(("cup", cut_out("banana")))
     (banana,) = (record.iri for record in semantic_map.objects())
     folder = semantic_map.store.path
-    ObjectLooks(folder).of([banana])
-    arrays = dict(np.load(folder / FILE))
-    np.savez(folder / FILE, **{**arrays, "features": np.zeros((1, 3))})
-    assert ObjectLooks(folder).of([banana])[banana].features.shape == (1, 1280)
+    LookStore(folder, network()).of([banana])
+    arrays = dict(np.load(folder / LOOKS))
+    np.savez(folder / LOOKS, **{**arrays, "rows": np.zeros((1, 3))})
+    assert LookStore(folder, network()).of([banana])[banana].shape == (1, 2280)
 
 
 def test_former_best_views_stay_up_to_a_limit(furnished, cut_out):
@@ -72,10 +70,10 @@ def test_former_best_views_stay_up_to_a_limit(furnished, cut_out):
     for number in range(6):
         pictures.write(with_view(record, number), cut_out("banana", float(number)))
     assert len(pictures.views_of(record.iri)) == MAX_VIEWS
-    looks = ObjectLooks(semantic_map.store.path).of([record.iri])[record.iri]
-    assert looks.features.shape == (MAX_VIEWS, 1280)
+    looks = LookStore(semantic_map.store.path, network()).of([record.iri])[record.iri]
+    assert looks.shape == (MAX_VIEWS, 2280)
     pictures.remove(record.iri)
-    assert ObjectLooks(semantic_map.store.path).of([record.iri]) == {}
+    assert LookStore(semantic_map.store.path, network()).of([record.iri]) == {}
 
 
 def test_former_views_are_dropped_before_the_last_picture_of_an_object(
@@ -95,9 +93,9 @@ def test_a_picture_of_nothing_has_no_looks(furnished):
     grey = np.full((60, 60, 3), 128, np.uint8)
     semantic_map = furnished(("cup", encoded(grey)), ("cup", b"no picture at all"))
     iris = [record.iri for record in semantic_map.objects()]
-    assert ObjectLooks(semantic_map.store.path).of(iris) == {}
+    assert LookStore(semantic_map.store.path, network()).of(iris) == {}
     with pytest.raises(ModelError, match="shows nothing"):
-        Looks.of_pictures([encoded(grey)])
+        taught("grey", [encoded(grey)])
 
 
 def test_things_are_ordered_by_what_a_word_means(furnished, cut_out):
@@ -106,13 +104,13 @@ def test_things_are_ordered_by_what_a_word_means(furnished, cut_out):
     )
     banana, bear, mug = (record.iri for record in semantic_map.objects())
     for synset, iri in (("banana.n.02", banana), ("teddy.n.01", bear), ("coffee_mug.n.01", mug)):
-        assert things_that_look_like(semantic_map, synset)[0].iri == iri
+        assert alike(semantic_map, "", synset).things[0].iri == iri
 
 
 def test_nothing_looks_like_a_thing_that_is_not_there(furnished, cut_out):
     semantic_map = furnished(("cup", cut_out("banana")), ("cup", cut_out("teddy bear")))
-    assert things_that_look_like(semantic_map, "printer.n.03") == ()
-    assert things_that_look_like(semantic_map, "no_such_word.n.01") is None
+    assert alike(semantic_map, "printer", "printer.n.03").things == ()
+    assert alike(semantic_map, "", "no_such_word.n.01") is None
 
 
 def test_things_without_a_name_are_compared_too(furnished, cut_out):
@@ -120,7 +118,7 @@ def test_things_without_a_name_are_compared_too(furnished, cut_out):
     (record,) = semantic_map.perceived.objects()
     semantic_map.apply(MapUpdate((replace(record, category=UNNAMED_THING),)))
     assert semantic_map.objects() == ()
-    (found,) = things_that_look_like(semantic_map, "banana.n.02")
+    (found,) = alike(semantic_map, "banana", "banana.n.02").things
     assert found.iri == record.iri
     KnownThings().with_thing(taught("my banana", [cut_out("banana", 4.0)])).save(
         semantic_map.store.path
@@ -133,7 +131,7 @@ def test_things_without_a_name_are_compared_too(furnished, cut_out):
 
 def test_a_map_in_memory_has_no_looks():
     with in_memory_map(base="https://example.org/map/") as semantic_map:
-        assert things_that_look_like(semantic_map, "banana.n.02") is None
+        assert alike(semantic_map, "banana", "banana.n.02") is None
 
 
 def test_a_map_open_for_reading_can_be_asked(furnished, cut_out):
@@ -141,7 +139,7 @@ def test_a_map_open_for_reading_can_be_asked(furnished, cut_out):
     folder = semantic_map.store.path
     semantic_map.close()
     with open_map(folder, read_only=True) as reading:
-        assert len(things_that_look_like(reading, "banana.n.02")) == 1
+        assert len(alike(reading, "banana", "banana.n.02").things) == 1
 
 
 def test_every_class_is_one_of_the_thousand():

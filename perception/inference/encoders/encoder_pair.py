@@ -1,0 +1,293 @@
+"""Encoder pair: an image and a text encoder of one model, from the user's ONNX files.
+
+Interfaces of the public exports (CLIP, OpenCLIP, SigLIP, MobileCLIP): one image input
+[N, 3, H, W], and token numbers [N, T] with or without an attention mask, in two files or in one;
+the output is the projected embedding (`image_embeds`, `text_embeds`), or for SigLIP
+`pooler_output`. `preprocessor_config.json` or `open_clip_config.json` beside the image encoder, or
+in the folder above, tells size and values of images; without them they are CLIP's, and SigLIP's
+for a `pooler_output`. Images keep their aspect, with grey beside them, unless the model stretches.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kg.model.errors import ModelError
+from perception.camera.image_decoding import decode_picture
+from perception.inference.encoders.text_tokens import (
+    TextTokens,
+    configuration,
+    load_tokens,
+    tokens_file,
+)
+from perception.inference.model_zoo import sha256_of
+from perception.inference.session import Session, fit
+
+Floats = NDArray[np.float32]
+
+#: outputs by what exporters call them, the projected embeddings first
+_IMAGES: Final = ("image_embeds", "image_features", "image_embedding", "pooler_output")
+_TEXTS: Final = ("text_embeds", "text_features", "text_embedding", "pooler_output")
+_INTEGERS: Final = {"tensor(int64)": np.int64, "tensor(int32)": np.int32}
+#: file names that say nothing about the model, whose name is that of their folder then
+_PLAIN_NAMES: Final = ("model", "vision", "visual", "image", "text", "onnx")
+_CLIP: Final = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+_SIGLIP: Final = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
+_SIDE: Final = 224  # [px] of images, where nothing says it
+_TOKENS: Final = {"pooler_output": 64}  # of a text, where nothing says it: SigLIP's, ...
+_USUAL_TOKENS: Final = 77  # ... else CLIP's
+#: tokens by which a model may have more than its tokenizer
+_SPARE_TOKENS: Final = 1024
+
+
+@dataclass(frozen=True)
+class EncoderPair:
+    """Two encoders of one model; each opens its network when it is first used."""
+
+    image_path: Path
+    text_path: Path
+    threads: int | None = None  # of the image encoder
+    known_checksum: str = ""  # of files that are as they were when it was computed
+
+    @cached_property
+    def name(self) -> str:
+        """Short name of the model: that of its file, or of its folder."""
+        stem, folder = self.image_path.stem, self.image_path.resolve().parent
+        if not stem.casefold().startswith(_PLAIN_NAMES):
+            return stem
+        return folder.parent.name if folder.name == "onnx" else folder.name
+
+    @cached_property
+    def checksum(self) -> str:
+        """Hexadecimal sha256 of both networks, weights beside them, and the tokenizer."""
+        if self.known_checksum:
+            return self.known_checksum
+        digests = "".join(sha256_of(path) for path in self.files)
+        return hashlib.sha256(digests.encode()).hexdigest()
+
+    @cached_property
+    def files(self) -> tuple[Path, ...]:
+        """Files of both networks, of weights beside them, and of the tokenizer."""
+        both = [p for path in (self.image_path, self.text_path) for p in _parts(path)]
+        return tuple(dict.fromkeys((*both, tokens_file(_folders(self.text_path)))))
+
+    @cached_property
+    def size(self) -> int:
+        """Number of values of both encoders' embeddings; raises ModelError where they differ."""
+        images = len(self.encode_image(np.full((8, 8, 3), 127, np.uint8)))
+        texts = len(self.encode_text("cup"))
+        if images != texts:
+            raise ModelError(
+                f"{self.image_path.name} gives {images} values and {self.text_path.name} {texts}: "
+                "both must be of one model, exported with their projection"
+            )
+        return images
+
+    def describe(self, picture: bytes) -> Floats:
+        """Unit vector (D,) of a JPEG or PNG.
+
+        Raises RecordingError for a damaged picture, and ModelError for one that shows nothing.
+        """
+        return self.encode_image(decode_picture(picture))
+
+    def encode_image(self, rgb: NDArray[np.uint8]) -> Floats:
+        """Unit vector (D,) of an image (H, W, 3); raises ModelError."""
+        session, name, output = self._images
+        size, stretched, mean, deviation = self._preparation
+        fitted = fit(rgb, size, "stretch" if stretched else "letterbox", "0..1").tensor
+        values = (fitted - mean) / deviation
+        inputs: dict[str, NDArray[Any]] = {name: values.astype(np.float32)}
+        inputs |= _others(session, name, 8)
+        return _unit(session, session.run([output], inputs)[0])
+
+    def encode_text(self, text: str) -> Floats:
+        """Unit vector (D,) of a text of up to 300 characters.
+
+        Raises ModelError for a longer one, and for one in a language that the model does not know.
+        """
+        return self._encoded(*self._tokens.of(text, self._context))
+
+    def _encoded(self, tokens: NDArray[np.int64], mask: NDArray[np.int64]) -> Floats:
+        session, name, output = self._texts
+        inputs = _others(session, name, tokens.shape[1])
+        for one, kind in session.input_types.items():
+            if one == name or "mask" in one:
+                inputs[one] = (tokens if one == name else mask).astype(_INTEGERS[kind])
+        return _unit(session, session.run([output], inputs)[0])
+
+    def check(self) -> None:
+        """Raise ModelError unless both are encoders of one model, with its tokenizer."""
+        _, tokens = self.size, self._tokens
+        if not self._reads(tokens.size - 1) or self._reads(tokens.size + _SPARE_TOKENS):
+            raise ModelError(
+                f"{tokens.path} has {tokens.size:,} tokens, and {self.text_path.name} another "
+                "number: the tokenizer of the same model would work"
+            )
+
+    def _reads(self, token: int) -> bool:
+        """Whether there is such a token in the text encoder."""
+        tokens = np.full((1, self._context), token, np.int64)
+        try:
+            self._encoded(tokens, np.ones_like(tokens))
+        except ModelError:
+            return False
+        return True
+
+    @cached_property
+    def _tokens(self) -> TextTokens:
+        return load_tokens(_folders(self.text_path))
+
+    @cached_property
+    def _images(self) -> tuple[Session, str, str]:
+        """The network of images, its input and its output."""
+        session = Session(self.image_path, self.threads, "cpu")
+        found = next((n for n, shape in session.inputs.items() if len(shape) == 4), None)
+        if found is None:
+            raise ModelError(
+                f"{self.image_path.name} has no image input ({session.interface()}); "
+                "image.onnx,text.onnx would work"
+            )
+        return session, found, _output(session, _IMAGES)
+
+    @cached_property
+    def _texts(self) -> tuple[Session, str, str]:
+        """The network of texts, its input and its output."""
+        same = self.text_path == self.image_path
+        session = self._images[0] if same else Session(self.text_path, None, "cpu")
+        found = _text_input(session)
+        if found is None:
+            raise ModelError(
+                f"{self.text_path.name} reads no texts ({session.interface()}): its text encoder "
+                "is missing; image.onnx,text.onnx would work"
+            )
+        return session, found, _output(session, _TEXTS)
+
+    @cached_property
+    def _context(self) -> int:
+        """Number of tokens of a text."""
+        session, name, output = self._texts
+        length = session.inputs[name][1]
+        if isinstance(length, int):
+            return length
+        opened = configuration(_folders(self.text_path), "open_clip_config.json")
+        given = opened.get("model_cfg", {}).get("text_cfg", {}).get("context_length")
+        return int(self._tokens.context or given or _TOKENS.get(output, _USUAL_TOKENS))
+
+    @cached_property
+    def _preparation(self) -> tuple[tuple[int, int], bool, Floats, Floats]:
+        """Height and width of images, whether they are stretched, mean and deviation of values."""
+        session, name, output = self._images
+        folders = _folders(self.image_path)
+        plain = configuration(folders, "preprocessor_config.json")
+        opened = configuration(folders, "open_clip_config.json")
+        values = opened.get("preprocess_cfg", {})
+        mean, deviation = _SIGLIP if output == "pooler_output" else _CLIP
+        mean = plain.get("image_mean") or values.get("mean") or mean
+        deviation = plain.get("image_std") or values.get("std") or deviation
+        if plain.get("do_normalize") is False:
+            mean, deviation = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
+        given = plain.get("crop_size") or plain.get("size")
+        given = given or opened.get("model_cfg", {}).get("vision_cfg", {}).get("image_size")
+        sides = session.inputs[name][-2:]
+        if not all(isinstance(side, int) for side in sides):
+            sides = list(_sides(given))
+        session.image_size(name)  # refuses other types and sizes
+        stretched = output == "pooler_output" or values.get("resize_mode") == "squash"
+        try:
+            arrays = [np.array(v, np.float32).reshape(1, 3, 1, 1) for v in (mean, deviation)]
+        except (TypeError, ValueError) as error:
+            raise ModelError(f"mean and deviation need three values, got {mean!r:.60}") from error
+        return (int(sides[0]), int(sides[1])), stretched, arrays[0], arrays[1]
+
+
+def open_encoder(files: str, threads: int | None = None) -> EncoderPair:
+    """The encoders in "clip.onnx" (both in one), or "image.onnx,text.onnx"; both are checked.
+
+    Raises ModelError: a file is missing or no such network, the text encoder or its tokenizer is
+    missing, or they are of different models.
+    """
+    paths = [Path(part.strip()) for part in files.split(",")]
+    if len(paths) > 2 or not files.strip():
+        raise ModelError(f"an encoder is clip.onnx or image.onnx,text.onnx; got {files!r}")
+    missing = next((path for path in paths if not path.is_file()), None)
+    if missing is not None:
+        raise ModelError(f"no encoder file {missing}; clip.onnx or image.onnx,text.onnx would work")
+    pair = EncoderPair(paths[0].resolve(), paths[-1].resolve(), threads)
+    pair.check()
+    return pair
+
+
+def _parts(path: Path) -> list[Path]:
+    """A network's file, and those of its weights where they lie beside it."""
+    beside = [path.with_name(path.name + ending) for ending in ("_data", ".data")]
+    return [path, *(one for one in beside if one.is_file())]
+
+
+def _folders(path: Path) -> list[Path]:
+    """Where configurations of a network are: beside it, or above a folder `onnx`."""
+    return [path.parent, path.parent.parent]
+
+
+def _text_input(session: Session) -> str | None:
+    """The input of tokens: the integers [N, T] that are no mask, positions or types."""
+    for name, shape in session.inputs.items():
+        other = any(part in name for part in ("mask", "position", "type"))
+        if session.input_types[name] in _INTEGERS and len(shape) == 2 and not other:
+            return name
+    return None
+
+
+def _output(session: Session, names: tuple[str, ...]) -> str:
+    """The output with the embedding: by name, else the only one of [N, D]."""
+    flat = [name for name, shape in session.outputs.items() if len(shape) == 2]
+    flat = [name for name in flat if not name.startswith("logits")]
+    found = [name for name in names if name in flat] or (flat if len(flat) == 1 else [])
+    if not found:
+        raise ModelError(
+            f"{session.path.name} has no embedding among its outputs ({session.interface()}); "
+            f"an export with {names[0]} [N, D] would work"
+        )
+    return found[0]
+
+
+def _others(session: Session, name: str, tokens: int) -> dict[str, NDArray[Any]]:
+    """Values for the inputs beside `name`: the other half of a network that has both."""
+    found: dict[str, NDArray[Any]] = {}
+    for other, shape in session.inputs.items():
+        kind = session.input_types[other]
+        if other == name:
+            continue
+        if len(shape) == 4:
+            sides = [side if isinstance(side, int) else _SIDE for side in shape[-2:]]
+            found[other] = np.zeros((1, 3, *sides), np.float32)
+        elif kind in _INTEGERS:
+            length = shape[1] if len(shape) > 1 and isinstance(shape[1], int) else tokens
+            values = np.arange(length) if "position" in other else np.full(length, "mask" in other)
+            found[other] = values.astype(_INTEGERS[kind])[None]
+    return found
+
+
+def _sides(given: object) -> tuple[int, int]:
+    """Height and width of a configuration: 224, [224, 224], or by name."""
+    if isinstance(given, dict):
+        short = given.get("shortest_edge", _SIDE)
+        given = [given.get("height", short), given.get("width", short)]
+    sides = given if isinstance(given, list) and len(given) == 2 else [given, given]
+    height, width = (side if isinstance(side, int) else _SIDE for side in sides)
+    return height, width
+
+
+def _unit(session: Session, found: NDArray[np.generic]) -> Floats:
+    vector = np.asarray(found, np.float32).reshape(-1)
+    length = float(np.linalg.norm(vector))
+    if found.ndim != 2 or found.shape[0] != 1 or not np.isfinite(length) or length < 1e-9:
+        raise ModelError(f"{session.path.name} gives {found.shape} values that are no embedding")
+    unit: Floats = vector / length
+    return unit
