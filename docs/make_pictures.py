@@ -19,8 +19,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -33,6 +34,11 @@ from planner.questions.answers import answer_box
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
+GROWTH: Final = 40  # moments of the moving picture
+PAUSES: Final = {"first": 700, "next": 130, "last": 2600}  # [ms] of its frames
+DRAG: Final = """step => { const time = document.getElementById("time");
+    time.value = step;
+    time.dispatchEvent(new Event("input")); }"""
 ROOT: Final = Path(__file__).resolve().parent.parent
 PICTURES: Final = ROOT / "docs" / "pictures"
 SIZE: Final = (1300, 860)
@@ -47,9 +53,11 @@ def main() -> None:
         parser.error(f"no picture {', '.join(unknown)}; there are: {', '.join(MAKERS)}")
     with tempfile.TemporaryDirectory() as folder:
         for name in names:
-            MAKERS[name](Path(folder), PICTURES / f"{name}.png")
-            shrink(PICTURES / f"{name}.png")
-            sys.stderr.write(f"wrote {PICTURES / name}.png\n")
+            picture = PICTURES / f"{name}.{'webp' if name == 'growing' else 'png'}"
+            MAKERS[name](Path(folder), picture)
+            if picture.suffix == ".png":
+                shrink(picture)
+            sys.stderr.write(f"wrote {picture}\n")
 
 
 def shrink(picture: Path) -> None:
@@ -80,6 +88,39 @@ def map_page(folder: Path, picture: Path) -> None:
         find_cup(page)
         page.click("#fit")
         settled(page).screenshot(path=picture)
+
+
+def growing(folder: Path, picture: Path) -> None:
+    """The demo's map as it grows, then the answer to a question: a moving picture."""
+    from playwright.sync_api import TimeoutError  # where the surface is that of the moment before
+
+    frames = []
+    with opened(demo_map(folder), "#?solid=1", size=(1080, 600)) as page:
+        page.wait_for_selector("#earlier:enabled")
+        settled(page)
+        for n in range(GROWTH):
+            step = 10_000 * (n + 1) // GROWTH
+            with suppress(TimeoutError), page.expect_response("**/surface*", timeout=3000):
+                page.evaluate(DRAG, step)
+            page.wait_for_selector("#past:not([aria-busy])")
+            page.wait_for_timeout(500)
+            page.wait_for_selector("#canvas[data-drawn=smoothly]")
+            frames.append(page.screenshot())
+        find_cup(page)
+        page.click("#fit")
+        page.mouse.move(1, 1)
+        frames.append(settled(page).screenshot())
+    images = [Image.open(BytesIO(frame)).convert("RGB").resize((810, 450)) for frame in frames]
+    pauses = [PAUSES["first"], *[PAUSES["next"]] * (GROWTH - 2), PAUSES["first"], PAUSES["last"]]
+    images[0].save(
+        picture,
+        save_all=True,
+        append_images=images[1:],
+        duration=pauses,
+        loop=0,
+        quality=60,
+        method=6,
+    )
 
 
 def thing_page(folder: Path, picture: Path) -> None:
@@ -178,6 +219,7 @@ MAKERS: Final[dict[str, Callable[[Path, Path], None]]] = {
     "kitchen-page": kitchen_page,
     "kitchen-3d": kitchen_3d,
     "map-page": map_page,
+    "growing": growing,
     "map-3d": map_3d,
     "thing-page": thing_page,
     "living-room": living_room,

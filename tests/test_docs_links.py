@@ -59,7 +59,8 @@ def test_files_of_the_documentation_that_code_names_exist() -> None:
 def test_pictures_are_small() -> None:
     pictures = sorted((ROOT / "docs" / "pictures").iterdir())
     assert pictures
-    assert [p.name for p in pictures if p.stat().st_size > 150_000] == []
+    most = {".png": 150_000, ".webp": 1_000_000}  # bytes; a .webp moves
+    assert [p.name for p in pictures if p.stat().st_size > most[p.suffix]] == []
 
 
 def test_every_picture_is_made_by_the_command_or_said_to_be_made_otherwise() -> None:

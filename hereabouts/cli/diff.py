@@ -1,6 +1,7 @@
 """List what changed between two moments of the map.
 
-Objects that appeared, are gone, moved or have another name, and the area of floor that was seen.
+Objects that appeared, are gone, moved or have another name, rooms that have another name or shape,
+and the area of floor that was seen.
 A moment is a time in ISO 8601 (UTC if it has no zone), words such as yesterday, 2h or now, or a
 transaction: #42 is the state after the 42nd. Where the history begins later than T1, it counts from
 there. A move counts if it is longer than the uncertainty of both positions and than --far.
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
-    return [
+    objects: list[tuple[object, ...]] = [
         (
             one.kind,
             one.iri,
@@ -70,6 +71,8 @@ def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
         for one in found.changes
         if one.kind == "moved" or not only_moved
     ]
+    rooms = [(one.kind, one.iri, one.title, one.before, one.after, None) for one in found.rooms]
+    return objects if only_moved else [*objects, *rooms]
 
 
 def _facts(semantic_map: SemanticMap, found: Difference, arguments: argparse.Namespace) -> int:

@@ -114,6 +114,8 @@ def _not_understood(semantic_map: SemanticMap, text: str) -> str:
 def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, object]:
     """Answer of the page's box, as `find --json` has it: a plan for things, or sentences alone.
 
+    `query` and `parameters` name the shipped query that has the facts; "" where none has.
+
     Raises as `answer_question` and `find_answer`.
     """
     question = _parsed(semantic_map, wanted[0]) if len(wanted) == 1 else None
@@ -122,7 +124,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         return seen
     if question is None:
         found = _found(semantic_map, wanted)
-        return {**found, "about": about(semantic_map, _texts(found["answer"]))}
+        behind = _query_of(semantic_map, *wanted)
+        return {**found, **behind, "about": about(semantic_map, _texts(found["answer"]))}
     now = time.time()
     rooms = about_rooms(semantic_map, question, now)
     alone = not (rooms or question.also or question.at or question.where)
@@ -131,7 +134,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
             target_named(semantic_map, question.what)
         found = find_answer(semantic_map, [question.what])
         lines = [*question.notes, *_texts(found["answer"])]
-        return {**found, "answer": lines, "about": about(semantic_map, lines)}
+        behind = _query_of(semantic_map, question.what)
+        return {**found, **behind, "answer": lines, "about": about(semantic_map, lines)}
     answer = answer_question(semantic_map, wanted[0], now)
     # of several times one is told; the things of the other rows are not what it is about
     listed = () if answer.kind == "last seen" else answer.things
@@ -139,6 +143,8 @@ def answer_box(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, ob
         **empty_answer(semantic_map, (), now),
         "target": wanted[0],
         "answer": list(answer.lines),
+        "query": answer.query,
+        "parameters": dict(answer.parameters),
         "about": about(semantic_map, answer.lines, listed),
     }
 
@@ -163,6 +169,13 @@ def _by_looks(
         "answer": lines,
         "about": about(semantic_map, lines, listed),
     }
+
+
+def _query_of(semantic_map: SemanticMap, what: str, *more: str) -> dict[str, object]:
+    """The shipped query for the things of one category; no query for other words."""
+    is_category = not more and semantic_map.catalogue.get(what, "object") is not None
+    query, given = ("objects-by-category", {"category": what}) if is_category else ("", {})
+    return {"query": query, "parameters": given}
 
 
 def about(

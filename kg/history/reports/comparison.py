@@ -1,4 +1,4 @@
-"""Comparison of two moments: objects that appeared, are gone, moved or have another name."""
+"""Comparison of two moments: what appeared, is gone, moved, or has another name or shape."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import math
 import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Literal
@@ -16,13 +17,16 @@ from kg.history.replay.map_state import Categories, Row, State, state_after
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import iso
 from kg.model.iris import whole_number
+from kg.rdf.wkt import area_of_polygon
 
 PRESENT: Final = 0.5  # existence from which on an object counts as present
 FAR: Final = 0.3  # [m] from which on an object counts as moved
 SURE: Final = 2.0  # standard deviations of the distance that a move must exceed, too
+RESHAPED: Final = 0.5  # [m^2] by which the area of a room differs that has another shape
 _MAX_CELLS: Final = 1 << 20  # of one tile, whatever its text claims
 
 Kind = Literal["appeared", "gone", "moved", "relabelled"]
+RoomKind = Literal["appeared", "gone", "relabelled", "reshaped"]
 Point = tuple[float, float, float]
 _ORDER: Final[tuple[Kind, ...]] = ("appeared", "gone", "moved", "relabelled")
 
@@ -54,6 +58,17 @@ class ObjectChange:
 
 
 @dataclass(frozen=True, slots=True)
+class RoomChange:
+    """The change of one room between two moments."""
+
+    kind: RoomKind
+    iri: str  # without the base of the map
+    title: str  # what sentences call it
+    before: str  # former title, or area in words; "" if it was not there
+    after: str
+
+
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """The difference between two moments as people see it."""
 
@@ -63,6 +78,7 @@ class Comparison:
     floor: tuple[float, float]  # [m^2] of the floor that had been seen
     changes: tuple[ObjectChange, ...]
     surface: tuple[float, float] = (0.0, 0.0)  # [m^2] of the surface that was there
+    rooms: tuple[RoomChange, ...] = ()
 
     @property
     def area_words(self) -> str:
@@ -84,6 +100,8 @@ def compare(
 ) -> Comparison:
     """The changes between the states after two transactions, by kind; moves the farthest first.
 
+    A room has another shape if its area differs by `RESHAPED` [m^2] or more.
+
     An object is there if its existence is at least `PRESENT`. It has moved if it stands at least
     `far` [m] away, and farther than the uncertainty of both positions, so that a bed that is seen
     from another side has not moved. Raises HistoryError if a moment is not kept.
@@ -99,7 +117,33 @@ def compare(
     found.sort(key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), _natural(one.iri)))
     floors = _floor_area(first), _floor_area(second)
     times = iso(log.time_of(before)), iso(log.time_of(after))
-    return Comparison(before, after, times, floors, tuple(found))
+    rooms = sorted(_room_changes(first, second), key=lambda one: (one.kind, _natural(one.iri)))
+    return Comparison(before, after, times, floors, tuple(found), rooms=tuple(rooms))
+
+
+def _room_changes(first: State, second: State) -> Iterator[RoomChange]:
+    old, new = ({row["iri"]: row for row in state["places"]} for state in (first, second))
+    for iri in old.keys() | new.keys():
+        was, now = old.get(iri), new.get(iri)
+        if was is None or now is None:
+            row = now or old[iri]
+            areas = ("", _area(row)[1]) if was is None else (_area(row)[1], "")
+            yield RoomChange("appeared" if was is None else "gone", iri, row["title"], *areas)
+            continue
+        title = now["title"]
+        if was["title"] != title:
+            yield RoomChange("relabelled", iri, title, was["title"], title)
+        (small, before), (large, after) = _area(was), _area(now)
+        if abs(large - small) >= RESHAPED:
+            yield RoomChange("reshaped", iri, title, before, after)
+
+
+def _area(row: Row) -> tuple[float, str]:
+    """[m^2] within the outline of a room, or within its box; and in words."""
+    area = (row["xmax"] - row["xmin"]) * (row["ymax"] - row["ymin"])
+    with suppress(ValueError, KeyError):
+        area = area_of_polygon(row["outline"]).area
+    return area, f"{area:.1f} m²"
 
 
 def _present(state: State) -> Iterator[Row]:

@@ -239,11 +239,15 @@ def difference_text(found: Difference, base: str) -> str:
 
 
 def comparison_text(found: Comparison) -> str:
-    """A line for each change of an object, and one for floor and surface."""
+    """A line for each change of an object or a room, and one for floor and surface."""
     changes = (
         f"{one.kind} {one.iri} {one.category}: {_words_of(*one.sides)}" for one in found.changes
     )
-    return _lines((*changes, found.area_words))
+    rooms = (
+        f"{one.kind} {one.iri} {one.title}: {_words_of(one.before, one.after)}"
+        for one in found.rooms
+    )
+    return _lines((*changes, *rooms, found.area_words))
 
 
 def reasons_text(reasons: Iterable[Explanation]) -> str:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, get_args
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.history.replay.point_in_time import Difference
-from kg.history.reports.comparison import Comparison, ObjectChange, Timeline
+from kg.history.reports.comparison import Comparison, ObjectChange, RoomChange, Timeline
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.explanation import Kind as ReasonKind
@@ -150,7 +150,7 @@ def difference_from_json(data: Mapping[str, Any]) -> Difference:
 
 
 def comparison_to_json(found: Comparison) -> Json:
-    """The changes of objects between two moments."""
+    """The changes of objects and rooms between two moments."""
     changes = [
         {**asdict(one), "metres": None if one.metres is None else round(one.metres, 3)}
         for one in found.changes
@@ -166,8 +166,10 @@ def comparison_from_json(data: Mapping[str, Any]) -> Comparison:
         points = {name: one[name] and tuple(one[name]) for name in ("was", "now")}
         changes.append(ObjectChange(**{**one, **points}))
     times, floor = tuple(data["times"]), tuple(data["floor"])
-    surface = tuple(data.get("surface", (0.0, 0.0)))  # a server of an older version has none
-    return Comparison(data["before"], data["after"], times, floor, tuple(changes), surface)
+    # a server of an older version has neither surface nor rooms
+    surface = tuple(data.get("surface", (0.0, 0.0)))
+    rooms = tuple(RoomChange(**row) for row in data.get("rooms", ()))
+    return Comparison(data["before"], data["after"], times, floor, tuple(changes), surface, rooms)
 
 
 def timeline_to_json(found: Timeline) -> Json:

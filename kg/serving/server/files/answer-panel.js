@@ -7,6 +7,9 @@ const MAX_STEPS = 12, MAX_THINGS = 30; // that are listed
 const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+\)/g; // told otherwise on the page
 const HEAD = /^(.{3,70}?): (?=\D)(.+)$/s;
 
+/** A line of an answer without what the page tells otherwise. */
+export const cleaned = (line) => line.replace(COMMAND, "").replace(CHANCE, "");
+
 export class AnswerPanel {
   /** `found(iri)` goes to what was found, `choose(iri)` selects a thing, `asked()` brings the panel to the front. */
   constructor(data, view, { found, choose, asked }) {
@@ -65,7 +68,7 @@ export class AnswerPanel {
   }
 
   _told(answer) {
-    const [first = "", ...rest] = answer.answer.map((line) => line.replace(COMMAND, "").replace(CHANCE, ""));
+    const [first = "", ...rest] = answer.answer.map(cleaned);
     const [, head, tail] = HEAD.exec(first) ?? [null, first, ""], best = answer.known[0], picture = element("div");
     return [
       element("h2", "", ...this._linked(head, answer.about)), picture,

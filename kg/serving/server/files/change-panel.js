@@ -1,9 +1,9 @@
 // What changed from one moment to the shown one: a list, and signs on the map.
-import { button, byId, element } from "/files/page-elements.js";
+import { button, byId, element, named } from "/files/page-elements.js";
 import { request } from "/files/server.js";
 import { clock } from "/files/time-axis.js";
 
-const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names" };
+const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names", reshaped: "Other shape" };
 const MAX_ENTRIES = 100; // of each kind
 
 export class ChangePanel {
@@ -44,10 +44,11 @@ export class ChangePanel {
     this._view.changes = found.changes;
     this._view.draw();
     const [before, after] = found.times.map((time) => clock(time));
-    const lists = Object.entries(TITLES).flatMap(([kind, title]) => this._list(title, found.changes.filter((one) => one.kind === kind)));
+    const listed = (rows, ending) => Object.entries(TITLES).flatMap(([kind, title]) => this._list(title + ending, rows.filter((one) => one.kind === kind)));
+    const lists = [...listed(found.rooms ?? [], ": rooms"), ...listed(found.changes, "")];
     byId("changes").replaceChildren(
       element("h2", `From ${before} to ${this._data.past === null ? "now" : after}`),
-      ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name.")]),
+      ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name, and no room changed.")]),
       element("p", areasOf("floor", found.floor)),
       ...(found.surface.some(Boolean) ? [element("p", areasOf("surface", found.surface))] : []),
     );
@@ -55,18 +56,27 @@ export class ChangePanel {
 
   _list(title, changes) {
     if (!changes.length) return [];
-    const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", button(`${one.category} ${one.iri.replace(/^.*\//, "")}`, () => this._choose(one)), wordsOf(one)));
+    const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", this._link(one), this._wordsOf(one)));
     const more = changes.length - entries.length;
     return [element("h3", `${title} (${changes.length})`), element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
+  }
+
+  _link(one) {
+    const there = this._data.thingAt(this._data.base + one.iri), made = button("", () => this._choose(one));
+    made.className = "link";
+    made.append(...(there ? named(this._data, there) : [one.title ?? one.category]));
+    return made;
+  }
+
+  _wordsOf({ kind, metres, before, after, place }) {
+    const room = this._data.places.get(this._data.base + place);
+    if (kind === "moved") return ` by ${metres.toFixed(2)} m`;
+    if (before) return `: ${before}, now ${after}`;
+    return room ? ` ${this._data.inPlace(room)}` : "";
   }
 }
 
 function areasOf(name, areas) {
   const [before, after] = areas.map((area) => `${area.toFixed(1)} m²`);
   return before === after ? `${after} of ${name} seen` : `${name} seen: ${before}, then ${after}`;
-}
-
-function wordsOf(one) {
-  if (one.kind === "moved") return ` by ${one.metres.toFixed(2)} m`;
-  return one.kind === "relabelled" ? `: ${one.before} is ${one.after} now` : "";
 }

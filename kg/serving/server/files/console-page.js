@@ -1,9 +1,9 @@
-// The SPARQL console: editor, shipped questions, and the answer as a table, on the map, or as a chart.
+// The console: questions in words or in SPARQL, shipped ones, those of before; the answer as a table or on the map.
+import { cleaned } from "/files/answer-panel.js";
 import { enter } from "/files/entry.js";
-import { all, button, byId, element, save, status } from "/files/page-elements.js";
+import { button, byId, element, save, status } from "/files/page-elements.js";
 import { QueryEditor } from "/files/query-editor.js";
 import { QuestionList } from "/files/question-list.js";
-import { chartOf } from "/files/result-chart.js";
 import { tableOf } from "/files/result-table.js";
 import { request } from "/files/server.js";
 import { SparqlCompletion } from "/files/sparql-completion.js";
@@ -11,27 +11,33 @@ import { SparqlCompletion } from "/files/sparql-completion.js";
 const SOLUTIONS = "application/sparql-results+json", TURTLE = "text/turtle";
 const ROWS_AS = { CSV: ["text/csv", "csv"], TSV: ["text/tab-separated-values", "tsv"], JSON: [SOLUTIONS, "json"] };
 const TRIPLES_AS = { Turtle: [TURTLE, "ttl"], "N-Triples": ["application/n-triples", "nt"], "JSON-LD": ["application/ld+json", "jsonld"] };
-const SHOWN_AS = ["table", "map", "chart"];
+const IN_SPARQL = /[{}]|^\s*(#|prefix|base|select|ask|construct|describe|insert|delete)\b/i;
+const KEPT = 20; // queries of before, until the tab is closed
 
 const base = await enter(byId("console"));
 const { prefixes, queries } = await (await request("/queries", { accept: "application/json" })).json();
-const questions = new QuestionList(base, queries, (text) => { editor.text = text.trim(); ask(); });
+const questions = new QuestionList(base, queries, (text, label) => { editor.text = text.trim(); ask(label); });
 const completion = new SparqlCompletion(prefixes, queries, (name) => questions.open(name));
 const editor = new QueryEditor(byId("editor"), queryOfAddress() ?? byId("query").value, {
-  onAsk: ask, complete: (context) => completion.complete(context),
+  onAsk: () => ask(), complete: (context) => completion.complete(context),
 });
 let answer = null; // {columns, rows} of the last query
 let asked = 0; // number of queries; only the answer to the last one is shown
 let onMap = null; // created when the first answer is shown on the map
+/** @type {{label: string, text: string}[]} */
+let before = JSON.parse(sessionStorage.getItem(`asked ${base}`) ?? "[]");
 
 /** The query in the address of the page. It does not run by itself, since anybody may send a link. */
 function queryOfAddress() {
   return new URLSearchParams(location.hash.slice(1)).get("query");
 }
 
-async function ask() {
+/** Ask the query of the editor, called so in the list of before; words are no query. */
+async function ask(label = "") {
   const number = ++asked, text = editor.text, started = performance.now();
+  if (!IN_SPARQL.test(text)) return askInWords(text.trim());
   status("asking …");
+  if (!label) byId("said").replaceChildren();
   editor.unmark();
   history.replaceState(null, "", `#query=${encodeURIComponent(text)}`);
   try {
@@ -40,12 +46,45 @@ async function ask() {
     const content = isTriples ? await reply.text() : await reply.json();
     if (number !== asked) return;
     const took = `${Math.round(performance.now() - started)} ms`;
+    remember(label || /^(?!\s*#).*\S.*$/m.exec(text)?.[0] || text, text);
     status(isTriples ? `triples, ${took}` : `${show(content)}, ${took}`);
     if (isTriples) showTriples(content);
     offerDownloads(text, isTriples ? TRIPLES_AS : "boolean" in content ? { JSON: ROWS_AS.JSON } : ROWS_AS);
   } catch (error) {
     if (number === asked) refuse(error.message);
   }
+  return undefined;
+}
+
+/** Answer a question in words, by sentences and by the query that has its facts. */
+async function askInWords(text) {
+  const number = ++asked;
+  status("asking …");
+  try {
+    const { answer: lines, query, parameters } = await (await request(`/find?object=${encodeURIComponent(text)}`, { accept: "application/json" })).json();
+    if (number !== asked) return;
+    byId("said").replaceChildren(...lines.map((line) => element("p", cleaned(line))));
+    byId("results").classList.add("hidden");
+    if (query) await questions.ask(query, parameters, text);
+    else { remember(text, text); status("no single query has the facts of this answer"); }
+  } catch (error) {
+    if (number === asked) refuse(error.message);
+  }
+}
+
+/** List a query among those of before. */
+function remember(label, text) {
+  before = [{ label, text }, ...before.filter((one) => one.label !== label)].slice(0, KEPT);
+  sessionStorage.setItem(`asked ${base}`, JSON.stringify(before));
+  listBefore();
+}
+
+function listBefore() {
+  byId("before").replaceChildren(...before.map((one) => element("li", "", Object.assign(button(one.label, () => {
+    editor.text = one.text;
+    ask(one.label === one.text ? "" : one.label);
+  }), { title: one.text }))));
+  byId("asked-before").classList.toggle("hidden", !before.length);
 }
 
 function post(text, accept) {
@@ -65,7 +104,7 @@ function show({ head, results, boolean }) {
   answer = results ? { columns: head.vars, rows: results.bindings } : null;
   byId("table").replaceChildren(...(answer ? tableOf(answer, base, prefixes) : [element("p", boolean ? "yes" : "no")]));
   byId("results").classList.remove("hidden");
-  showAs(answer ? SHOWN_AS.find((name) => choiceOf(name).ariaPressed === "true") : "table");
+  turnMap(byId("on-map").ariaPressed === "true");
   if (!answer) return "yes or no";
   return `${answer.rows.length} row${answer.rows.length === 1 ? "" : "s"}`;
 }
@@ -74,22 +113,15 @@ function showTriples(text) {
   answer = null;
   byId("table").replaceChildren(element("pre", text));
   byId("results").classList.remove("hidden");
-  showAs("table");
+  turnMap(byId("on-map").ariaPressed === "true");
 }
 
-function choiceOf(name) {
-  return all(`[data-shown-as=${name}]`)[0];
-}
-
-/** Show the answer as a table, on the map, or as a chart; an answer without rows is always a table. */
-async function showAs(name) {
-  for (const one of SHOWN_AS) {
-    byId(one).classList.toggle("hidden", one !== name);
-    choiceOf(one).ariaPressed = String(one === name);
-    choiceOf(one).disabled = !answer && one !== "table";
-  }
-  if (name === "chart") byId("chart").replaceChildren(chartOf(answer, byId("chart").clientWidth));
-  if (name === "map") await showOnMap();
+/** Show the map above the table, or not; an answer without rows has none. */
+async function turnMap(isShown) {
+  byId("on-map").ariaPressed = String(isShown);
+  byId("on-map").disabled = !answer;
+  byId("map").classList.toggle("hidden", !isShown || !answer);
+  if (isShown && answer) await showOnMap();
 }
 
 async function showOnMap() {
@@ -119,7 +151,9 @@ async function download(text, type, ending) {
 }
 
 byId("query").remove();
+listBefore();
+byId("in-words").addEventListener("submit", (event) => { event.preventDefault(); askInWords(byId("words").value.trim()); });
 byId("form").addEventListener("submit", (event) => { event.preventDefault(); ask(); });
-SHOWN_AS.forEach((name) => choiceOf(name).addEventListener("click", () => showAs(name)));
+byId("on-map").addEventListener("click", () => turnMap(byId("on-map").ariaPressed !== "true"));
 window.addEventListener("hashchange", () => { const text = queryOfAddress(); if (text !== null) editor.text = text; });
 document.documentElement.dataset.ready = "true";

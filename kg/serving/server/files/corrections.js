@@ -9,8 +9,10 @@ export class Corrections {
     this._data = data;
     this._view = view;
     this._done = done;
-    this._rooms = new RoomEdits(data, view, (edit) => this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`));
+    this._rooms = new RoomEdits(data, view, (edit) => this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`, edit.kind === "undo" ? undefined : null));
     this._author = ""; // holder of the token
+    /** @type {(string | null)[]} */
+    this._edits = []; // of this page: the thing of each, or null for rooms
     this._moving = null; // IRI of the object that the next click on the map positions
     this._thing = null; // that is selected
     this._past = data.past;
@@ -24,6 +26,7 @@ export class Corrections {
   _turn(isOn) {
     byId("edit").ariaPressed = String(isOn);
     byId("editing").classList.toggle("hidden", !isOn);
+    byId("map").classList.toggle("edited", isOn);
     this._rooms.stop();
     this._moving = null;
     this.offer();
@@ -55,7 +58,8 @@ export class Corrections {
     byId("corrector").classList.toggle("hidden", hasToken());
     if (!hasToken()) tools.replaceChildren();
     else if (this._data.past !== null) tools.replaceChildren(element("p", "The past cannot be edited: choose now."));
-    else tools.replaceChildren(...(thing ? [this._form(thing)] : [element("p", "Select what to edit: click on the map or in the list.")]), this._rooms.form(this._data.places.has(thing?.iri) ? thing : null));
+    else tools.replaceChildren(...(thing ? [this._form(thing)] : [element("p", "Select what to edit: click on the map or in the list.")]), this._rooms.form(this._data.places.has(thing?.iri) ? thing : null),
+      element("p", "", button("undo my last edit", () => this._undo())));
   }
 
   _form(thing) {
@@ -74,7 +78,6 @@ export class Corrections {
         button("move", () => { this._moving = thing.iri; this._view.sketch = { points: [[thing.x, thing.y]], cursor: null }; status("click where it is"); }),
         button("it is not there", () => this._assert(thing.iri, "existence", "absent"))));
     }
-    made.append(element("p", "", button("undo", () => this._retract(thing.iri))));
     return made;
   }
 
@@ -112,7 +115,14 @@ export class Corrections {
 
   _assert(iri, property, value) {
     const body = JSON.stringify({ thing: this._data.pathOf(iri), property, value });
-    return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`);
+    return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`, iri);
+  }
+
+  /** Undo the last edit of this page; before the first, one's last about the selected thing, or else of rooms. */
+  async _undo() {
+    const iri = this._edits.length ? this._edits.pop() : this._thing?.iri;
+    if (iri) await this._retract(iri);
+    else this._rooms.sendNow("undo");
   }
 
   /** Retract one's own last assertion about a thing; those of others stay. */
@@ -132,10 +142,12 @@ export class Corrections {
     }
   }
 
-  async _send(address, options, done) {
+  /** Write something to the map; `about` is the thing that may be undone by this page, or null for rooms. */
+  async _send(address, options, done, about = undefined) {
     try {
       const answer = await request(address, { ...options, accept: "application/json", type: "application/json" });
       const { notes = [] } = await answer.json();
+      if (about !== undefined) this._edits.push(about);
       status([done, ...notes].join("; "));
       setTimeout(this._done, 700);
     } catch (error) {

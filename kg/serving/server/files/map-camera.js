@@ -7,7 +7,8 @@ const MIN_SCALE = 0.5, MAX_SCALE = 800; // [px/m]
 const MIN_DISTANCE = 0.3, MAX_DISTANCE = 5000; // [m] from the camera to its target
 const SOUTH = { azimuth: 0, polar: 0.67 }; // [rad] first direction of the camera in three dimensions
 const STILL = 6; // [px] that a pointer may move during a click
-const MARGIN = 30; // [px] around all of the map
+const MARGIN = 30; // [px] above and below all of the map
+const ASIDE = 56; // [px] beside it, where the buttons are; less on a phone
 const FLIGHT = 700; // [ms]
 const KEYS = { "+": 1.25, "=": 1.25, "-": 0.8 };
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
@@ -50,10 +51,15 @@ export class MapCamera {
     return this.isFlat ? this._flat : this._solid;
   }
 
+  /** [m] from the camera to where it looks. */
+  get distance() {
+    return this._controls.object.position.distanceTo(this._controls.target);
+  }
+
   /** Where it looks: x, y, z [m] of the target, pixels a metre there, and the direction [rad] to the camera. */
   get state() {
     const { target, object } = this._controls, [x, y] = this.origin;
-    const scale = this.isFlat ? object.zoom : this._scaleAt(object.position.distanceTo(target));
+    const scale = this.isFlat ? object.zoom : this._scaleAt(this.distance);
     const turned = this.isFlat ? SOUTH : { azimuth: this._solid.getAzimuthalAngle(), polar: this._solid.getPolarAngle() };
     return { x: target.x + x, y: target.y + y, z: target.z, scale, ...turned };
   }
@@ -95,10 +101,25 @@ export class MapCamera {
     this.look(state);
   }
 
+  /** [px] that stay free beside the map. */
+  get _aside() {
+    return Math.min(ASIDE, 0.08 * this.width);
+  }
+
+  /** @type {(bounds: number[][], point: number[], scale: number) => any}
+   * The point [x, y] nearest to one that may be in the middle of a flat map, so that it shows no more outside of two corners than it must. */
+  within([low, high], point, scale) {
+    return point.map((value, k) => {
+      const half = (k ? this.height : this.width) / 2 / scale, margin = (k ? MARGIN : this._aside) / scale;
+      const [least, most] = [low[k] - margin + half, high[k] + margin - half];
+      return least > most ? (least + most) / 2 : Math.min(Math.max(value, least), most);
+    });
+  }
+
   /** Show all of a map between two corners [m], from the floor to `high` [m] above it. */
   fit(bounds, ground, high) {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
-    const wide = (this.width - 2 * MARGIN) / (xmax - xmin + 0.4), tall = (this.height - 2 * MARGIN) / (ymax - ymin + 0.4);
+    const wide = (this.width - 2 * this._aside) / (xmax - xmin + 0.4), tall = (this.height - 2 * MARGIN) / (ymax - ymin + 0.4);
     const middle = { x: (xmin + xmax) / 2, y: (ymin + ymax) / 2, z: ground + (this.isFlat ? 0 : high / 2) };
     this.look({ ...middle, ...SOUTH, scale: Math.min(wide, tall, 250) });
     if (this.isFlat) return;
@@ -152,7 +173,7 @@ export class MapCamera {
   }
 
   _isOnScreen(point) {
-    return point && point[0] > MARGIN && point[1] > MARGIN && point[0] < this.width - MARGIN && point[1] < this.height - MARGIN;
+    return point && point[0] > this._aside && point[1] > MARGIN && point[0] < this.width - this._aside && point[1] < this.height - MARGIN;
   }
 
   _apply() {

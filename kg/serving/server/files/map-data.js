@@ -188,7 +188,7 @@ export class MapData extends EventTarget {
   /** The name of a thing in two parts: without the number that the map gave it, and the number, perhaps "". */
   partsOf(one) {
     const name = this.nameOf(one), [, word, number] = /^(.*) (\d+)$/.exec(name) ?? [null, name, ""];
-    return number && word === this.labelOf(one.class) ? [word, number] : [name, ""];
+    return number && one.class && word === this.labelOf(one.class) ? [word, number] : [name, ""];
   }
 
   /** An IRI as this map's pages write it: without the base for things of the map. */
@@ -206,13 +206,6 @@ export class MapData extends EventTarget {
     let latest = 0;
     for (const one of this.objects.values()) if (one.seen) latest = Math.max(latest, seconds(one.seen));
     return latest;
-  }
-
-  /** The time from a moment to the map's last view, in words. */
-  ago(time) {
-    const age = Math.max(this.lastView() - seconds(time), 0);
-    const [count, unit] = age < 90 ? [age, "s"] : age < 5400 ? [age / 60, "min"] : age < 172800 ? [age / 3600, "h"] : [age / 86400, "days"];
-    return `${Math.round(count)} ${unit}`;
   }
 
   _take(change) {

@@ -82,8 +82,8 @@ function goTo(iri, options = {}) {
 
 /** Select a changed thing; one that is gone has only its former position. */
 function goToChange({ iri, was, now }) {
-  if (data.objects.has(data.base + iri)) goTo(data.base + iri);
-  else view.goTo(...(now || was));
+  if (data.has(data.base + iri)) goTo(data.base + iri);
+  else if (now || was) view.goTo(...(now || was));
 }
 
 /** Show what the address names; an address without parameters only selects a thing. */

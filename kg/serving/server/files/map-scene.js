@@ -12,6 +12,14 @@ const GROUND = -2; // drawing order of the floor; places come next, then the thi
 const FADED = 0.12; // of what is not in focus
 const AROUND = 0.08; // [m] around a box in focus that keeps its colour
 const WIDER = 2.6; // sides of the square of a voxel in three dimensions: three.js leaves out the field of view of 45 degrees
+const LOW = 0.25; // [m] above the floor of what never fades
+const AHEAD = 0.3; // [m] before the selected thing, from which on what hides it fades
+const NEAR = 0.5; // of the way to where the camera looks: what is nearer fades
+const WINDOW = 0.16; // radius of the window to the selected thing, as the tangent of an angle
+/** The part of a shader that leaves out what hides the selected thing, and what is close before the camera. */
+const FADE = `float ahead = -mvPosition.z, dither = fract(sin(dot(position, vec3(12.9898, 78.233, 37.719))) * 43758.5453);
+  bool hides = spot.z < 0.0 && ahead < -spot.z - reach && distance(mvPosition.xy / ahead, spot.xy / -spot.z) < ${WINDOW} * (0.8 + 0.4 * dither);
+  bool faded = position.z > low && (hides || ahead < near * (0.8 + 0.2 * dither));`;
 const CUBE = new THREE.BoxGeometry(1, 1, 1), SQUARE = new THREE.PlaneGeometry(1, 1);
 const [CUBE_EDGES, SQUARE_EDGES] = [CUBE, SQUARE].map((shape) => new THREE.EdgesGeometry(shape).getAttribute("position"));
 const FACES = { flat: 0.1, seen: 0.15, solid: 0.35 }; // opacity of the faces of boxes: from above, where a surface is seen, without
@@ -28,6 +36,7 @@ export class MapScene {
     this.surface = new SurfaceReader(view);
     this.boxes = []; // meshes; `things` of a mesh are the objects, each with so many `faces`
     this._points = this._dots = this._sized = null; // of the surface; of the objects: dots, boxes
+    this._fade = { spot: { value: new THREE.Vector3() }, reach: { value: 0 }, near: { value: 0 }, low: { value: 0 } }; // of the shader
     this._cutter = new THREE.Plane(new THREE.Vector3(0, 0, -1), 2);
     this._parts = new Map(); // name -> group
     this._sources = new Map(); // name -> data that the group was made from
@@ -55,11 +64,29 @@ export class MapScene {
       const part = this._view.isMoving ? this._view.share : 1;
       this._points.geometry.setDrawRange(0, Math.ceil(part * this._points.count));
       this._points.material.size = WIDER * this._points.step / Math.sqrt(part);
+      this._fadeNear();
     }
     const isQuick = this._view.isMoving && drawn.length > MANY; // dots stand for many boxes until the map rests
     this._sized.visible = !isQuick && (!camera.isFlat || scale >= BOXES);
     this._dots.visible = isQuick || camera.isFlat ? !clusters : false;
     this._dots.material.size = drawn.length > MANY ? 5 : 2 * radiusAt(scale);
+  }
+
+  /** Open the view to the selected thing, and past what is close. */
+  _fadeNear() {
+    const { camera, data, selected } = this._view, { spot, reach, near, low } = this._fade, one = data.thingAt(selected);
+    spot.value.set(0, 0, 0);
+    if (one) spot.value.copy(this.at(one.x, one.y, one.z)).applyMatrix4(camera.camera.matrixWorldInverse);
+    reach.value = AHEAD + Math.max(one?.dx ?? 0, one?.dy ?? 0) / 2;
+    near.value = NEAR * camera.distance;
+    low.value = data.ground() + LOW;
+  }
+
+  /** Whether the shader leaves out a point of the scene. */
+  _isFaded(point) {
+    const { spot, reach, near, low } = this._fade, { x, y, z } = point.clone().applyMatrix4(this._view.camera.camera.matrixWorldInverse), { value: there } = spot;
+    const hides = there.z < 0 && z > there.z + reach.value && Math.hypot(x / z - there.x / there.z, y / z - there.y / there.z) < WINDOW;
+    return point.z > low.value && (hides || -z < near.value);
   }
 
   /** Forget what graphics memory held. */
@@ -78,7 +105,7 @@ export class MapScene {
     ray.params.Points.threshold = 0.03;
     const ground = this._view.data.ground(), [left, low] = this._view.camera.origin;
     const [hit] = ray.intersectObjects(this._sized?.visible ? this.boxes : [], false);
-    const [seen] = this._points ? ray.intersectObject(this._points).filter(({ point }) => point.z < ground + this._view.cut) : [];
+    const [seen] = this._points ? ray.intersectObject(this._points).filter(({ point }) => point.z < ground + this._view.cut && !this._isFaded(point)) : [];
     const floor = ray.ray.intersectPlane(new THREE.Plane(new THREE.Vector3(0, 0, 1), -ground), new THREE.Vector3());
     const spot = seen?.point ?? hit?.point ?? floor;
     return spot && { thing: hit?.object.things[Math.floor(hit.faceIndex / hit.object.faces)], point: [spot.x + left, spot.y + low, spot.z] };
@@ -119,7 +146,12 @@ export class MapScene {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
     geometry.setAttribute("color", new THREE.BufferAttribute(new Uint8Array(tones.buffer), 4, true));
-    const voxels = new THREE.Points(geometry, new THREE.PointsMaterial({ vertexColors: true, clippingPlanes: [this._cutter] }));
+    const material = new THREE.PointsMaterial({ vertexColors: true, clippingPlanes: [this._cutter] }), voxels = new THREE.Points(geometry, material);
+    material.onBeforeCompile = (shader) => {
+      Object.assign(shader.uniforms, this._fade);
+      shader.vertexShader = `uniform vec3 spot; uniform float reach, near, low;\n${shader.vertexShader}`
+        .replace(/}\s*$/, `${FADE}\n  if (faded) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);\n}`);
+    };
     return Object.assign(voxels, { step: size, count });
   }
 

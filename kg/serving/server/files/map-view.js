@@ -118,9 +118,10 @@ export class MapView {
     return [[xmin, ymin], [xmax, ymax]];
   }
 
-  /** Centre a point [m]; without `z`, on the floor. */
+  /** Centre a point [m], as far as the flat map has something there; without `z`, on the floor. */
   goTo(x, y, scale = Math.max(this.scale, CLOSE[this.isFlat ? "flat" : "solid"]), z = this.data.ground()) {
-    this.camera.look({ x, y, z, scale });
+    const bounds = this.isFlat && this.bounds(), [u, v] = bounds ? this.camera.within(bounds, [x, y], scale) : [x, y];
+    this.camera.look({ x: u, y: v, z, scale });
   }
 
   /** Fade everything but the selected object and fly to it, or end that; `stays`: without the flight. */

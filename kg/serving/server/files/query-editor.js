@@ -47,7 +47,7 @@ export class QueryEditor {
       parent: root,
       state: EditorState.create({ doc: text, extensions: [
         lineNumbers(), history(), drawSelection(), bracketMatching(), closeBrackets(),
-        StreamLanguage.define(sparql), syntaxHighlighting(COLOURS), THEME, EditorView.lineWrapping,
+        StreamLanguage.define(sparql), syntaxHighlighting(COLOURS), THEME,
         autocompletion({ override: [complete], icons: false }),
         EditorView.domEventHandlers({ beforeinput: typeOver }),
         EditorView.contentAttributes.of({ "aria-label": "SPARQL", spellcheck: "false" }),

@@ -19,7 +19,7 @@ function shareOf(words, { name, summary, asked }) {
 }
 
 export class QuestionList {
-  /** `questions` is the list of `/queries`; `onQuery(text)` is called with the query to run. */
+  /** `questions` is the list of `/queries`; `onQuery(text, label)` is called with a query to run and what it is called. */
   constructor(base, questions, onQuery) {
     this._base = base;
     const isInner = ({ name }) => name.startsWith("goals-"); // queries of the planner come last
@@ -35,7 +35,7 @@ export class QuestionList {
     const question = this._questions.find((one) => one.name === name);
     byId("question").replaceChildren(element("h3", name), element("p", question.summary), this._form(question));
     if (question.parameters.some((one) => one.default === null)) byId("question").querySelector("input").focus();
-    else this._ask(question, {});
+    else this.ask(name, {});
     this._offer();
   }
 
@@ -55,7 +55,7 @@ export class QuestionList {
     if (question.parameters.length) made.append(element("p", "", submit));
     made.addEventListener("submit", (event) => {
       event.preventDefault();
-      this._ask(question, Object.fromEntries(new FormData(made)));
+      this.ask(question.name, Object.fromEntries(new FormData(made)));
     });
     return made;
   }
@@ -71,11 +71,11 @@ export class QuestionList {
   }
 
   /** The question as SPARQL with its values, made by the server. */
-  async _ask(question, values) {
+  async ask(name, values, label = [name, ...Object.values(values)].join(" ")) {
     const given = Object.entries(values).filter(([, value]) => value !== "");
     try {
-      const answer = await request(`/queries/${question.name}?${new URLSearchParams(given)}`, { accept: "application/sparql-query" });
-      this._onQuery(await answer.text());
+      const answer = await request(`/queries/${name}?${new URLSearchParams(given)}`, { accept: "application/sparql-query" });
+      this._onQuery(await answer.text(), label);
     } catch (error) {
       status(error.message);
     }

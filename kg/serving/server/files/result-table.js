@@ -1,5 +1,5 @@
 // An answer as a table: IRIs are links to their pages, everything else is text.
-import { element, linkTo } from "/files/page-elements.js";
+import { button, element, linkTo } from "/files/page-elements.js";
 
 const MAX_ROWS = 500; // in the table
 const XSD = "http://www.w3.org/2001/XMLSchema#";
@@ -10,16 +10,35 @@ export function isNumeric(term) {
   return term?.type === "literal" && NUMERIC.has(term.datatype) && Number.isFinite(Number(term.value));
 }
 
-/** The table of columns and rows of SPARQL JSON. `prefixes` are IRIs by name. */
+/** The table of columns and rows of SPARQL JSON; a click on a column's name sorts by it. `prefixes` are IRIs by name. */
 export function tableOf({ columns, rows }, base, prefixes) {
-  const head = element("thead", "", element("tr", "", ...columns.map((name) => element("th", name))));
-  const body = rows.slice(0, MAX_ROWS).map((row) => element("tr", "", ...columns.map((name) => cellOf(row[name], base, prefixes))));
-  const table = element("table", "", head, element("tbody", "", ...body));
-  const left = rows.length - MAX_ROWS;
-  return left > 0 ? [table, element("p", `${left} more rows are in the downloads`)] : [table];
+  const head = element("tr"), body = element("tbody"), left = rows.length - MAX_ROWS;
+  const draw = (by, down) => {
+    const sorted = by ? [...rows].sort((a, b) => compared(a[by], b[by], down ? -1 : 1)) : rows, top = by ? Math.max(...rows.map((row) => sizeOf(row[by]))) : 0;
+    head.replaceChildren(...columns.map((name) => {
+      const cell = element("th", "", button(name, () => draw(name, name === by && !down)));
+      if (name === by) cell.ariaSort = down ? "descending" : "ascending";
+      return cell;
+    }));
+    body.replaceChildren(...sorted.slice(0, MAX_ROWS).map((row) => element("tr", "", ...columns.map((name) => cellOf(row[name], base, prefixes, name === by && top)))));
+  };
+  draw(null, false);
+  const table = element("table", "", element("thead", "", head), body);
+  return left > 0 ? [table, element("p", `${left} more rows are in the downloads; sorting counts them`)] : [table];
 }
 
-function cellOf(term, base, prefixes) {
+/** The order of two terms: numbers by value, others as people sort names; what is missing comes last. */
+function compared(a, b, sign) {
+  if (!a || !b) return Number(!a) - Number(!b);
+  return sign * (isNumeric(a) && isNumeric(b) ? Number(a.value) - Number(b.value) : a.value.localeCompare(b.value, "en", { numeric: true }));
+}
+
+function sizeOf(term) {
+  return isNumeric(term) ? Math.abs(Number(term.value)) : 0;
+}
+
+/** A cell; with a bar for its number where the table is sorted by its column, whose greatest number is `top`. */
+function cellOf(term, base, prefixes, top) {
   const cell = element("td");
   if (!term) return cell;
   if (term.type === "uri") {
@@ -30,7 +49,8 @@ function cellOf(term, base, prefixes) {
   }
   cell.textContent = term.value;
   if (isNumeric(term)) cell.className = "number";
-  else if (/#(date|dateTime)$/.test(term.datatype || "")) cell.className = "time";
+  if (isNumeric(term) && top) cell.style.background = `linear-gradient(to left, var(--selection) ${100 * sizeOf(term) / top}%, transparent 0)`;
+  if (/#(date|dateTime)$/.test(term.datatype || "")) cell.className = "time";
   if (term["xml:lang"]) cell.append(Object.assign(element("span", ` @${term["xml:lang"]}`), { className: "dim" }));
   return cell;
 }

@@ -35,8 +35,7 @@ export class RoomEdits {
     name.placeholder = "name of a new place";
     return element("fieldset", "", element("legend", "Rooms"), element("p", "", name),
       element("p", "", ...kinds.map((edit) => button(edit.text, () => this._begin(edit, place?.iri, name.value)))),
-      element("p", "", button("the robot is in this room", () => this._sendNow("here", name.value)),
-        button("undo the last edit of rooms", () => this._sendNow("undo"))));
+      element("p", "", button("the robot is in this room", () => this.sendNow("here", name.value))));
   }
 
   /** Take a click on the map at a point [m]; false if no edit waits for one. */
@@ -73,7 +72,8 @@ export class RoomEdits {
     this._send({ kind, places: places.map((iri) => this._data.pathOf(iri)), points, name });
   }
 
-  _sendNow(kind, name = "") {
+  /** Send an edit that needs no click. */
+  sendNow(kind, name = "") {
     this.stop();
     this._send({ kind, places: [], points: [], name });
   }

@@ -11,6 +11,7 @@ export class ThingPanel {
     this._choose = choose;
     this._shown = shown;
     this._iri = null;
+    this._least = 0.5; // existence of the things that are listed
     this._described = ""; // the shown description, and its time [ms]
     this._since = 0;
   }
@@ -18,11 +19,11 @@ export class ThingPanel {
   /** Describe a thing; things in a place are listed from the existence `least` on. */
   show(iri, least) {
     const one = this._data.thingAt(iri), place = this._data.places.get(iri);
-    this._iri = iri;
+    [this._iri, this._least] = [iri, least];
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
     const parts = one ? this._object(one) : place ? this._place(place, least)
-      : [element("p", "Nothing is selected: ask above, or click on the map or in the list.")];
+      : [element("p", "Nothing is selected: ask above, or click on the map or in the list."), ...this._rooms()];
     byId("about").replaceChildren(...parts);
     this._shown(one ?? place ?? null);
     if (one || place) this._ask(iri);
@@ -30,15 +31,31 @@ export class ThingPanel {
 
   /** Whether the thing has changed since its description; false right after one, and while somebody reads a source. */
   get isBehind() {
-    return this._iri !== null && JSON.stringify(this._thing()) !== this._described;
+    return JSON.stringify(this._thing()) !== this._described;
   }
 
   get mayChange() {
     return !document.querySelector("#about .source[open]") && performance.now() >= this._since + 1000;
   }
 
+  /** What is described: a thing, a place, or the rooms. */
   _thing() {
-    return this._data.thingAt(this._iri) || this._data.places.get(this._iri) || null;
+    return this._data.thingAt(this._iri) || this._data.places.get(this._iri) || [...this._data.places.values()].map((room) => this._counted(room));
+  }
+
+  _rooms() {
+    const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", this._counted(room))));
+    return entries.length ? [element("ul", "", ...entries)] : [];
+  }
+
+  /** The number of things in a room, in words. */
+  _counted(room) {
+    const { length } = this._contents(room, this._least);
+    return `: ${length} ${length === 1 ? "object" : "objects"}`;
+  }
+
+  _contents(place, least) {
+    return [...this._data.objects.values()].filter((one) => one.place === place.iri && one.existence >= least);
   }
 
   _object(one) {
@@ -51,8 +68,8 @@ export class ThingPanel {
         ["what", this._data.labelOf(one.class), "a"],
         ["where", where, "here:inPlace"],
         ["is it there?", sure(one.existence), "here:existence"],
-        ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high${one.yaw ? `, turned by ${Math.round(one.yaw * 180 / Math.PI)}°` : ""}` : "", "here:extentX"],
-        ["last seen", one.seen ? `${clock(one.seen)}, ${this._data.ago(one.seen)} before the map's last view${one.count ? `; ${one.count} times in all` : ""}` : "", "here:lastSeen"],
+        ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high` : "", "here:extentX"],
+        ["last seen", one.seen ? element("span", clock(one.seen), element("small", one.count ? `${one.count} times in all` : "")) : "", "here:lastSeen"],
         ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`, "here:x"],
       ]),
       ...this._end(one),
@@ -61,7 +78,7 @@ export class ThingPanel {
 
   _place(place, least) {
     const beliefs = place.beliefs.slice(0, 6).map(([category, belief]) => element("li", `${this._data.labelOf(category)} `, sure(belief)));
-    const here = [...this._data.objects.values()].filter((one) => one.place === place.iri && one.existence >= least);
+    const here = this._contents(place, least);
     return [
       element("h2", this._data.nameOf(place)), element("div"),
       this._facts(place, [

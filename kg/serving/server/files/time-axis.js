@@ -9,11 +9,20 @@ const BREAK = 0.015; // of the axis, for a quiet time
 const RENEWAL = 5000; // [ms] between two requests for the marks
 const SPAN = 1000; // [ms] of a span with a single moment
 
-/** A time as people write it.
+/** [ms] from one label of the axis to the next: the least of them that has room is taken. */
+const TICKS = [1, 5, 15, 60, 300, 900, 3600, 10800, 21600, 86400, 604800, 2592000].map((seconds) => 1000 * seconds);
+const ROOM = 84, LETTER = 6.2; // [px] from one label to the next, and of a letter
+const NEAR = 5; // [px] from the pointer to the mark that is told
+
+/** A time as people write it: today's without its date, this year's without the year.
  * @param {string | number} time
  * @param {Intl.DateTimeFormatOptions} [parts] */
-export function clock(time, parts = { dateStyle: "medium", timeStyle: "medium" }) {
-  return new Intl.DateTimeFormat(document.documentElement.lang || "en", parts).format(new Date(time));
+export function clock(time, parts = { hour: "numeric", minute: "2-digit", second: "2-digit" }) {
+  const date = new Date(time), now = new Date();
+  /** @type {Intl.DateTimeFormatOptions} */
+  const day = date.toDateString() === now.toDateString() ? {} : { month: "short", day: "numeric" };
+  if (date.getFullYear() !== now.getFullYear()) day.year = "numeric";
+  return new Intl.DateTimeFormat(document.documentElement.lang || "en", { ...day, ...parts }).format(date);
 }
 
 export class TimeAxis {
@@ -30,8 +39,13 @@ export class TimeAxis {
     this._target = null; // number of the transaction that a step leads to
     this._timer = null;
     this._asked = -Infinity; // [ms]
+    this._isHeld = false; // whether somebody drags on it: then it keeps its marks
     this._input.max = STEPS;
     this._input.addEventListener("input", () => this.show(this._timeAt(Number(this._input.value))));
+    this._input.addEventListener("pointerdown", () => { this._isHeld = true; });
+    window.addEventListener("pointerup", () => { this._isHeld = false; });
+    this._input.addEventListener("pointermove", ({ clientX }) => this._point(clientX));
+    this._input.addEventListener("pointerleave", () => { byId("pointed").textContent = ""; });
     byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
     byId("earlier").addEventListener("click", () => this._step(-1));
     byId("later").addEventListener("click", () => this._step(1));
@@ -44,7 +58,8 @@ export class TimeAxis {
   async follow() {
     if (this._waiting) return;
     this._waiting = true;
-    await new Promise((done) => setTimeout(done, Math.max(this._asked + RENEWAL - performance.now(), 0)));
+    do await new Promise((done) => setTimeout(done, Math.max(this._asked + RENEWAL - performance.now(), 0)));
+    while (this._isHeld && (this._asked = performance.now()));
     this._asked = performance.now();
     this._waiting = false;
     try {
@@ -91,6 +106,7 @@ export class TimeAxis {
   _label() {
     const { time, past, last } = this._data;
     byId("moment").textContent = past === null ? "now" : clock(time);
+    byId("past").classList.toggle("is-past", past !== null);
     byId("moment").title = past === null ? "" : `${time}, after transaction ${past} of ${last}`;
     this._input.setAttribute("aria-valuetext", byId("moment").textContent);
     byId("now").disabled = past === null;
@@ -128,31 +144,44 @@ export class TimeAxis {
   _draw() {
     const svg = byId("marks"), width = svg.clientWidth;
     if (!this._line || !width) return;
-    svg.setAttribute("viewBox", `0 0 ${width} 26`);
-    const parts = this._parts.map((one) => drawn("rect", { x: one.from * width, y: 3, width: (one.to - one.from) * width, height: 3, class: "span" }));
+    svg.setAttribute("viewBox", `0 0 ${width} 44`);
+    const parts = this._parts.map((one) => drawn("rect", { x: one.from * width, y: 19, width: (one.to - one.from) * width, height: 4, rx: 2, class: "span" }));
     const marks = this._line.marks.map((mark) => this._mark(mark, width));
     svg.replaceChildren(...parts, ...marks, ...this._times(width));
   }
 
   _mark(mark, width) {
-    const x = this._placeOf(Date.parse(mark.time)) * width, height = Math.min(3 + 2 * Math.log2(1 + mark.objects), 9);
-    const made = mark.edits ? drawn("circle", { cx: x, cy: 5, r: 3.5, class: "edit" }) : drawn("rect", { x: x - 0.75, y: 9 - height, width: 1.5, height });
-    const words = [mark.objects && `${mark.objects} things came or went`, mark.edits && `${mark.edits} edits`].filter(Boolean).join(", ");
-    made.append(drawn("title", {}, `${clock(mark.time)}: ${words}`));
-    return made;
+    const x = this._placeOf(Date.parse(mark.time)) * width, height = Math.min(4 + 3 * Math.log2(1 + mark.objects), 15);
+    return mark.edits ? drawn("circle", { cx: x, cy: 10, r: 3.5, class: "edit" }) : drawn("rect", { x: x - 1, y: 18 - height, width: 2, height, rx: 1 });
   }
 
-  /** The times of the beginnings of spans, where there is room. */
+  /** Tell the time under the pointer, and what the nearest mark is for. */
+  _point(clientX) {
+    const { left, width } = byId("marks").getBoundingClientRect(), at = Math.min(Math.max((clientX - left) / width, 0), 1);
+    if (!this._line) return;
+    const time = this._timeAt(at * STEPS), far = (mark) => Math.abs(this._placeOf(Date.parse(mark.time)) - at) * width;
+    const [near] = this._line.marks.filter((mark) => far(mark) < NEAR).sort((a, b) => far(a) - far(b));
+    const told = near ? [near.objects && `${near.objects} came or went`, near.edits && (near.edits === 1 ? "an edit" : `${near.edits} edits`)].filter(Boolean) : [];
+    byId("pointed").textContent = [time === null && !near ? "now" : clock(near?.time ?? time), ...told].join(", ");
+    byId("pointed").style.left = `${100 * at}%`;
+  }
+
+  /** Clock times, where there is room: of the beginnings of spans, and round ones. */
   _times(width) {
-    let free = 0, day = "";
+    let free = 0, day = new Date().toDateString();
     const made = [];
-    for (const { start, from } of this._parts) {
-      const date = clock(start, { dateStyle: "medium" }), text = `${date === day ? "" : `${date}, `}${clock(start, { timeStyle: "short" })}`;
-      const x = from * width, long = 6.2 * text.length;
-      if (x < free || x + long > width) continue;
-      made.push(drawn("text", { x, y: 22 }, text));
-      free = x + long + 12;
-      day = date;
+    for (const { start, end, from, to } of this._parts) {
+      const scale = (to - from) * width / (end - start), tick = TICKS.find((one) => one * scale >= ROOM) ?? Infinity, zone = 60000 * new Date(start).getTimezoneOffset();
+      for (let time = start; time <= end; time = (Math.floor((time - zone) / tick) + 1) * tick + zone) {
+        const isSame = new Date(time).toDateString() === day, x = (from * width) + (time - start) * scale;
+        /** @type {Intl.DateTimeFormatOptions} */
+        const parts = { hour: "numeric", minute: "2-digit", ...(tick < 60000 ? { second: "2-digit" } : {}) };
+        const text = isSame ? new Intl.DateTimeFormat("en", parts).format(time) : clock(time, parts);
+        if (x < free || x + LETTER * text.length > width) continue;
+        made.push(drawn("rect", { x, y: 23, width: 1, height: 4 }), drawn("text", { x, y: 38 }, text));
+        free = x + LETTER * text.length + 12;
+        day = new Date(time).toDateString();
+      }
     }
     return made;
   }
@@ -167,7 +196,7 @@ export class TimeAxis {
 
   _play() {
     let step = this._data.past === null ? 0 : Number(this._input.value);
-    byId("play").textContent = "stop";
+    byId("play").ariaPressed = "true";
     this._timer = setInterval(async () => {
       if (this._busy) return;
       step = Math.min(step + STEPS / FRAMES, STEPS);
@@ -179,7 +208,7 @@ export class TimeAxis {
   _stop() {
     clearInterval(this._timer);
     this._timer = null;
-    byId("play").textContent = "play";
+    byId("play").ariaPressed = "false";
   }
 }
 

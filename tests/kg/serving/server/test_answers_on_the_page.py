@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from kg.model.records import MapUpdate, RobotRecord
+from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
 from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import OpenPage, says
 
@@ -121,6 +121,18 @@ def test_a_room_is_called_on_the_map_as_in_sentences(served: Served, open_page: 
     says(page, "#plan h2", "bathroom")
 
 
+def test_rooms_are_listed_while_nothing_is_selected(served: Served, open_page: OpenPage) -> None:
+    place = PlaceRecord(f"{served.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
+    served.map.apply(MapUpdate(places=(place,)))
+    page = open_page()
+    says(page, "#about", "the kitchen: 2 objects")
+    says(page, "#about", "place 2: 0 objects")
+    served.put(3, "bowl", 2.0, 2.0)
+    says(page, "#about", "the kitchen: 3 objects")
+    page.click("#about .link >> text=place 2")
+    says(page, "#about h2", "place 2")
+
+
 def test_a_map_that_does_not_come_is_asked_for_again_in_words(open_page: OpenPage) -> None:
     page = open_page(
         ready="#state:has-text('trying again')",
@@ -150,6 +162,20 @@ def test_a_busy_server_is_asked_again(open_page: OpenPage) -> None:
     says(page, "#plan", "2 objects")
     says(page, "#live", "live")
     assert page.evaluate("window.told[0]").startswith("the server is busy")
+
+
+def test_a_page_without_connection_says_so_and_follows_again(
+    served: Served, open_page: OpenPage
+) -> None:
+    page = open_page()
+    says(page, "#live", "live")
+    page.route("**/changes?*", lambda route: route.abort())
+    page.evaluate("window.stop()")  # ends the feed
+    says(page, "#live", "not connected")
+    served.put(3, "bowl", 2.0, 2.0)
+    page.unroute("**/changes?*")
+    says(page, "#live", "live")
+    says(page, "#count", "3 of 3 objects")
 
 
 def test_a_robot_that_comes_later_is_drawn(served: Served, open_page: OpenPage) -> None:

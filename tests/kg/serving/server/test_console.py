@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -11,10 +13,13 @@ from urllib.parse import quote
 import pytest
 
 from kg.serving.server.linked_data.resource_description import local_path
+from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, faults, says
 
 if TYPE_CHECKING:
     from conftest import Served
+
+    from kg.maps.semantic_map import SemanticMap
 
 CUPS = "SELECT ?cup ?name { ?cup a here:Cup ; rdfs:label ?name }"
 
@@ -90,8 +95,9 @@ def test_a_shipped_question_is_asked_with_a_parameter_and_shown_on_the_map(
     page.click("text=on the map")
     says(page, "#status", "1 of the answer on the map")
     assert page.locator("#canvas").bounding_box()["height"] > 200
-    page.click("#shown-as >> text=table")
-    says(page, "#table", "cup 1")
+    assert page.is_visible("#table")
+    page.click("#on-map")
+    assert not page.is_visible("#canvas")
 
 
 def test_an_error_is_marked_at_its_place(open_page: OpenPage) -> None:
@@ -123,9 +129,9 @@ def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) 
     page = open_page("console")
     ask(page, CUPS)
     says(page, "#table", HOSTILE)
-    ask(page, "SELECT ?name ?e { ?cup rdfs:label ?name ; here:existence ?e }")
-    page.click("text=chart")
-    says(page, "#chart", "bars")
+    page.click("#table th >> text=name")
+    says(page, "#table", HOSTILE)
+    says(page, "#before", "SELECT ?cup")
     page.click("#questions >> text=whereabouts")
     ask(page, f'SELECT ("{HOSTILE.replace(chr(34), chr(39))}" AS ?x) {{}}')
     says(page, "#table", "onerror")
@@ -148,18 +154,57 @@ def test_iris_of_the_map_lead_to_no_other_host(served: Served, open_page: OpenPa
     assert local_path(served.map.base, iri).startswith("/resource?iri=")
 
 
-def test_numbers_are_drawn_and_words_told_where_there_are_none(open_page: OpenPage) -> None:
+def test_a_click_on_the_name_of_a_column_sorts_by_it(open_page: OpenPage) -> None:
     page = open_page("console")
-    ask(page, "SELECT ?c (COUNT(*) AS ?n) { ?o a ?c ; here:x ?x } GROUP BY ?c")
-    says(page, "#status", "row")
-    page.click("text=chart")
-    page.wait_for_selector("#chart rect")
+    ask(
+        page,
+        'SELECT ?n ?name { VALUES (?n ?name) { (10 "b") (9 "c") (UNDEF "a") (-2.5 "d") } }',
+    )
+    says(page, "#status", "4 rows")
+    for clicked, first, sorting in (
+        ("n", "-2.5", "ascending"),
+        ("n", "10", "descending"),
+        ("name", "", "ascending"),
+        ("name", "-2.5", "descending"),
+    ):
+        page.click(f"#table th >> text=/^{clicked}$/")
+        assert page.inner_text("#table td >> nth=0") == first
+        assert page.get_attribute("#table th[aria-sort]", "aria-sort") == sorting
+    assert page.locator("#table td[style*=gradient]").count() == 0  # words have no bars
+    page.click("#table th >> text=/^n$/")
+    assert page.locator("#table td[style*=gradient]").count() == 3
+
+
+def test_a_question_in_words_is_answered_with_the_query_behind_it(
+    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
+) -> None:
+    page = open_page("console", of=serve(planner=partial(answer_box, flat)))
+    page.fill("#words", "what is in the kitchen?")
+    page.press("#words", "Enter")
+    says(page, "#said", "2 objects")
+    says(page, ".cm-content", "here:inPlace")
+    says(page, "#table", "cup 1")
+    ask(page, "where is the cup?")  # in the editor, too
+    says(page, "#said", "cup 1")
+    says(page, ".cm-content", "hereabouts#Cup")
+    ask(page, "how far is the cup from the chair?")
+    says(page, "#said", "1.4 m")
+    says(page, "#status", "no single query")
+    ask(page, "please fly to the moon")
+    says(page, "#status", "not understood")
+
+
+def test_queries_of_before_are_kept_until_the_tab_is_closed(open_page: OpenPage) -> None:
+    page = open_page("console")
     ask(page, CUPS)
-    says(page, "#chart", "a column of numbers")
-    ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y } ORDER BY ?x")
-    page.wait_for_selector("#chart polyline")
-    ask(page, "SELECT ?a ?b { { BIND(1 AS ?a) } UNION { BIND(2 AS ?b) } }")
-    says(page, "#chart", "no row has both")
+    says(page, "#table", "cup 1")
+    page.click("#questions >> text=graph-sizes")
+    says(page, "#before", "graph-sizes")
+    page.reload()
+    page.wait_for_selector("html[data-ready]")
+    page.click("#before >> text=SELECT ?cup")
+    says(page, "#table", "cup 1")
+    assert page.locator("#before li").all_inner_texts() == [CUPS, "graph-sizes"]
 
 
 @pytest.mark.parametrize(
@@ -208,9 +253,7 @@ def test_the_console_has_no_serious_fault_of_accessibility(
     page.click("#questions >> text=objects-by-category")
     ask(page, "SELECT ?x ?y { ?o here:x ?x ; here:y ?y }")
     says(page, "#status", "rows,")
-    assert faults(page) == []
-    page.click("text=chart")
-    page.wait_for_selector("#chart polyline")
+    page.click("#table th >> text=x")
     assert faults(page) == []
 
 

@@ -120,7 +120,7 @@ def test_the_past_is_shown_as_it_was(served: Served, open_page: OpenPage) -> Non
     says(page, "#count", "3 of 3 objects")
     page.click("#earlier")
     says(page, "#count", "2 of 2 objects")
-    says(page, "#moment", "20")  # a date
+    says(page, "#moment", ":")  # a time
     assert f"transaction {first} of" in page.locator("#moment").get_attribute("title")
     page.locator("#time").fill("10000")
     says(page, "#count", "3 of 3 objects")
@@ -178,6 +178,52 @@ def test_two_moments_are_compared(served: Served, open_page: OpenPage) -> None:
     says(page, "#about h2", "cup 1")
     page.click("#compare")
     page.wait_for_selector("#changes h3", state="detached")
+
+
+def test_the_axis_tells_time_and_change_under_the_pointer(
+    served: Served, open_page: OpenPage
+) -> None:
+    for n in range(3):
+        served.put(3 + n, "bowl", 2.0, 2.0)
+    page = open_page()
+    page.wait_for_selector("#marks text")
+    axis = page.locator("#time").bounding_box()
+    for x in range(0, int(axis["width"]), 4):
+        page.mouse.move(axis["x"] + x, axis["y"] + axis["height"] / 2)
+        if "1 came or went" in page.inner_text("#pointed"):
+            break
+    assert re.match(r"\d+:\d\d:\d\d [AP]M, 1 came or went", page.inner_text("#pointed"))
+    page.mouse.down()
+    page.mouse.move(axis["x"] + 10, axis["y"] + axis["height"] / 2, steps=4)
+    says(page, "#moment", ":")
+    assert page.locator("#time").bounding_box() == axis  # it stays under the finger
+    page.mouse.up()
+
+
+def test_rooms_are_compared_at_every_door(served: Served, open_page: OpenPage) -> None:
+    before = served.map.sequence
+    bearer = {
+        "json": {
+            "kind": "split",
+            "places": ["place/1"],
+            "points": [[1.5, -1], [1.5, 3]],
+            "name": "pantry",
+        }
+    }
+    assert served.post("rooms", headers=served.bearer(), **bearer).ok
+    found = {
+        (one.kind, one.title, one.before, one.after)
+        for one in served.map.history.compare(before).rooms
+    }
+    assert ("appeared", "pantry", "", "10.0 m²") in found
+    assert ("reshaped", "the kitchen", "20.0 m²", "10.0 m²") in found
+    told = served.get("diff", params={"from": str(before)}, headers={"Accept": "text/plain"}).text
+    assert "reshaped place/1 the kitchen: 20.0 m² -> 10.0 m²" in told
+    page = open_page(f"#?from={before}")
+    says(page, "#changes", "Appeared: rooms (1)")
+    says(page, "#changes", "the kitchen: 20.0 m², now 10.0 m²")
+    page.click("#changes >> text=pantry")
+    says(page, "#about h2", "pantry")
 
 
 def test_a_correction_lands_in_the_graph_and_on_other_pages(
@@ -259,10 +305,8 @@ def test_the_page_of_a_thing_leads_to_where_it_stands(open_page: OpenPage) -> No
 
 
 def test_an_object_is_picked_on_the_canvas_and_keys_move_it(open_page: OpenPage) -> None:
-    page = open_page(f"#{CUP}")  # brings it into the middle
-    says(page, "#about h2", "cup 1")
+    page = open_page("#?view=1.00,0.50,150.00")  # the cup in the middle
     box = page.locator("#canvas").bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + 40)
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     says(page, "#about h2", "cup 1")
     page.focus("#canvas")
@@ -282,11 +326,16 @@ def test_the_page_has_no_fault_of_accessibility(scheme: str, open_page: OpenPage
     assert faults(page) == []
 
 
-def test_a_phone_shows_map_and_list_one_below_the_other(open_page: OpenPage) -> None:
+def test_a_phone_shows_the_map_first_and_keeps_it(open_page: OpenPage) -> None:
     page = open_page()
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     assert page.locator("#canvas").bounding_box()["width"] > 300
+    top, field = (page.locator(one).bounding_box()["y"] for one in ("#canvas", "#wanted"))
+    assert top < 20 < field < 844
+    page.click("text=All objects")
+    page.locator("#objects li >> nth=-1").scroll_into_view_if_needed()
+    assert page.locator("#canvas").bounding_box()["y"] >= 0
     compare = page.locator("#compare").bounding_box()
     assert compare["x"] + compare["width"] <= 390
 
@@ -303,10 +352,12 @@ def test_rooms_are_edited_by_mouse_and_keyboard(
 
     def click(*points: tuple[float, float]) -> None:
         page.focus("#canvas")
-        page.keyboard.press("0")  # shows the whole map in the middle, with a margin of 30 px
+        page.keyboard.press("0")  # shows the whole map in the middle, with margins of 56 and 30 px
         box = page.locator("#canvas").bounding_box()
         width, height = place.area.size
-        scale = min((box["width"] - 60) / (width + 0.4), (box["height"] - 60) / (height + 0.4), 250)
+        scale = min(
+            (box["width"] - 112) / (width + 0.4), (box["height"] - 60) / (height + 0.4), 250
+        )
         for u, v in points:
             right, up = (u - x) * scale, (v - y) * scale
             page.mouse.click(box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 - up)
@@ -333,7 +384,7 @@ def test_rooms_are_edited_by_mouse_and_keyboard(
     page.keyboard.press("Enter")
     says(page, "#status", "rooms: draw")
     assert len(areas()) == 2
-    page.click("text=undo the last edit of rooms")
+    page.click("text=undo my last edit")
     says(page, "#status", "rooms: undo")
     assert areas() == pytest.approx(whole)
     page.click("text=split")

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from kg.model.records import MapUpdate
-from planner.search.plans.report import find_answer
+from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import OpenPage, says
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ CUP, CHAIR, FLOOR = (1.0, 0.5), (2.0, 1.5), (3.5, -0.5)
 
 @pytest.fixture
 def served(flat: SemanticMap, serve: Callable[..., Served]) -> Served:
-    return serve(planner=partial(find_answer, flat))
+    return serve(planner=partial(answer_box, flat))
 
 
 class Visitor:
@@ -48,7 +48,7 @@ class Visitor:
         """Click at a point [m] of the flat map, of which all is shown: 5 x 4 m around (1.5, 1)."""
         self.acts += 1
         box = self.page.locator("#canvas").bounding_box()
-        scale = min((box["width"] - 60) / 5.4, (box["height"] - 60) / 4.4, 250)
+        scale = min((box["width"] - 112) / 5.4, (box["height"] - 60) / 4.4, 250)
         u, v = ((point[0] - 1.5) * scale, (1.0 - point[1]) * scale)
         self.page.mouse.click(box["x"] + box["width"] / 2 + u, box["y"] + box["height"] / 2 + v)
 
@@ -70,6 +70,11 @@ class Visitor:
         self.write("#token", self.served.bearer()["Authorization"].removeprefix("Bearer "))
         self.press("#token", "Enter")
         self.says("#status", "corrections are open")
+
+    def open_console(self) -> None:
+        self.click("#more > summary")
+        self.click("text=Ask in SPARQL")
+        self.page.wait_for_selector("html[data-ready] #in-words")
 
     def says(self, selector: str, text: str) -> None:
         says(self.page, selector, text)
@@ -113,6 +118,12 @@ def test_where_could_an_apple_be(visitor: Visitor) -> None:
     visitor.says("#plan ol", "look 1")
 
 
+def test_what_is_in_the_kitchen(visitor: Visitor) -> None:
+    visitor.write("#wanted", "what is in the kitchen?")
+    visitor.press("#wanted", "Enter")
+    visitor.says("#plan h2", "3 objects")
+
+
 def test_which_things_are_in_this_room(visitor: Visitor) -> None:
     visitor.click_at(*FLOOR)
     for name in ("cup 1", "chair 2", "bowl 3"):
@@ -131,6 +142,13 @@ def test_why_does_the_map_have_it(visitor: Visitor) -> None:
     visitor.says("#about-why", "cup 1 is a cup")
 
 
+def test_read_where_a_statement_comes_from(visitor: Visitor) -> None:
+    visitor.click_at(*CUP)
+    visitor.click("text=Open its page")
+    visitor.click(".source summary >> nth=0")
+    visitor.says(".source[open]", "is a cup")
+
+
 def test_what_changed_since_then(visitor: Visitor) -> None:
     visitor.click("#earlier")
     visitor.says("#count", "2 of 2 objects")
@@ -144,7 +162,7 @@ def test_which_things_are_gone(visitor: Visitor) -> None:
     visitor.served.map.apply(MapUpdate(removed=(f"{visitor.served.map.base}object/2",)))
     visitor.says("#count", "2 of 2 objects")
     visitor.click("#earlier")
-    visitor.says("#moment", "20")
+    visitor.says("#moment", ":")
     visitor.click("#compare")
     visitor.says("#changes", "From")
     visitor.click("#now")
@@ -153,7 +171,7 @@ def test_which_things_are_gone(visitor: Visitor) -> None:
 
 def test_how_was_it_before(visitor: Visitor) -> None:
     visitor.drag("#time", 0)
-    visitor.says("#moment", "20")  # a date
+    visitor.says("#moment", ":")  # a time
     visitor.says("#count", "0 of 0 objects")
 
 
@@ -227,6 +245,32 @@ def test_split_a_room(visitor: Visitor) -> None:
     visitor.click_at(1.5, -0.8)
     visitor.click_at(1.5, 2.8)
     visitor.says("#count", "2 places")
+
+
+def test_rename_a_thing_and_undo_it(visitor: Visitor) -> None:
+    visitor.unlock()
+    visitor.click_at(*CHAIR)
+    visitor.write("[aria-label=name]", "the throne")
+    visitor.click("text=rename")
+    visitor.says("#about h2", "the throne")
+    visitor.click("text=undo my last edit")
+    visitor.says("#about h2", "chair 2")
+    assert visitor.served.map.assertions.all() == ()
+
+
+def test_run_a_query_and_sort_its_rows(visitor: Visitor) -> None:
+    visitor.open_console()
+    visitor.click("#form >> text=Ask")
+    visitor.click("#table th >> text=y")
+    assert visitor.page.locator("#table td.number:last-child").all_inner_texts()[0] == "0.5"
+
+
+def test_see_the_query_behind_a_question(visitor: Visitor) -> None:
+    visitor.open_console()
+    visitor.write("#words", "what is in the kitchen?")
+    visitor.press("#words", "Enter")
+    visitor.says("#table", "bowl 3")
+    visitor.says(".cm-content", "here:inPlace")
 
 
 def test_say_that_a_thing_is_not_there(visitor: Visitor) -> None:
