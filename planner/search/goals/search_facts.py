@@ -98,9 +98,7 @@ def read_floor(semantic_map: SemanticMap, robot: RobotRecord | None) -> MappedFl
     return mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
 
 
-def _of_target(
-    semantic_map: SemanticMap, target: Target, spoken: Mapping[str, str]
-) -> TargetFacts:
+def _of_target(semantic_map: SemanticMap, target: Target, spoken: Mapping[str, str]) -> TargetFacts:
     stated, groups = stated_categories(semantic_map), remembered_rows(semantic_map, target)
     detected = {iri: one.detected_as for iri, one in stated.items()}
 
