@@ -88,6 +88,7 @@ FORMATS: tuple[Format, ...] = (
     numbered_images.IMAGES,
 )
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
+_NAMED = 5  # recordings of a folder that a message names
 _log = logging.getLogger(__name__)
 SAMPLED = 16  # images, spread evenly, that are looked through for constants
 ROUGHER = 10.0  # times as large steps between pixels where bytes are exchanged
@@ -439,10 +440,14 @@ def _known_formats() -> str:
 
 
 def _nested(folder: Path) -> str:
-    """A hint where the recordings lie one folder deeper."""
-    inner = [p for p in sorted(folder.iterdir()) if p.is_dir()] if folder.is_dir() else []
-    found = [p.name for p in inner if any(known.matches(p) for known in all_formats())]
-    return f"its folder {found[0]} is one: open {folder / found[0]}" if found else ""
+    """A hint where recordings lie in a folder."""
+    inner = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [p for p in inner if any(known.matches(p) for known in all_formats())]
+    if len(found) > 1:
+        names = ", ".join(p.name for p in found[:_NAMED]) + ", ..." * (len(found) > _NAMED)
+        return f"it holds {len(found)} recordings, {names}: name one, such as {found[0]}"
+    kind = "folder" if found and found[0].is_dir() else "file"
+    return f"its {kind} {found[0].name} is one: open {found[0]}" if found else ""
 
 
 @functools.lru_cache(maxsize=4)

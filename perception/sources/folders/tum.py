@@ -59,8 +59,12 @@ _Pair = tuple[float, str, str]  # colour stamp, colour file, depth file
 
 
 def matches(folder: Path) -> bool:
-    """Whether `folder` holds rgb.txt or associations.txt, or depth/ and poses of the benchmark."""
-    lists = any((folder / name).is_file() for name in ("rgb.txt", "associations.txt"))
+    """Whether `folder` holds lists or depth/ with poses of the benchmark.
+
+    rgb.txt alone is none of its lists: other programs name lists of colours so.
+    """
+    beside = any((folder / name).exists() for name in ("depth.txt", "rgb", "depth", *POSES))
+    lists = (folder / "associations.txt").is_file() or ((folder / "rgb.txt").is_file() and beside)
     return lists or ((folder / "depth").is_dir() and _poses(folder) is not None)
 
 

@@ -47,7 +47,12 @@ def test_folders_that_are_no_recording(tmp_path):
 
 def test_a_recording_one_folder_deeper_is_pointed_at(hololens):
     folder = hololens()
+    (folder.parent / "colours").mkdir()
+    (folder.parent / "colours" / "rgb.txt").write_text("255 250 250 snow")  # no list of images
     assert f"open {folder}" in refusal_at_opening(folder.parent)
+    for name in ("a.mcap", "b.mcap"):
+        (folder.parent / name).write_bytes(b"\x89MCAP0\r\n")
+    assert "holds 3 recordings, a.mcap, b.mcap, " in refusal_at_opening(folder.parent)
 
 
 def test_unknown_format_lists_the_known_ones(hololens):
