@@ -122,21 +122,21 @@ class PlainAnswer(Answer):
 
 
 class ChangedThing(_Record):
-    """One change of an object since a moment; positions are x, y, z in metres."""
+    """One change of an object or room since a moment; positions are x, y, z in metres."""
 
-    kind: Literal["appeared", "gone", "moved", "relabelled"]
+    kind: Literal["appeared", "gone", "moved", "relabelled", "reshaped"]
     id: Iri
-    untrusted_category: Label
+    untrusted_category: Label  # of an object; the name of a room
     place: Iri | None  # where it is, or was if it is gone
     was: list[Metres] | None  # its former position
     now: list[Metres] | None
     moved_metres: Metres | None
-    untrusted_before: Label | None  # its former name
+    untrusted_before: Label | None  # its former name; of a room that is reshaped, its area
     untrusted_after: Label | None
 
 
 class Changed(Page):
-    """Changes of objects: appeared, gone, moved (the farthest first), relabelled."""
+    """Changes of objects: appeared, gone, moved (the farthest first), relabelled; then of rooms."""
 
     listed: ClassVar[str] = "things"
     since: str  # the moment of writing compared with: later than asked if the history is shorter

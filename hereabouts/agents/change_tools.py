@@ -11,7 +11,7 @@ from pydantic import Field
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Limit, Skip, ThingName
 from hereabouts.agents.map_context import MapContext, clock
-from kg.history.reports.comparison import FAR, ObjectChange
+from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
 from kg.history.timestamps import instant
 from planner.questions.moments import read_since
 
@@ -58,22 +58,35 @@ class ChangeTools:
         limit: Limit = 20,
         skip: Skip = 0,
     ) -> a.Changed:
-        """Objects that appeared, are gone, moved or have another name since a moment."""
+        """Objects and rooms that appeared, are gone, moved or have another name since a moment."""
         state, semantic_map = self._context.state(), self._context.semantic_map
         compare = partial(semantic_map.history.compare, far=metres)
         found = read_since(semantic_map, instant(since, time.time()), compare)
+        changes: list[ObjectChange | RoomChange] = [*found.changes, *found.rooms]
         return a.Changed(
             map=state,
             since=found.times[0],
-            things=[_changed(one, semantic_map.base) for one in found.changes[skip : skip + limit]],
-            total=len(found.changes),
+            things=[_changed(one, semantic_map.base) for one in changes[skip : skip + limit]],
+            total=len(changes),
             skip=skip,
             floor_seen=list(found.floor),
             surface_seen=list(found.surface),
         )
 
 
-def _changed(one: ObjectChange, base: str) -> a.ChangedThing:
+def _changed(one: ObjectChange | RoomChange, base: str) -> a.ChangedThing:
+    if isinstance(one, RoomChange):
+        return a.ChangedThing(
+            kind=one.kind,
+            id=base + one.iri,
+            untrusted_category=one.title,
+            place=None,
+            was=None,
+            now=None,
+            moved_metres=None,
+            untrusted_before=one.before or None,
+            untrusted_after=one.after or None,
+        )
     return a.ChangedThing(
         kind=one.kind,
         id=base + one.iri,

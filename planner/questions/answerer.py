@@ -33,6 +33,13 @@ _YES: Final[Mapping[Value, str]] = {
 }
 _ALL: Final = ("thing", "things", "object", "objects", "items")
 
+_ROOMS: Final = {
+    "appeared": "New rooms",
+    "gone": "Rooms that are gone",
+    "relabelled": "Rooms with another name",
+    "reshaped": "Rooms with another shape",
+}
+
 
 class Answerer(SightingAnswers):
     """Answers a question of any kind."""
@@ -121,16 +128,27 @@ class Answerer(SightingAnswers):
         for kind in ("appeared", "gone", "moved", "relabelled"):
             of_kind = [change for change in changes if change.kind == kind]
             some = [titles.get(f"{base}{c.iri}") or self._title_of(c) for c in of_kind]
-            if some:
-                rest = f" and {len(some) - NAMED} more" if len(some) > NAMED else ""
-                lines.append(f"{kind.capitalize()}: {', '.join(some[:NAMED])}{rest}")
+            lines += _named(kind.capitalize(), some)
+        rooms = [
+            room
+            for room in found.rooms
+            if target is None and place in (None, f"{base}{room.iri}") and not wanted
+        ]
+        for kind, words in _ROOMS.items():
+            of_rooms = [room for room in rooms if room.kind == kind]
+            named = kind == "relabelled"
+            some = [f"{r.before}, now {r.title}" if named else r.title for r in of_rooms]
+            lines += _named(words, some)
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         event += f" in {self._title(place)}" if place else ""
         lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
         lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
-        rows = tuple((c.kind, c.iri, c.category, *c.sides) for c in changes)
+        rows = (
+            *((c.kind, c.iri, c.category, *c.sides) for c in changes),
+            *((room.kind, room.iri, room.title, room.before, room.after) for room in rooms),
+        )
         columns = ("change", "thing", "category", "before", "after")
         return PlainAnswer("changed", "", {}, tuple(lines), columns, rows)
 
@@ -281,3 +299,9 @@ class Answerer(SightingAnswers):
         gone = f"Gone from their spots: {', '.join(named)}"
         line = gone if rows else "Nothing is known to be gone"
         return self._listed("departed" if len(rows) == len(left) else "", [line], rows)
+
+
+def _named(what: str, names: Sequence[str]) -> list[str]:
+    """``Moved: cup 2, chair 3 and 4 more``; no line for no names."""
+    rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return [f"{what}: {', '.join(names[:NAMED])}{rest}"] if names else []

@@ -116,7 +116,7 @@ def test_every_answer_is_short_and_without_empty_fields(server: MCPServer[Any]) 
         ("list_things", {"inside": "place/1", "limit": 50}, "things", OBJECTS),
         ("where_is", {"what": "cup", "limit": 50}, "things", OBJECTS),
         ("describe_map", {}, "places", PLACES),
-        ("what_changed", {"since": "#0", "limit": 100}, "things", OBJECTS),
+        ("what_changed", {"since": "#0", "limit": 100}, "things", OBJECTS + PLACES),
     ],
 )
 def test_pages_have_every_entry_once(
