@@ -25,8 +25,15 @@ from kg.maps.thing_names import category_of_name, checked_name, marked_categorie
 from kg.model.errors import HereaboutsError, ModelError
 from kg.model.records import Evidence, ObjectRecord
 from kg.model.regular_files import read_bytes
-from mapping.looks.likeness import feature_statistics, features_of, likeness, most_alike
-from mapping.looks.look_store import Floats, LookStore, described
+from mapping.looks.look_store import (
+    Floats,
+    LookStore,
+    described,
+    feature_statistics,
+    features_of,
+    likeness,
+    most_alike,
+)
 from mapping.looks.user_encoder import encoder_of, fits, least_fit
 from mapping.looks.word_looks import looks_of, network
 from mapping.objects.tracks import Track

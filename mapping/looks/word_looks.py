@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from mapping.looks.likeness import log_p_of
-from mapping.looks.look_store import ENCODED, LOOKS, Floats, ImageEncoder, Key, LookStore
+from mapping.looks.look_store import ENCODED, LOOKS, Floats, ImageEncoder, Key, LookStore, log_p_of
 from mapping.looks.user_encoder import UserEncoder, encoder_of
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from mapping.looks.known_things import (
     remember_named,
     taught,
 )
-from mapping.looks.likeness import features_of, likeness
+from mapping.looks.look_store import features_of, likeness
 from mapping.looks.word_looks import network
 from mapping.mapper import Mapper
 from perception.inference.markers import marker_name
