@@ -94,9 +94,14 @@ class Watching:
         uri, connection = str(params.uri), ctx.session._connection
         end = self._ends.get((uri, id(connection)))
         if end is None or not end.alive:
-            await asyncio.to_thread(self._watch, uri, asyncio.get_running_loop())
-            end = weakref.finalize(connection, self._release_later, uri)
+            end = weakref.finalize(connection, self._release_later, uri, id(connection))
             self._ends[uri, id(connection)] = end
+            try:
+                await asyncio.to_thread(self._watch, uri, asyncio.get_running_loop())
+            except MCPError:
+                end.detach()
+                del self._ends[uri, id(connection)]
+                raise
             self._connections.setdefault(uri, weakref.WeakSet()).add(connection)
         return EmptyResult()
 
@@ -113,7 +118,10 @@ class Watching:
         for connection in tuple(self._connections.get(uri, ())):
             await connection.send_resource_updated(uri)
 
-    def _release_later(self, uri: str) -> None:
+    def _release_later(self, uri: str, connection: int) -> None:
+        self._ends.pop((uri, connection), None)
+        if not self._connections.get(uri):
+            self._connections.pop(uri, None)
         threading.Thread(target=self._release, args=([uri],), daemon=True).start()
 
     def _watch(self, uri: str, loop: asyncio.AbstractEventLoop) -> None:

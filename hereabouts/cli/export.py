@@ -89,6 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise QueryParameterError(
             f"--past needs one of the formats {', '.join(_SCENES)}, and no --at"
         )
+    if arguments.features is not None and Path(arguments.features).suffix != ".npz":
+        raise QueryParameterError(
+            "--features writes numpy's arrays; a name such as looks.npz would"
+        )
     with ExitStack() as stack:
         semantic_map = stack.enter_context(open_map(arguments.map, read_only=True))
         if arguments.at is not None:

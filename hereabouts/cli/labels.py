@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from pathlib import Path
 
 from hereabouts.cli.arguments import add_json, add_map
 from hereabouts.cli.console import note, print_table, write_json
@@ -28,11 +27,9 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from mapping.looks.known_things import label_things
-    from mapping.looks.user_encoder import listed_words
+    from mapping.looks.user_encoder import given_words
 
-    given = arguments.names
-    names = listed_words(Path(given)) if Path(given).is_file() else given.split(",")
-    names = [name.strip() for name in names if name.strip()]
+    names = given_words(arguments.names)
     with open_map(arguments.map) as semantic_map:
         made = label_things(semantic_map, names)
         left = len(semantic_map.unnamed_things())

@@ -137,6 +137,8 @@ def run_check(arguments: argparse.Namespace) -> int:
     from perception.inference.detector import load_detector
 
     if arguments.file.endswith(".txt"):
+        if arguments.image or arguments.head or arguments.labels:
+            arguments.usage_error("IMAGE, --head and --labels are for a detector, not for a list")
         labels = read_labels(Path(arguments.file))
     else:
         given = Path(arguments.labels) if arguments.labels else None
@@ -179,12 +181,11 @@ def _draw(detector: OnnxDetector, path: Path) -> None:
 
 def run_check_encoder(arguments: argparse.Namespace) -> int:
     """Check an encoder, fit its threshold to absent words, and judge it by the map in `file`."""
-    from mapping.looks.user_encoder import listed_words, remembered
+    from mapping.looks.user_encoder import given_words, remembered
 
-    words = arguments.negatives
-    if words is not None:
-        words = listed_words(Path(words)) if Path(words).is_file() else words.split(",")
-        words = [word.strip() for word in words if word.strip()]
+    if arguments.image or arguments.head or arguments.labels:
+        arguments.usage_error("IMAGE, --head and --labels are for a detector, not for an encoder")
+    words = None if arguments.negatives is None else given_words(arguments.negatives)
     encoder = remembered(arguments.encoder, words)
     found = None if arguments.file is None else _refused(arguments.file, encoder)
     note(f"{encoder.name}: {encoder.size} values, {len(encoder.words)} absent words")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
 from kg.model.records import likeliest
 
 SURE: Final = 0.5  # belief in a place's category from which on it is named without "perhaps"
-NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # the label of a place that nobody named
+NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # as mappers label places
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN: Final = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -26,12 +26,10 @@ def sure_kind(beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
     return "" if best is None or beliefs[best] < SURE else plain_place(label(best))
 
 
-def distinct_kinds(places: Sequence[tuple[str, str]]) -> list[str]:
-    """The kind of each place (label, kind) that it alone has and nobody named; "" for others."""
-    count = Counter(kind for _, kind in places)
-    return [
-        kind if count[kind] == 1 and NUMBERED.fullmatch(label) else "" for label, kind in places
-    ]
+def is_unnamed(iri: str, label: str) -> bool:
+    """Whether nobody named a place: its label is that of a mapper; ``room 101`` is a name."""
+    number = iri.rpartition("/")[2]
+    return label == f"room {number}" or bool(re.fullmatch(r"place \d+", label))
 
 
 def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
@@ -46,12 +44,18 @@ def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], 
 
 
 def place_titles(
-    places: Iterable[tuple[str, Mapping[str, float]]], label: Callable[[str], str]
+    places: Iterable[tuple[str, str, Mapping[str, float]]], label: Callable[[str], str]
 ) -> list[str]:
-    """Title of each place (label, beliefs): its kind if it alone has it, else label and kind."""
+    """Title of each place (IRI, label, beliefs): its kind, if it alone has it and has no name.
+
+    Else its label, with its kind in brackets.
+    """
     given = list(places)
-    kinds = distinct_kinds([(name, sure_kind(beliefs, label)) for name, beliefs in given])
+    kinds = [sure_kind(beliefs, label) for _, _, beliefs in given]
+    count = Counter(kinds)
     return [
-        kind or name + in_brackets(name, beliefs, label)
-        for kind, (name, beliefs) in zip(kinds, given, strict=True)
+        kind
+        if kind and count[kind] == 1 and is_unnamed(iri, name)
+        else name + in_brackets(name, beliefs, label)
+        for kind, (iri, name, beliefs) in zip(kinds, given, strict=True)
     ]

@@ -12,6 +12,7 @@ words: maps keep name and checksum alone.
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -133,6 +134,13 @@ def remembered(files: str, words: Sequence[str] | None = None) -> UserEncoder:
         raise ModelError(f"cannot make {path.parent}: {error.strerror}") from error
     write_arrays(path, arrays)
     return encoder
+
+
+def given_words(text: str) -> list[str]:
+    """Words with commas between them, or those of the file `text`, one a line."""
+    if os.path.isfile(text):  # noqa: PTH113 - Path.is_file raises for names that are too long
+        return listed_words(Path(text))
+    return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def listed_words(path: Path = _WORDS) -> list[str]:

@@ -200,7 +200,8 @@ def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
             found[iri].beliefs[str(row["kind"])] = number(row, "belief")
             found[iri].names[str(row["kind"])] = str(row["category"])
     names = {kind: label for place in found.values() for kind, label in place.names.items()}
-    titles = place_titles([(p.label, p.beliefs) for p in found.values()], names.__getitem__)
+    named = [(iri, place.label, place.beliefs) for iri, place in found.items()]
+    titles = place_titles(named, names.__getitem__)
     return tuple(
         replace(place, name=title) for place, title in zip(found.values(), titles, strict=True)
     )

@@ -20,7 +20,7 @@ from planner.questions.plain_answer import PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import notes_of, spoken_places
-from planner.search.goals.status import Value, status, was_there
+from planner.search.goals.status import Value, status, usual_size, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
 
@@ -188,7 +188,8 @@ class Answerer(SightingAnswers):
             elsewhere = self._sure(target) if place is not None and one is None else []
             lines.append(f"{begin}: {found.proof}")
             lines += answer_lines(doubted or elsewhere, self._now, target)
-        return self._made("status", lines, category=target.kind)
+        size = str(usual_size(target.kind))
+        return self._made("status", lines, category=target.kind, size=size)
 
     def _each(self, target: Target, known: Sequence[KnownObject]) -> PlainAnswer:
         """Whether all known things of a target are where the question says."""

@@ -21,6 +21,7 @@ from planner.search.goals.place_names import place_category
 from planner.search.plans.answer_sentences import answer_lines
 from planner.settings import SPEED
 
+_SPOT: Final = 0.05  # [m] around a position where its thing is looked up
 NEAR: Final = 2.0  # [m] in a straight line
 _BELOW: Final = 0.2  # [m] by which a thing's centre is below the top of what it is under
 _HEIGHTS: Final = ("taller", "higher")  # words that compare heights alone
@@ -55,8 +56,13 @@ class Measures(NamedThings):
     def _boxed(self, words: str) -> list[tuple[KnownObject, ObjectRecord]]:
         """The things that words name with their boxes; at least one."""
         named = self._named(words)[:LISTED]
-        records = {one.iri: one for one in self._map.perceived.objects([n.iri for n in named])}
-        return [(one, records[one.iri]) for one in named]
+        return [(one, record) for one in named for record in self._record(one)]
+
+    def _record(self, one: KnownObject) -> list[ObjectRecord]:
+        """The record of a thing, with what persons asserted of it."""
+        x, y = (float(value) for value in one.p_map[:2])
+        near = self._map.objects(near=(x, y), radius=_SPOT)
+        return [record for record in near if record.iri == one.iri]
 
     def _sized(self, thing: tuple[KnownObject, ObjectRecord]) -> str:
         one, record = thing

@@ -82,7 +82,7 @@ class _Answerer:
         if question.kind == "size" and question.what in WHOLE:
             whole = sum(place.area.area for place in self._places.values())
             return [f"The {len(self._places)} places of the map have {whole:.1f} m2 together"]
-        if question.kind not in kinds:
+        if question.kind not in kinds or (question.of_all and question.kind == "status"):
             return []
         if question.what in _DOORS and question.kind in ("where", "status", "count"):
             return self._doors()

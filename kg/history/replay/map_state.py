@@ -177,7 +177,7 @@ def _state(
 
 def _title(places: Sequence[Row], categories: Categories) -> None:
     """Give places the names that sentences call them by."""
-    named = [(place["label"], dict(place["beliefs"])) for place in places]
+    named = [(place["iri"], place["label"], dict(place["beliefs"])) for place in places]
     for place, title in zip(places, place_titles(named, categories.label), strict=True):
         place["title"] = title
 

@@ -91,7 +91,7 @@ class CandidateQueries:
         facts = self._facts.of_targets[index]
         target, half_lives = facts.target, kinds_half_lives(facts.target, facts.remembered)
         once: dict[str, Row] = {}  # each object by its most probable reading
-        for row in facts.remembered:
+        for row in sorted(facts.remembered, key=lambda row: -number(row, "existence")):
             once.setdefault(str(row["iri"]), row)
         if target.thing is not None:  # it was seen itself: what it is usually near adds nothing
             once = {iri: row for iri, row in once.items() if iri == target.thing}

@@ -51,7 +51,7 @@ def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
 def titled_places(semantic_map: SemanticMap) -> list[tuple[PlaceRecord, str]]:
     """Each place with its title, as the page, tables and pictures have it (`place_titles`)."""
     places = semantic_map.places()
-    named = [(place.label, place.beliefs) for place in places]
+    named = [(place.iri, place.label, place.beliefs) for place in places]
     titles = place_names.place_titles(named, semantic_map.catalogue.label)
     return list(zip(places, titles, strict=True))
 

@@ -92,7 +92,7 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         if unseen is None:
             raise
         return Status(unseen.meaning.text, "never looked", unseen.answer, (), detectable=False)
-    size = usual_sizes().get(category.label, UNUSUAL).longest
+    size = usual_size(category.label)
     rows = semantic_map.query("status", category=category.iri, size=size).records()
     stated = stated_categories(semantic_map)
     found = tuple(_place(row, size, stated) for row in rows)
@@ -105,6 +105,11 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
     return Status(category.label, value, proof, found)
+
+
+def usual_size(category: str) -> float:
+    """[m] the longest side that things of a category (its label) usually have."""
+    return usual_sizes().get(category, UNUSUAL).longest
 
 
 def _place(row: Row, size: float, said: Mapping[str, StatedCategory]) -> PlaceStatus:
@@ -186,6 +191,7 @@ def stamp(time: datetime | None) -> str:
 
 def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     places = {place.iri: place for place in semantic_map.places()}
+    spoken = spoken_places(semantic_map)
     for record in semantic_map.perceived.objects((iri,)):
         place = places.get(record.place or "")
         views = None if place is None else place.viewed
@@ -196,7 +202,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
             value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
         if record.existence >= PRESENT:
             value = "present"
-        where = place.label if place else "no place"
+        where = spoken[place.iri] if place else "no place"
         stated = stated_categories(semantic_map).get(iri)
         said = f"called {stated.category} by {stated.by}, " if stated else ""
         proof = f"{said}in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
@@ -207,7 +213,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     for left in semantic_map.departed((iri,)):
         seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
         x, y, _ = left.p_map
-        area = next((p.label for p in places.values() if p.area.contains(x, y)), "no place")
+        area = next((spoken[p.iri] for p in places.values() if p.area.contains(x, y)), "no place")
         proof = (
             f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, found gone {stamp(gone)}"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from kg.knowledge.ontology.catalogue import Catalogue, name_key
@@ -143,7 +144,9 @@ def _by_looks_alone(semantic_map: SemanticMap, text: str) -> Undetectable | None
         return None
     shown = shown_name(text)
     meaning = Meaning(shown, shown, "unknown", "none", ())
-    return Undetectable(meaning, None, (), alike_here(semantic_map, text))
+    with suppress(ModelError):  # a map from a machine with another encoder knows no more words
+        return Undetectable(meaning, None, (), alike_here(semantic_map, text))
+    return None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ import numpy as np
 from kg.history.timestamps import span
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import ModelError
 from mapping.looks.word_looks import compares_texts
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import in_words
@@ -77,7 +78,10 @@ def _looks(semantic_map: SemanticMap, target: Target) -> list[str]:
         return []
     if not compares_texts(semantic_map):
         return []
-    found = alike_here(semantic_map, target.text)
+    try:
+        found = alike_here(semantic_map, target.text)
+    except ModelError as error:  # the category has its answer without the encoder
+        return [str(error)[:1].upper() + str(error)[1:]]
     return [] if found is None else found.sentences(f"'{target.text}'")
 
 
