@@ -105,7 +105,7 @@ def _run(words: list[str], environment: dict[str, str]) -> tuple[float, float]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser("python -m benchmarks.encoder_cost", description=__doc__)
     parser.add_argument("recording")
     parser.add_argument("--turns", type=int, default=2)
     parser.add_argument("--limit", type=int, default=10_000)

@@ -55,6 +55,8 @@ class Ros2Publisher:
 
         data = serialised(self._types[topic], message, is_ros1=False)
         with self._lock:
+            if not self._writers:  # closed while a thread was publishing
+                return
             try:
                 self._writers[topic].write(idl_type(self._types[topic]).of(data))
             except DDSException as error:

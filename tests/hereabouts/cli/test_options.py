@@ -43,6 +43,7 @@ MAPPING: dict[str, tuple[list[str], str, Any]] = {
     "--second-detector": (["other.onnx"], "networks.second_detector", "other.onnx"),
     "--threshold": (["0.3"], "mapping.objects.min_score", 0.3),
     "--device": (["cuda"], "networks.device", "cuda"),
+    "--head": (["yolov8"], "networks.head", "yolov8"),
     "--scene": (["other.onnx"], "networks.scene", "other.onnx"),
 }
 TOPICS: dict[str, tuple[list[str], str, Any]] = {
@@ -64,6 +65,7 @@ SOURCE: dict[str, tuple[list[str], str, Any]] = {
     "--name": (["hall"], "reading.name", "hall"),
     "--pose-convention": (["ros"], "reading.pose_convention", "ros"),
     "--no-check": ([], "reading.check", False),
+    "--registered": ([], "reading.registered", True),
     "--up": (["z"], "reading.up", "z"),
     "--same-frame": ([], "mapping.same_frame", True),
 }

@@ -109,12 +109,12 @@ def test_what_may_be_a_person_leaves_a_thing_as_it_is(tmp_path, step_back, make_
         return frame
 
     sharp = {}
-    for score in (0.3, 0.9):
-        seen = make_detections(("cup", 0.9, BOX), ("person", score, (0.0, 0.0, 60.0, 48.0)))
+    for score in (0.3, 0.6):
+        seen = make_detections(("couch", 0.95, BOX), ("person", score, (0.0, 0.0, 60.0, 48.0)))
         _, paths = mapped(tmp_path / f"{score}.map", checkered, seen)
         (path,) = [path for path in paths if path is not None]
         sharp[score] = decoded(path.read_bytes()).std()
-    assert sharp[0.3] > 2 * sharp[0.9]
+    assert sharp[0.3] > 1.5 * sharp[0.6]
 
 
 def test_a_view_in_which_a_person_covers_the_thing_does_not_replace_another(

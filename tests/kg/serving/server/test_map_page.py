@@ -334,7 +334,7 @@ def test_a_phone_shows_the_map_first_and_keeps_it(open_page: OpenPage) -> None:
     top, field = (page.locator(one).bounding_box()["y"] for one in ("#canvas", "#wanted"))
     assert top < 20 < field < 844
     page.click("text=All objects")
-    page.locator("#objects li >> nth=-1").scroll_into_view_if_needed()
+    page.evaluate("document.querySelector('#objects li:last-child').scrollIntoView()")
     assert page.locator("#canvas").bounding_box()["y"] >= 0
     compare = page.locator("#compare").bounding_box()
     assert compare["x"] + compare["width"] <= 390

@@ -84,7 +84,7 @@ def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
     assert drawn(page) == outlined
     click_the_middle(page)
     says(page, "#about h2", "unnamed thing")
-    says(page, "#about dl", "20 cm high, turned by 23°")
+    says(page, "#about dl", "20 cm high")
 
 
 def test_a_name_given_on_the_page_makes_it_an_object(served: Served, open_page: OpenPage) -> None:
