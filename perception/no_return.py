@@ -101,7 +101,7 @@ class UnmovedValues:
                 poses = next((poses for other, poses in self._seen if _equal(one, other)), None)
                 if poses is None and len(self._seen) < MAX_SEEN:
                     self._seen.append((one, poses := []))
-                if poses is not None and (not poses or _moved(poses[-1], T)):
+                if poses is not None and all(_moved(pose, T) for pose in poses):
                     poses.append(T)
 
     @property

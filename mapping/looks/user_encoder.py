@@ -168,7 +168,7 @@ def _encoded(pair: EncoderPair, words: Sequence[str]) -> tuple[tuple[str, ...], 
     return tuple(found), np.stack(list(found.values()))
 
 
-_opened: dict[str, UserEncoder] = {}
+_opened: dict[Path, UserEncoder] = {}  # by the file that remembers it
 _opening = threading.Lock()
 
 
@@ -181,13 +181,14 @@ def encoder_of(folder: Path) -> UserEncoder | None:
     if kept is None:
         return None
     with _opening:
-        found = _opened.get(kept.checksum) or _load(kept.checksum)
+        remembers = _file(kept.checksum)
+        found = _opened.get(remembers) or _load(kept.checksum)
         if found is None:
             raise ModelError(
                 f"the encoder {kept.name} of this map is not known on this machine; "
                 "`hereabouts models check --encoder FILE` with its files would work"
             )
-        _opened[kept.checksum] = found
+        _opened[remembers] = found
     return found
 
 

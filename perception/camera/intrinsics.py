@@ -180,8 +180,14 @@ def _from_yaml(path: Path) -> Intrinsics:
     text = _yaml(path)
 
     def number(names: str) -> float | None:
-        found = re.search(rf"^\s*(?:{names})\s*:\s*(-?[\d.]+(?:[eE][-+]?\d+)?)\s*$", text, re.M)
-        return None if found is None else float(found[1])
+        found = re.search(
+            rf"^\s*(?:{names})\s*:\s*(-?[\d.]+(?:[eE][-+]?\d+)?)\s*(?:#.*)?$", text, re.M
+        )
+        try:
+            one = None if found is None else float(found[1])
+        except ValueError as error:
+            raise RecordingError(f"{path}: {found and found[1]} is no number") from error
+        return one if one is None or abs(one) < 1e9 else None
 
     width, height = (
         None if (side := number(rf"image_{name}|Camera1?\.{name}")) is None else int(side)

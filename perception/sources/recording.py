@@ -254,15 +254,15 @@ def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecor
             for one in found:
                 if not one.measurable:
                     known.setdefault(f"{one.value:.3g}", one)
-    if exchanged >= FEW_VALUES:
+    if exchanged >= FEW_VALUES and tell:
         raise RecordingError(
             f"{recording.name}: the two bytes of its depth are exchanged, as where is_bigendian is "
-            "wrong; the other byte order would work"
+            "wrong; the other byte order would work, or --no-check"
         )
-    if whole >= FEW_VALUES:
+    if whole >= FEW_VALUES and tell:
         raise RecordingError(
             f"{recording.name}: its depth has a handful of values only, as whole metres have; "
-            "depth in millimetres, or floats in metres, would work"
+            "depth in millimetres, floats in metres, or --no-check for flat scenes would work"
         )
     known |= {f"{one.value:.3g}": one for one in unmoved.found}
     if known:

@@ -28,7 +28,7 @@ from perception.inference.encoders.text_tokens import (
     tokens_file,
 )
 from perception.inference.model_zoo import sha256_of
-from perception.inference.session import Session, fit
+from perception.inference.session import MAX_SIZE, Session, fit
 
 Floats = NDArray[np.float32]
 
@@ -177,7 +177,7 @@ class EncoderPair:
         if isinstance(length, int):
             return length
         opened = configuration(_folders(self.text_path), "open_clip_config.json")
-        given = opened.get("model_cfg", {}).get("text_cfg", {}).get("context_length")
+        given = _within(opened, "model_cfg", "text_cfg").get("context_length")
         return int(self._tokens.context or given or _TOKENS.get(output, _USUAL_TOKENS))
 
     @cached_property
@@ -187,14 +187,14 @@ class EncoderPair:
         folders = _folders(self.image_path)
         plain = configuration(folders, "preprocessor_config.json")
         opened = configuration(folders, "open_clip_config.json")
-        values = opened.get("preprocess_cfg", {})
+        values = _within(opened, "preprocess_cfg")
         mean, deviation = _SIGLIP if output == "pooler_output" else _CLIP
         mean = plain.get("image_mean") or values.get("mean") or mean
         deviation = plain.get("image_std") or values.get("std") or deviation
         if plain.get("do_normalize") is False:
             mean, deviation = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
         given = plain.get("crop_size") or plain.get("size")
-        given = given or opened.get("model_cfg", {}).get("vision_cfg", {}).get("image_size")
+        given = given or _within(opened, "model_cfg", "vision_cfg").get("image_size")
         sides = session.inputs[name][-2:]
         if not all(isinstance(side, int) for side in sides):
             sides = list(_sides(given))
@@ -204,6 +204,8 @@ class EncoderPair:
             arrays = [np.array(v, np.float32).reshape(1, 3, 1, 1) for v in (mean, deviation)]
         except (TypeError, ValueError) as error:
             raise ModelError(f"mean and deviation need three values, got {mean!r:.60}") from error
+        if not (np.isfinite(arrays).all() and (arrays[1] > 0).all()):
+            raise ModelError(f"deviations of values above 0 would work, got {deviation!r:.60}")
         return (int(sides[0]), int(sides[1])), stretched, arrays[0], arrays[1]
 
 
@@ -280,8 +282,18 @@ def _sides(given: object) -> tuple[int, int]:
         short = given.get("shortest_edge", _SIDE)
         given = [given.get("height", short), given.get("width", short)]
     sides = given if isinstance(given, list) and len(given) == 2 else [given, given]
-    height, width = (side if isinstance(side, int) else _SIDE for side in sides)
+    height, width = (
+        side if isinstance(side, int) and 0 < side <= MAX_SIZE else _SIDE for side in sides
+    )
     return height, width
+
+
+def _within(configuration: dict[str, Any], *names: str) -> dict[str, Any]:
+    """An object within the objects of a configuration; {} where it is none."""
+    for name in names:
+        found = configuration.get(name)
+        configuration = found if isinstance(found, dict) else {}
+    return configuration
 
 
 def _unit(session: Session, found: NDArray[np.generic]) -> Floats:

@@ -94,7 +94,7 @@ def load_tokens(folders: list[Path]) -> TextTokens:
     own, settings = tokenizer.padding or {}, configuration(folders, "tokenizer_config.json")
     named = settings.get("pad_token") or settings.get("eos_token")
     named = named.get("content") if isinstance(named, dict) else named
-    pad = own.get("pad_id", tokenizer.token_to_id(named) if named else None)
+    pad = own.get("pad_id", tokenizer.token_to_id(named) if isinstance(named, str) else None)
     length = (tokenizer.truncation or {}).get("max_length", settings.get("model_max_length"))
     tokenizer.no_padding()
     tokenizer.no_truncation()

@@ -105,7 +105,7 @@ def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
             for number, card in cameras.items()
             if "cam_R_w2c" in card
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, LookupError, ValueError, TypeError, AttributeError, ArithmeticError) as error:
         raise RecordingError(f"{file} is no scene_camera.json of BOP: {error!r}") from error
     colour = images_by_number(subfolder(folder, "rgb"))
     depth = images_by_number(subfolder(folder, "depth"), DEPTH_SUFFIXES)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 
 from kg.knowledge.ontology.catalogue import Catalogue, name_key
@@ -144,9 +143,7 @@ def _by_looks_alone(semantic_map: SemanticMap, text: str) -> Undetectable | None
         return None
     shown = shown_name(text)
     meaning = Meaning(shown, shown, "unknown", "none", ())
-    with suppress(ModelError):  # a map from a machine with another encoder knows no more words
-        return Undetectable(meaning, None, (), alike_here(semantic_map, text))
-    return None
+    return Undetectable(meaning, None, (), alike_here(semantic_map, text))
 
 
 @dataclass(frozen=True, slots=True)

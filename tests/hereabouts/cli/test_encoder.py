@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,7 @@ _WORDS = [f"{a} {b} {c}" for a in COLOURS for b in COLOURS for c in COLOURS][:30
 @pytest.fixture(scope="session")
 def encoded_kitchen(
     shared: Callable[[str], Path], class_pair: str, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Path]:
+) -> Path:
     """The map of eight frames of the kitchen, with an encoder, and the cache that knows it."""
     folder = tmp_path_factory.mktemp("encoded")
     kitchen = _copy_kitchen(shared("data/rgbd/redkitchen"), folder / "kitchen")
@@ -39,7 +39,7 @@ def encoded_kitchen(
         patch.setenv("HEREABOUTS_CACHE", str(folder / "cache"))
         words = ["map", kitchen, "--into", folder / "kitchen.map", "--encoder", class_pair]
         assert main([str(word) for word in words]) == 0
-        yield folder / "kitchen.map"
+    return folder / "kitchen.map"
 
 
 @pytest.fixture

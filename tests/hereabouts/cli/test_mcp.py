@@ -208,7 +208,8 @@ def test_every_tool_answers_over_stdio(flat: Path) -> None:
     assert at["place"] == "place/2"
     assert [one["id"] for one in near["things"]] == ["object/2"]
     assert [one["id"] for one in between["things"]] == ["object/2"]
-    assert [one["kind"] for one in moved["things"]] == ["relabelled"]
+    assert [one["kind"] for one in moved["things"]] == ["relabelled", "relabelled"]
+    assert moved["things"][0]["id"] == "object/2"
     assert moved["floor_seen"][0] == moved["floor_seen"][1]
     assert (len(inside["things"]), inside["total"], inside["more"]) == (1, 2, 1)
     seen = [one["last_seen"] for one in recent["things"]]

@@ -133,7 +133,7 @@ def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
     semantic_map.apply(MapUpdate(objects=(certain, just_seen, unviewed, outside)))
     found = [status(semantic_map, one.iri) for one in (certain, just_seen, unviewed, outside)]
     assert [one.value for one in found] == ["present", "hidden", "hidden", "hidden"]
-    assert "in kitchen, existence 0.50" in found[0].proof
+    assert "in the kitchen, existence 0.50" in found[0].proof
     assert "last viewed" not in found[0].proof
     assert "kitchen last viewed 2023-11-14 22:14:20" in found[1].proof
     assert found[3].proof.startswith("in no place, existence 0.40")
