@@ -15,6 +15,7 @@ import pytest
 from kg.serving.server.linked_data.resource_description import local_path
 from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, faults, says
+from tests.waiting import until
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -126,6 +127,8 @@ def test_properties_classes_variables_and_questions_are_completed(open_page: Ope
 
 def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) -> None:
     served.map.assertions.add(f"{served.map.base}object/1", "label", HOSTILE, by="mallory")
+    # what others write may come a moment later to a reader
+    until(lambda: "onerror" in served.get(f"sparql?query={quote(CUPS)}").text)
     page = open_page("console")
     ask(page, CUPS)
     says(page, "#table", HOSTILE)
