@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -127,8 +128,8 @@ class ColourJudge:
         self._apart = apart  # frames between two that others are compared with
         self._others: list[Image] = []  # gradients of earlier frames
         self._count = 0
-        self._fits: list[tuple[str, float]] = []  # logarithm of own over others' strength, by id
-        self._moved: list[str] = []  # ids of frames whose edges are moved
+        self._fits = array("d")  # logarithm of own over others' strength, of each frame
+        self._doubted: list[tuple[str, float]] = []  # ids and fits of those that may be bad
 
     def add(self, name: str, rgb: NDArray[np.uint8], depth: NDArray[np.float32]) -> None:
         """Judge a frame by its name, colour (H, W, 3) and depth (H, W) [m]."""
@@ -137,11 +138,15 @@ class ColourJudge:
             return
         gradient = np.minimum(_gradient(rgb), STRONG)
         own, best, (right, down) = _moved_strength(gradient, points)
-        if max(abs(right), abs(down)) >= MOVED and best > max(MOVED_GAIN * own, MIN_STRENGTH):
-            self._moved.append(name)
         if len(self._others) >= MIN_OTHERS and self._others[0].shape == gradient.shape:
             there = np.median([other[points[:, 1], points[:, 0]].mean() for other in self._others])
-            self._fits.append((name, float(np.log(max(own, 0.1) / max(there, 0.1)))))
+            fit = float(np.log(max(own, 0.1) / max(there, 0.1)))
+            self._fits.append(fit)
+            moved = max(abs(right), abs(down)) >= MOVED
+            if moved and best > max(MOVED_GAIN * own, MIN_STRENGTH):
+                fit = -np.inf
+            if fit < np.log(UNLIKE):
+                self._doubted.append((name, fit))
         if self._count % self._apart == 0:
             self._others = [*self._others[-OTHERS + 1 :], gradient]
         self._count += 1
@@ -149,7 +154,7 @@ class ColourJudge:
     @property
     def told(self) -> str:
         """What is wrong with some frames, for people; "" where fewer than MIN_BAD are bad."""
-        bad = self.bad
+        bad = self.bad if len(self._doubted) >= MIN_BAD else []
         if len(bad) < MIN_BAD:
             return ""
         return (
@@ -166,14 +171,13 @@ class ColourJudge:
     @property
     def bad(self) -> list[str]:
         """Names of the frames whose colour does not fit; none where too few were judged."""
-        if len(self._fits) < MIN_FRAMES:
+        if len(self._fits) < MIN_FRAMES or not self._doubted:
             return []
-        fits = np.array([fit for _, fit in self._fits])
+        fits = np.array(self._fits)
         middle = float(np.median(fits))
         spread = 1.48 * float(np.median(np.abs(fits - middle)))
         least = min(middle - WORSE * spread, np.log(UNLIKE))
-        bad = {name for (name, _), fit in zip(self._fits, fits, strict=True) if fit < least}
-        return [name for name, _ in self._fits if name in bad or name in self._moved]
+        return [name for name, fit in self._doubted if fit < least]
 
 
 def _moved_strength(
@@ -183,13 +187,10 @@ def _moved_strength(
     reach = int(STEPS[-1])
     field = np.pad(gradient, reach, constant_values=1.0)
     columns, rows = points[:: max(1, len(points) // 500)].T + reach
-    found = {
-        (dx, dy): float(field[rows + dy, columns + dx].mean())
-        for dx in STEPS.tolist()
-        for dy in STEPS.tolist()
-    }
-    move = max(found, key=lambda one: found[one])
-    return found[0, 0], found[move], move
+    right, down = (steps.reshape(-1, 1) for steps in np.meshgrid(STEPS, STEPS, indexing="ij"))
+    found = field[rows + down, columns + right].mean(axis=1)  # of each move
+    best, here = int(found.argmax()), len(found) // 2
+    return float(found[here]), float(found[best]), (int(right[best, 0]), int(down[best, 0]))
 
 
 def _nearest(depth: NDArray[np.float32]) -> Image:
