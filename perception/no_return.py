@@ -94,15 +94,20 @@ class UnmovedValues:
 
     def add(
         self, depth: NDArray[np.float32], K: NDArray[np.float64], T: NDArray[np.float64]
-    ) -> None:
-        """Look at depth (H, W) [m] of a camera (3, 3) at a pose (4, 4) in any fixed frame."""
-        for one in shared_values(depth, K):
+    ) -> list[Constant]:
+        """The shared values of depth (H, W) [m]; its camera (3, 3) is at a pose (4, 4).
+
+        The poses are in any fixed frame.
+        """
+        shared = shared_values(depth, K)
+        for one in shared:
             if one.measurable and one.share >= LARGE_SHARE:
                 poses = next((poses for other, poses in self._seen if _equal(one, other)), None)
                 if poses is None and len(self._seen) < MAX_SEEN:
                     self._seen.append((one, poses := []))
                 if poses is not None and all(_moved(pose, T) for pose in poses):
                     poses.append(T)
+        return shared
 
     @property
     def found(self) -> tuple[Constant, ...]:

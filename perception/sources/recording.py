@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import time
@@ -40,17 +39,12 @@ from perception.camera.poses import (
     read_trajectory,
 )
 from perception.frames import Frame
-from perception.no_return import (
-    Constant,
-    UnmovedValues,
-    shared_values,
-    told,
-    without_constants,
-)
+from perception.no_return import Constant, without_constants
 from perception.number_tables import rows
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
 from perception.sources.depth_check import check_depth, depth_findings
+from perception.sources.depth_values import no_return_of
 from perception.sources.estimated_poses import (
     OnEstimated,
     check_height,
@@ -90,10 +84,6 @@ FORMATS: tuple[Format, ...] = (
 POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _NAMED = 5  # recordings of a folder that a message names
 _log = logging.getLogger(__name__)
-SAMPLED = 16  # images, spread evenly, that are looked through for constants
-ROUGHER = 10.0  # times as large steps between pixels where bytes are exchanged
-FEW_VALUES = 3  # of an image, which has no others, of so many images one after the other
-FEW_SHARE = 0.9  # of the pixels of such an image
 KEY_SHARE = 0.9  # of a trajectory's poses that have a frame, where others have none
 LATEST = 1e11  # [s] of a stamp, in the year 5138
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
@@ -214,7 +204,10 @@ def open_recording(
         start_time=begin if relative else 0.0,
     )
     _check_images(recording)
-    recording = _without_constants(recording, tell=o.check)
+    apart = listing.depth_camera
+    seen_by = recording.rectifier.camera if apart is None else apart.intrinsics
+    known = no_return_of(recording.name, listing, seen_by, recording.depth_scale, tell=o.check)
+    recording = replace(recording, no_return=known)
     if estimating:
         return _by_estimated_poses(recording, o, on_estimated)
     if o.check:
@@ -234,56 +227,6 @@ def open_recording(
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
-
-
-def _without_constants(recording: FolderRecording, *, tell: bool) -> FolderRecording:
-    """The recording without depths that mean no return, with a line that names them."""
-    entries, apart = recording.listing.entries, recording.listing.depth_camera
-    unmoved, known, whole = UnmovedValues(), dict[str, Constant](), 0
-    exchanged = 0
-    for entry in entries[:: max(1, len(entries) // SAMPLED)]:
-        with contextlib.suppress(RecordingError):  # told where the frame is read
-            depth = entry.depth.depth(recording.depth_scale)
-            camera = recording.rectifier.camera if apart is None else apart.intrinsics
-            K = camera.fitted(depth.shape[1], depth.shape[0]).K
-            unmoved.add(depth, K, entry.T_world_cam)
-            found = shared_values(depth, K)
-            exchanged += _bytes_exchanged(depth, recording.depth_scale)
-            few = sum(one.share for one in found) >= FEW_SHARE * np.isfinite(depth).mean()
-            whole = whole + 1 if len(found) >= FEW_VALUES and few else 0
-            for one in found:
-                if not one.measurable:
-                    known.setdefault(f"{one.value:.3g}", one)
-    if exchanged >= FEW_VALUES and tell:
-        raise RecordingError(
-            f"{recording.name}: the two bytes of its depth are exchanged, as where is_bigendian is "
-            "wrong; the other byte order would work, or --no-check"
-        )
-    if whole >= FEW_VALUES and tell:
-        raise RecordingError(
-            f"{recording.name}: its depth has a handful of values only, as whole metres have; "
-            "depth in millimetres, floats in metres, or --no-check for flat scenes would work"
-        )
-    known |= {f"{one.value:.3g}": one for one in unmoved.found}
-    if known:
-        _log.log(
-            logging.WARNING if tell else logging.INFO,
-            "%s: depth of %s is taken for no return: no surface is shared by so many pixels",
-            recording.name,
-            told(known.values()),
-        )
-    return replace(recording, no_return=tuple(known.values()))
-
-
-def _bytes_exchanged(depth: NDArray[np.float32], depth_scale: float) -> bool:
-    """Whether 16-bit depth is far smoother with its bytes exchanged."""
-    units = np.nan_to_num(depth * np.float32(depth_scale), posinf=0).round()
-    if units.max(initial=0) > 65535:
-        return False
-    raw = units.astype(np.uint16)
-    both = (raw[:, 1:] > 0) & (raw[:, :-1] > 0)
-    steps = [np.abs(np.diff(a.astype(np.int32)))[both] for a in (raw, raw.byteswap())]
-    return bool(both.any()) and float(steps[1].mean()) < steps[0].mean() / ROUGHER
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:
