@@ -160,7 +160,11 @@ def load_intrinsics(path: Path) -> Intrinsics:
 
 def yaml_matrix(path: Path, key: str) -> NDArray[np.float64] | None:
     """Numbers (n,) of the `data` of a matrix in a YAML file; None where there is no such matrix."""
-    found = re.search(rf"^{key}\s*:.*?data\s*:\s*\[([^\]]*)\]", _yaml(path), re.M | re.S)
+    return _matrix_in(_yaml(path), key, path)
+
+
+def _matrix_in(text: str, key: str, path: Path) -> NDArray[np.float64] | None:
+    found = re.search(rf"^{key}\s*:.*?data\s*:\s*\[([^\]]*)\]", text, re.M | re.S)
     return (
         None if found is None else np.array(floats(found[1].replace(",", " ").split(), str(path)))
     )
@@ -193,10 +197,10 @@ def _from_yaml(path: Path) -> Intrinsics:
         None if (side := number(rf"image_{name}|Camera1?\.{name}")) is None else int(side)
         for name in ("width", "height")
     )
-    K = yaml_matrix(path, "camera_matrix")
+    K = _matrix_in(text, "camera_matrix", path)
     if K is not None and K.size == 9:
         camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
-        dist = yaml_matrix(path, "distortion_coefficients")
+        dist = _matrix_in(text, "distortion_coefficients", path)
         coefficients = () if dist is None else tuple(float(x) for x in dist)
         model = re.search(r"^distortion_model\s*:\s*(\S+)", text, re.M)
         fisheye = model is not None and model[1] in FISHEYE
