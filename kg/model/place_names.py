@@ -26,10 +26,10 @@ def sure_kind(beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
     return "" if best is None or beliefs[best] < SURE else plain_place(label(best))
 
 
-def is_unnamed(iri: str, label: str) -> bool:
-    """Whether nobody named a place: its label is that of a mapper; ``room 101`` is a name."""
-    number = iri.rpartition("/")[2]
-    return label == f"room {number}" or bool(re.fullmatch(r"place \d+", label))
+def is_of_mapper(iri: str, label: str) -> bool:
+    """Whether a mapper gave a place its label, and no person: ``room 101`` is a person's name."""
+    kind, number = label[:4], iri.rpartition("/")[2]
+    return bool(NUMBERED.fullmatch(label)) and (kind != "room" or label == f"room {number}")
 
 
 def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
@@ -55,7 +55,7 @@ def place_titles(
     count = Counter(kinds)
     return [
         kind
-        if kind and count[kind] == 1 and is_unnamed(iri, name)
+        if kind and count[kind] == 1 and is_of_mapper(iri, name)
         else name + in_brackets(name, beliefs, label)
         for kind, (iri, name, beliefs) in zip(kinds, given, strict=True)
     ]
