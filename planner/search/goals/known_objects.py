@@ -85,7 +85,13 @@ class KnownObject:
 def known_objects(semantic_map: SemanticMap, target: Target) -> tuple[KnownObject, ...]:
     """Objects of the target's kinds that exist with at least 0.05, the surest first."""
     rows = remembered_rows(semantic_map, target)
-    return known_among(semantic_map, target, rows, stated_categories(semantic_map))
+    spoken = cache(partial(spoken_places, semantic_map))
+
+    @cache
+    def where(iri: str) -> str:
+        return whereabouts(semantic_map, iri, spoken())
+
+    return known_among(semantic_map, target, rows, stated_categories(semantic_map), where)
 
 
 def remembered_rows(semantic_map: SemanticMap, target: Target) -> list[Sequence[Row]]:
@@ -124,8 +130,12 @@ def known_among(
     target: Target,
     groups: Sequence[Sequence[Row]],
     stated: Mapping[str, StatedCategory],
+    where: Callable[[str], str],
 ) -> tuple[KnownObject, ...]:
-    """As `known_objects`, from `remembered_rows` and the categories that people gave."""
+    """As `known_objects`, from `remembered_rows` and the categories that people gave.
+
+    `where` gives the whereabouts of an object in words, by its IRI.
+    """
     others = dict[str, list[tuple[str, float]]]()
     any_rows = any(groups)
     for other in semantic_map.query("may-be", least=0.0).records() if any_rows else ():
@@ -141,10 +151,9 @@ def known_among(
             if iri not in best or number(best[iri][0], "existence") < existence:
                 best[iri] = row, half_lives[str(row["kind"])]
     titles = _other_maps(semantic_map) if any_rows else {}
-    spoken = cache(partial(spoken_places, semantic_map))
 
     def located(iri: str) -> Callable[[], str]:
-        return cache(lambda: whereabouts(semantic_map, iri, spoken()) + _of_map(iri, titles))
+        return lambda: where(iri) + _of_map(iri, titles)
 
     found = (
         KnownObject(

@@ -73,7 +73,8 @@ def read_facts(
     """
     targets, robot = resolve(semantic_map, words), semantic_map.robot()
     spoken = spoken_places(semantic_map)
-    of_targets = tuple(_of_target(semantic_map, target, spoken) for target in targets)
+    where = cache(partial(whereabouts, semantic_map, spoken=spoken))
+    of_targets = tuple(_of_target(semantic_map, target, spoken, where) for target in targets)
     rows = [row for one in of_targets for row in one.remembered]
     rows.sort(key=lambda row: -number(row, "existence"))
     iris = list(dict.fromkeys(str(row["iri"]) for row in rows))[:_SEEN_FROM]
@@ -87,7 +88,7 @@ def read_facts(
         robot,
         read_floor(semantic_map, robot),
         semantic_map.base,
-        cache(partial(whereabouts, semantic_map, spoken=spoken)),
+        where,
         seen_from(store.path, iris, live=store.live),
     )
 
@@ -98,7 +99,12 @@ def read_floor(semantic_map: SemanticMap, robot: RobotRecord | None) -> MappedFl
     return mapped_floor(tiles_of_rows(semantic_map.query("goals-floor").records()), height)
 
 
-def _of_target(semantic_map: SemanticMap, target: Target, spoken: Mapping[str, str]) -> TargetFacts:
+def _of_target(
+    semantic_map: SemanticMap,
+    target: Target,
+    spoken: Mapping[str, str],
+    where: Callable[[str], str],
+) -> TargetFacts:
     stated, groups = stated_categories(semantic_map), remembered_rows(semantic_map, target)
     detected = {iri: one.detected_as for iri, one in stated.items()}
 
@@ -111,7 +117,7 @@ def _of_target(semantic_map: SemanticMap, target: Target, spoken: Mapping[str, s
 
     return TargetFacts(
         target,
-        known_among(semantic_map, target, groups, stated),
+        known_among(semantic_map, target, groups, stated, where),
         tuple(
             {**_as_spoken(row, spoken), "detectedAs": detected.get(str(row["iri"]))}
             for rows_of_kind in groups
