@@ -68,15 +68,22 @@ def open_detector(
     "default" is the bundled pair; a name may be that of an extension. `device` and `head`:
     see `load_detector`. Raises ModelError for anything else, ExtensionError for a broken extension.
     """
-    if name_or_path == "default":
+    name = str(name_or_path)
+    recorded = Path(name).suffix == ".json"
+    listed = name == "default" or recorded or name in {card.name for card in cards()}
+    of_extension = not listed and name in extensions(DETECTORS)
+    if head is not None and (name == "default" or recorded or of_extension):
+        raise ModelError(
+            f"{name} has no outputs of two meanings; --head with --detector FILE.onnx would work"
+        )
+    if name == "default":
         first, second = (
             load_detector(name, threshold=threshold, device=device) for name in bundled_pair()
         )
         return DetectorPair(first, second)
-    if Path(name_or_path).suffix == ".json":
-        return load_recorded_detections(Path(name_or_path), threshold=threshold)
-    name = str(name_or_path)
-    if name not in {card.name for card in cards()} and name in extensions(DETECTORS):
+    if recorded:
+        return load_recorded_detections(Path(name), threshold=threshold)
+    if of_extension:
         return _extension(name, threshold, device)
     return load_detector(name_or_path, threshold=threshold, device=device, head=head)
 

@@ -131,3 +131,9 @@ def test_masks_that_are_none_are_one_line(tmp_path: Path, mask: object) -> None:
     with pytest.raises(ModelError, match="frame 'a'") as caught:
         load_recorded_detections(written(tmp_path, [[1, 2, 30, 40, 0.5, "cup", mask]]))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["default", "a.json"])
+def test_a_head_is_refused_where_no_outputs_have_one(name):
+    with pytest.raises(ModelError, match=r"--detector FILE\.onnx would work"):
+        open_detector(name, head="yolov8")
