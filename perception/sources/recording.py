@@ -54,6 +54,7 @@ from perception.sources.estimated_poses import (
 from perception.sources.folders import (
     numbered_images,
     record3d,
+    rtabmap_database,
     seven_scenes,
     stray_scanner,
     transforms_json,
@@ -76,6 +77,7 @@ FORMATS: tuple[Format, ...] = (
     numbered_images.REPLICA,
     stray_scanner.FORMAT,
     record3d.FORMAT,
+    rtabmap_database.FORMAT,
     transforms_json.TRANSFORMS,
     transforms_json.POLYCAM,
     bag.FORMAT,

@@ -9,8 +9,6 @@ from perception.sources.folders.numbered_images import COLOUR_FOLDERS
 
 #: names of files, in a folder or the recording itself, and advice
 _FILES: Final = (
-    (("*.db",), "a database, as RTAB-Map records it; `rtabmap-export --images --poses_camera FILE` "
-     "writes a folder that is read"),
     (("*.sens",), "a recording of ScanNet; reader.py of its SensReader with --export_color_images "
      "--export_depth_images --export_poses --export_intrinsics writes a folder that is read"),
     (("*.mkv",), "a video as Azure Kinect records it; Open3D's azure_kinect_mkv_reader.py writes "

@@ -254,7 +254,7 @@ def _compressed_depth(
         return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
     header, body = bytes(data[: _DEPTH_HEADER.size]), data[_DEPTH_HEADER.size :]
     if is_rvl and bytes(body[:4]) != _PNG:
-        raw = _rvl(body, where)
+        raw = decode_sized_rvl(body, where)
     elif bytes(body[:4]) == _PNG:
         raw = _one_channel(decode_image(body, cv2.IMREAD_UNCHANGED, where), where)
     else:
@@ -270,7 +270,8 @@ def _compressed_depth(
     return depth
 
 
-def _rvl(body: NDArray[np.uint8], where: str) -> NDArray[np.uint16]:
+def decode_sized_rvl(body: NDArray[np.uint8], where: str) -> NDArray[np.uint16]:
+    """(H, W) depth of a stream that begins with its width and height; raises RecordingError."""
     if len(body) < _SIZE.size:
         raise RecordingError(f"{where}: RVL depth is cut short before its size")
     width, height = _SIZE.unpack(bytes(body[: _SIZE.size]))

@@ -246,10 +246,3 @@ def test_pointers_of_git_lfs_are_named(room, name):
     room.write(name, "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 61234\n")
     with pytest.raises(RecordingError, match=r"is a Git LFS pointer, .* `git lfs pull`"):
         open_recording(room.folder, OPTIONS)
-
-
-def test_a_database_of_rtabmap_is_told_the_way(tmp_path):
-    (tmp_path / "rtabmap.db").write_bytes(b"SQLite format 3\0" + bytes(100))
-    for path in (tmp_path, tmp_path / "rtabmap.db"):
-        with pytest.raises(RecordingError, match="rtabmap-export --images --poses_camera"):
-            open_recording(path)
