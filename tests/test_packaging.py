@@ -94,6 +94,13 @@ def test_wheel_declares_the_command(wheel_names: set[str]) -> None:
     assert any(name.endswith("entry_points.txt") for name in wheel_names)
 
 
+def test_the_command_runs_as_a_module() -> None:
+    run = [sys.executable, "-m", "hereabouts", "--version"]
+    assert subprocess.run(run, capture_output=True, text=True, check=True).stdout.startswith(
+        "hereab"
+    )
+
+
 def test_the_lab_is_a_wheel_of_its_own_for_the_same_version(wheel: Path, tmp_path: Path) -> None:
     lab = build(ROOT / "lab", tmp_path)
     names = set(zipfile.ZipFile(lab).namelist())
