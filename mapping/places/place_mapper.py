@@ -102,11 +102,6 @@ class PlaceMapper:
         self._places.put(updated)
         return updated
 
-    def step(self, frame: Frame, scene: SceneScores) -> tuple[PlaceRecord, ...]:
-        """Add `view` to the place that `frame` shows; nothing if it shows no single place."""
-        iri = self.viewed_place(frame)
-        return () if iri is None else (self.view(iri, frame, scene),)
-
     def _belief(self, record: PlaceRecord) -> dict[str, float]:
         """Belief so far; the registry's, where others changed it since the last view."""
         if self._kept.get(record.iri) is record.from_views:

@@ -86,7 +86,6 @@ class Association:
 
     matched: Mapping[str, Sighting]  # object IRI -> the one sighting that updates it
     new: tuple[Sighting, ...]  # no registered object of their class within the gate
-    dropped: int  # duplicates of the matched ones
 
 
 def associate(
@@ -107,8 +106,7 @@ def associate(
             new.append(sighting)
         elif found[1] not in best or found[0] < best[found[1]][0]:
             best[found[1]] = (found[0], sighting)
-    matched = {iri: sighting for iri, (_, sighting) in best.items()}
-    return Association(matched, tuple(new), len(sightings) - len(new) - len(matched))
+    return Association({iri: sighting for iri, (_, sighting) in best.items()}, tuple(new))
 
 
 def _nearest(
