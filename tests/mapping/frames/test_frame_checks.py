@@ -15,13 +15,9 @@ from mapping.frames.read_ahead import read_ahead
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
-from perception.frames import Detections, Frame, SceneScores
+from perception.frames import Detections, Frame
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import SimulatedCamera
 from tests.perception.box_room import pose, room_frame, round_tour
 
 CUP = ("cup", 0.9, (20, 15, 40, 30))
@@ -256,25 +252,6 @@ def test_right_poses_of_recordings_are_taken_and_others_refused(shared, recordin
     for convention in MISREAD:
         with pytest.raises(FrameError, match=convention):
             pass_all(misread(frame, convention) for frame in frames)
-
-
-def test_right_poses_of_a_simulated_robot_are_taken_and_others_refused():
-    camera = SimulatedCamera(furnished_house())
-    x, y = furnished_house().rooms[0].viewpoints[0]
-    turning = SimulatedTour(camera, poses=[TimedPose(x, y, 0.15 * n, 0.2 * n) for n in range(45)])
-    still = SimulatedTour(camera, poses=[TimedPose(x, y, 0.3, 0.2 * n) for n in range(9)])
-    frames = list(SimulatedTour(camera).frames())[:160]
-    for sound in (frames, frames[::4], frames[::-1], turning.frames(), still.frames()):
-        pass_all(sound)
-    for convention in MISREAD:
-        with pytest.raises(FrameError, match=convention):
-            pass_all(misread(frame, convention) for frame in frames)
-
-
-def test_scene_scores_are_taken(semantic_map, make_frame, make_detections):
-    mapper = Mapper(semantic_map)
-    mapper.add(make_frame(2.0), make_detections(CUP), SceneScores({"kitchen": 0.9}))
-    assert mapper.frames_applied == 1
 
 
 @pytest.mark.parametrize(

@@ -100,35 +100,6 @@ def test_a_camera_that_stands_still_maps_what_it_sees_again_and_again(room, step
     assert room.one.observations == 100
 
 
-def test_repeated_views_make_it_less_sure_than_new_ones(room, step_back):
-    faint = ("cup", 0.45, MIDDLE)
-    room.see(faint, times=2)
-    for _ in range(3):
-        room.mapper.add(step_back(1), detections(faint))
-    still = room.one.existence
-    with_new_views = Room(room.map, step_back)
-    aside = ("cup", 0.45, box(10))
-    with_new_views.see(aside, times=5)
-    other = max(room.map.objects(), key=lambda o: abs(o.p_map[1]))
-    assert other.observations == room.map.objects()[0].observations == 5
-    assert other.existence > still
-
-
-def test_faint_detections_are_doubted_and_strong_ones_are_not(room):
-    room.see(("cup", 0.21, (8, 22, 11, 25)), ("cup", 0.95, (30, 22, 33, 25)), times=6)
-    sure = [record for record in room.map.objects() if record.existence >= 0.5]
-    assert [record.p_map[1] for record in sure] == [pytest.approx(0, abs=0.1)]
-    assert 0.8 < sure[0].existence <= 1
-
-
-def test_extent_and_deviation_tell_its_size_and_precision(room):
-    room.see(("chair", 0.9, (15, 5, 49, 43)), ("cup", 0.8, box(4)), times=4)
-    sizes = {room.label(o): (o.extent, o.deviation) for o in room.map.objects()}
-    assert sizes["chair"][0].max() > 2 * sizes["cup"][0].max()
-    assert 0 < sizes["cup"][1] < sizes["chair"][1] < 0.5
-    assert all((extent >= 0).all() for extent, _ in sizes.values())
-
-
 # one thing or several
 
 
@@ -140,13 +111,6 @@ def test_two_cups_side_by_side_are_two(room):
     one, other = room.map.objects()
     assert abs(one.p_map[1] - other.p_map[1]) == pytest.approx(0.3, abs=0.05)
     assert {one.observations, other.observations} == {4}
-
-
-def test_a_thing_with_three_names_is_one_by_its_best(room):
-    screen = (22, 16, 42, 32)
-    names = (("tv", 0.7, screen), ("laptop", 0.5, screen), ("suitcase", 0.3, screen))
-    room.see(*names, times=4)
-    assert room.label(room.one) == "tv"
 
 
 def test_a_thing_called_otherwise_by_each_view_is_one_by_its_best(room):
@@ -209,23 +173,6 @@ def test_what_cannot_be_seen_is_not_missed(room, depth):
     before = room.one
     for _ in range(10):
         assert room.look(depth).objects == ()
-    assert room.one.existence == before.existence
-
-
-def test_what_is_out_of_range_is_not_missed(room, step_back):
-    room.see(CUP, times=3)
-    before = room.one
-    for n in range(10, 20):
-        room.mapper.add(step_back(n, depth=FAR_WALL), detections())
-    assert room.one.existence == before.existence
-
-
-def test_what_is_behind_the_camera_is_not_missed(room, make_frame):
-    room.see(CUP, times=3)
-    before = room.one
-    turned = np.diag([-1.0, -1.0, 1.0, 1.0]) @ make_frame().T_map_cam
-    for n in range(5):
-        room.mapper.add(make_frame(3.0, T=turned, id=f"away-{n}"), detections())
     assert room.one.existence == before.existence
 
 
@@ -464,13 +411,6 @@ def test_sightings_with_positions_are_objects_at_once(room):
     assert again.existence > record.existence
 
 
-def test_a_sighting_makes_an_object_of_a_candidate(room):
-    room.see(CUP)
-    cup = room.map.catalogue.find("cup").iri
-    room.mapper.add_sightings([Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9 + 9)
-    assert room.one.observations == 2
-
-
 def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
     room = Room(semantic_map, step_back)
     room.see(CUP, times=3)
@@ -481,15 +421,6 @@ def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
     gone = mapper.decay(room.one.iri, 50)
     assert gone.removed == (room.one.iri,)
     assert mapper.decay("https://example.org/map/object/99").updated == ()
-
-
-def test_settings_are_the_callers(semantic_map, step_back):
-    room = Room(semantic_map, step_back)
-    room.mapper = Mapper(semantic_map, MappingOptions(objects=ObjectSettings(confirmed=0.6)))
-    room.see(CUP)
-    assert semantic_map.objects() == ()
-    room.see(CUP, times=3)
-    assert len(semantic_map.objects()) == 1
 
 
 @pytest.mark.parametrize("asserted", [False, True])
@@ -547,32 +478,6 @@ def test_what_a_robot_sees_again_from_one_spot_counts_less(semantic_map: Semanti
         return record.existence
 
     assert existence(0.0) < existence(0.5)
-
-
-def test_a_mapper_that_is_restarted_goes_on_with_the_same_labels(
-    semantic_map: SemanticMap, step_back: Callable[..., Frame]
-) -> None:
-    """What is called a cup as often as a bowl, as in one run."""
-    scores = {"cup": 0.6, "bowl": 0.55}
-    looks = ["cup", "bowl"] * 4
-
-    def mapped(where: SemanticMap, stops: tuple[int, ...]) -> ObjectRecord:
-        mapper = Mapper(where, detector="scripted")
-        for number, label in enumerate(looks):
-            if number in stops:
-                mapper = Mapper(where, detector="scripted")
-            mapper.add(step_back(number % 8), detections((label, scores[label], MIDDLE)))
-        (record,) = where.perceived.objects()
-        return record
-
-    once = mapped(semantic_map, ())
-    again = mapped(in_memory_map(), (4, 7))
-    assert len(once.labels) == 1 and max(once.labels.values()) >= 0.1
-    assert again.category == once.category
-    assert again.labels.keys() == once.labels.keys()
-    assert again.existence == pytest.approx(once.existence, abs=0.1)
-    for category, probability in once.labels.items():
-        assert again.labels[category] == pytest.approx(probability, abs=0.1)
 
 
 @pytest.mark.parametrize(("later", "things"), [(3000.0, 1), (3700.0, 2)])

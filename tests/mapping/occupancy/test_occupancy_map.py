@@ -10,7 +10,6 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 from kg.serving.opening import in_memory_map
-from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.recording_mapper import map_recording
@@ -230,19 +229,6 @@ def test_a_recording_brings_its_floor_along(
     before = semantic_map.sequence
     map_recording(list_recording(frames), semantic_map, detector)
     assert semantic_map.sequence == before  # all of it is in the map
-
-
-def test_without_the_floor_there_is_none(
-    semantic_map, look, list_recording, scripted_detector, make_detections
-):
-    detector = scripted_detector({}, make_detections())
-    map_recording(
-        list_recording([look(WALL)]),
-        semantic_map,
-        detector,
-        options=MappingOptions(occupancy=False),
-    )
-    assert semantic_map.floor() == ()
 
 
 def test_what_a_person_deletes_at_the_last_moment_stays_deleted(

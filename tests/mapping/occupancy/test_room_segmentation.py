@@ -280,20 +280,3 @@ def test_the_real_kitchen_has_its_walls_table_and_chairs(shared):
     assert (abs(back - np.median(back)) < 0.11).mean() > 0.95  # as straight as two cells
     assert spots(floor, FREE)[:, 1].min() > np.median(back)
     assert len(spots(floor, FREE)) * floor.resolution**2 > 1.5  # [m^2]
-
-
-def test_the_living_room_ends_at_a_slanted_wall(shared):
-    floor, _ = floor_of(shared, "icl_livingroom", 3)
-    wall, free = spots(floor, TALL), spots(floor, FREE)
-    rng, best, line = np.random.default_rng(0), 0, (wall[0], np.zeros(2))
-    for _ in range(300):  # the line that most of the wall lies on
-        a, b = wall[rng.integers(len(wall), size=2)]
-        if (length := float(np.linalg.norm(b - a))) < 1:
-            continue
-        normal = np.array([a[1] - b[1], b[0] - a[0]]) / length
-        if (count := int((abs((wall - a) @ normal) < floor.resolution).sum())) > best:
-            best, line = count, (a, normal)
-    assert best > 0.5 * len(wall)
-    side = (free - line[0]) @ line[1]
-    assert min((side > 0.1).sum(), (side < -0.1).sum()) == 0  # nothing behind it
-    assert len(free) * floor.resolution**2 > 2.0  # [m^2]

@@ -185,12 +185,6 @@ def test_detections_follow_a_thing_that_is_merged():
     assert fates.counts == {"cup": {Fate.LEFT: 1}, "mug": {Fate.LEFT: 1}}
 
 
-def test_a_map_without_a_folder_has_a_report_too(semantic_map, step_back, make_detections):
-    with Mapper(semantic_map) as mapper:
-        mapper.add(step_back(0), make_detections(("cup", 0.3, MIDDLE)))
-        assert mapper.detection_report().categories["cup"].detections == 1
-
-
 def test_the_report_is_kept_and_goes_on(folder, detected, make_detections, step_back):
     cup = make_detections(("cup", 0.9, MIDDLE), ("keyboard", 0.1, LEFT))
     made = detected(*[cup] * 3)
