@@ -90,13 +90,6 @@ def test_scores_count_only_where_the_view_does(semantic_map, make_frame, make_de
     assert semantic_map.places()[0].views == 1
 
 
-def test_the_same_frame_twice_counts_once_for_its_place(semantic_map, make_frame, make_detections):
-    mapper, frame = Mapper(semantic_map, MappingOptions(layout=ROOM)), make_frame(2.0)
-    mapper.add(frame, make_detections(), KITCHEN)
-    mapper.add(frame, make_detections(), KITCHEN)
-    assert semantic_map.places()[0].views == 1
-
-
 def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cup):
     mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     first = map_cup(mapper)
@@ -109,20 +102,6 @@ def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cu
     assert new.place == semantic_map.place_iri(1)
     assert len(semantic_map.objects("cup")) == 2
     assert mapper.frames_applied == 2
-
-
-def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
-    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
-    first = map_cup(mapper)
-    assert semantic_map.assertions.add(first.iri, "position", (4, 4, 1), by="ann")
-    assert semantic_map.assertions.add(first.iri, "category", "bowl", by="ann")
-    for category in ("cup", "bowl"):
-        seen = Sighting(semantic_map.catalogue.find(category).iri, 0.8, np.array([4.0, 4.0, 1.0]))
-        (update,) = mapper.add_sightings([seen], 1e6 + 5).objects
-        assert update.iri == first.iri
-    (bowl,) = semantic_map.objects()
-    assert semantic_map.catalogue.label(bowl.category) == "bowl"
-    assert bowl.p_map == pytest.approx([4, 4, 1])
 
 
 def test_no_sighting_is_no_evidence_against_anything(semantic_map, map_cup):

@@ -47,10 +47,10 @@ def test_two_cups_where_one_was_known_leave_one_over(make_sighting, make_track):
 
 
 def test_gates_grow_with_size(make_sighting, make_track):
-    shift = 0.45
-    cup = make_sighting({"cup": 0.7}, (2, shift, 1))
-    assert found([cup], [make_track("cup", (2, 0, 1))]) == {}
-    table = make_sighting({"dining table": 0.7}, (2, shift, 1), size=1.2)
+    for shift, pairs in ((0.2, {0: 0}), (0.21, {})):  # 0.1 + 0.12 (0.1 + 0.1) + 0.02 x 2^2 m
+        cup = make_sighting({"cup": 0.7}, (2, shift, 1))
+        assert found([cup], [make_track("cup", (2, 0, 1))]) == pairs
+    table = make_sighting({"dining table": 0.7}, (2, 0.45, 1), size=1.2)
     assert found([table], [make_track("dining table", (2, 0, 1), size=1.4)]) == {0: 0}
 
 

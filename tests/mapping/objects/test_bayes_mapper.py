@@ -94,10 +94,10 @@ def test_a_thing_is_in_the_map_from_its_first_view_with_little_existence(room):
 
 def test_a_camera_that_stands_still_maps_what_it_sees_again_and_again(room, step_back):
     small = ("cup", 0.9, (30, 22, 33, 25))
-    for n in range(100):
+    for n in range(40):
         room.mapper.add(step_back(0, id=f"f{n}", stamp=1e9 + n), detections(small))
     assert room.one.existence > 0.8
-    assert room.one.observations == 100
+    assert room.one.observations == 40
 
 
 # one thing or several

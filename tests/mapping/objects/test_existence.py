@@ -255,10 +255,6 @@ def test_every_label_of_the_bundled_detectors_has_a_size_and_is_a_category():
         assert catalogue.for_label(label, "object").label == label
 
 
-def test_nothing_is_wider_than_long():
-    assert [name for name, one in usual_sizes().items() if not 0 < one.width <= one.longest] == []
-
-
 def test_the_usual_size_is_the_likeliest():
     assert size_log_likelihood(0.1, CUP) == 0
     assert size_log_likelihood(0.2, CUP) < size_log_likelihood(0.12, CUP) < 0

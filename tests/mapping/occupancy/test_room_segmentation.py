@@ -102,13 +102,6 @@ def test_a_closet_of_less_than_one_and_a_half_square_metres_is_no_room(length, r
     assert len(rooms_of(states)) == rooms
 
 
-def test_a_small_part_without_neighbour_is_no_room():
-    states = floor(6.0, 4.0)
-    wall(states, 5.0, (0.0, 0.0))
-    states[-30:, 30:] = TALL  # 1 m by 1 m is left behind the wall
-    assert len(rooms_of(states)) == 1
-
-
 @pytest.mark.parametrize("state", [UNKNOWN, FREE, TALL])
 def test_a_floor_of_one_kind_is_one_room_or_none(state):
     found = rooms_of(np.full((64, 64), state, np.uint8))

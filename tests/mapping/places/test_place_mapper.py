@@ -17,9 +17,8 @@ from mapping.frames.projection import map_points
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import PlaceMapper
 from mapping.places.place_registry import PlaceRegistry, extended, trimmed_extent
-from mapping.reference.belief_filters import main_owner, repeats_view, unknown_share
+from mapping.reference.belief_filters import main_owner
 from mapping.reference.settings import ReferenceSettings
-from perception.camera.poses import motion
 from perception.frames import SceneScores
 
 WEST_EAST = Layout(
@@ -93,13 +92,6 @@ def test_same_pose_counts_once_and_a_new_one_again(semantic_map, make_frame):
     assert step(mapper, make_frame(2.0, T=shifted(pose, yaw=math.radians(11))), KITCHEN)
 
 
-def test_pose_may_be_used_again_once_it_is_out_of_the_history(semantic_map, make_frame):
-    mapper, pose = place_mapper(semantic_map, history_length=2), make_frame().T_map_cam
-    for x in (0.0, 0.2, 0.4):
-        assert step(mapper, make_frame(1.0, T=shifted(pose, x=x)), KITCHEN)
-    assert step(mapper, make_frame(1.0), KITCHEN)
-
-
 def test_faint_beliefs_count_but_stay_out_of_the_graph(semantic_map, make_frame):
     mapper, pose = place_mapper(semantic_map), make_frame().T_map_cam
     bar = semantic_map.catalogue.find("bar", kind="place").iri
@@ -156,19 +148,6 @@ def test_map_points_of_a_level_camera(make_frame):
     assert np.allclose(points[:, 0], 2.0)
     assert points[:, 1].max() == pytest.approx(32 * 2 / 50)
     assert len(map_points(make_frame(2.0), stride=1, max_depth=1.9)) == 0
-
-
-def test_unknown_share(make_frame):
-    depth = np.full((49, 65), 2.0)
-    depth[:, :13] = np.nan
-    assert unknown_share(make_frame(depth), 1) == pytest.approx(0.2)
-
-
-@given(st.floats(-3.1, 3.1))
-def test_turn_is_the_angle_between_poses(yaw):
-    T = shifted(np.eye(4), yaw=yaw)
-    assert motion(np.eye(4), T)[1] == pytest.approx(abs(yaw), abs=1e-6)
-    assert not repeats_view(T, [], 0.15, 0.17)
 
 
 CLOUDS = npst.arrays(

@@ -97,18 +97,6 @@ def test_bayes_keeps_a_distribution_in_which_nothing_is_impossible(first, second
     assert min(belief.values()) > 0
 
 
-def test_bayes_changes_its_mind_faster_than_the_mean():
-    # why the thesis dropped it: a few views turn it round
-    kitchen, bar = {"kitchen": 0.7, "bar": 0.3}, {"kitchen": 0.1, "bar": 0.9}
-    mean: dict[str, float] = {}
-    bayes: dict[str, float] = {}
-    for k, view in enumerate([kitchen] * 4 + [bar] * 2):
-        mean = mean_update(mean, k, view)
-        bayes = bayes_update(bayes, view, ["kitchen", "bar"], 1e-3)
-    assert mean["kitchen"] == pytest.approx(0.5)
-    assert bayes["bar"] > 0.6
-
-
 def test_prior_knowledge_leaves_out_the_rest_and_renormalises():
     given_scores = {"kitchen": 0.3, "bar": 0.1, "patio": 0.6}
     assert with_prior(given_scores, ["kitchen", "bar"]) == pytest.approx(

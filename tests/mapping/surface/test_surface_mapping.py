@@ -184,8 +184,7 @@ def test_a_run_that_is_restarted_makes_the_same_surface(tmp_path, uninterrupted)
     assert same(surface(tmp_path / "a.map"), surface(uninterrupted))
 
 
-@pytest.mark.parametrize("frames", [5, 66])
-def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted, frames):
+def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted):
     folder = tmp_path / "a.map"
     create_map(folder).close()
     program = (
@@ -196,23 +195,10 @@ def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted, fr
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=os.environ
     ) as running:
         assert running.stdout is not None
-        assert any(int(line) >= frames for line in running.stdout)
+        assert any(int(line) >= 66 for line in running.stdout)
         running.send_signal(signal.SIGKILL)
     go_on(folder)
     assert same(surface(folder), surface(uninterrupted))
-
-
-def test_a_surface_is_never_newer_than_its_map(tmp_path, uninterrupted):
-    shutil.copytree(uninterrupted, tmp_path / "new.map")
-    create_map(tmp_path / "old.map").close()
-    go_on(tmp_path / "old.map", 20)
-    shutil.copy(uninterrupted / FILE, tmp_path / "old.map" / FILE)
-    with open_map(uninterrupted, read_only=True) as whole, whole.at(20) as past:
-        sequence = past.sequence
-    with open_map(tmp_path / "old.map", read_only=True) as semantic_map:
-        assert semantic_map.sequence >= sequence
-        seen = len(semantic_map.surface())
-    assert 0 < seen < len(surface(uninterrupted))
 
 
 @pytest.mark.parametrize(
@@ -222,10 +208,9 @@ def test_a_surface_is_never_newer_than_its_map(tmp_path, uninterrupted):
         lambda path: path.write_bytes(path.read_bytes()[:9000]),
         lambda path: filled(path, "CREATE VIEW more AS SELECT 1"),
         lambda path: filled(path, "UPDATE chunks SET data = x'00'"),
-        lambda path: filled(path, "UPDATE chunks SET voxels = 1 << 40"),
         lambda path: filled(path, "UPDATE chunks SET voxels = voxels - 1"),
     ],
-    ids=["text", "cut", "a view", "no chunk", "many voxels", "few voxels"],
+    ids=["text", "cut", "a view", "no chunk", "few voxels"],
 )
 def test_a_damaged_file_is_named_in_one_line(tmp_path, uninterrupted, damage):
     shutil.copytree(uninterrupted, tmp_path / "a.map")
