@@ -18,10 +18,11 @@ from kg.model.errors import ModelError
 from mapping.key_views.view_store import view_poses
 from mapping.looks.look_store import ENCODED, Key, LookStore, Rows, described, picture_key
 from mapping.looks.user_encoder import UserEncoder, check_same
+from mapping.objects.detections.detection_report import BELIEVED
 from perception.annotate import VIEW_SIDE, Boxes, Image, object_picture
 
 _NICE = 19  # the lowest priority
-_FRESH = 32  # pictures that wait for a better one
+_FRESH = 16  # pictures that wait for a better one
 
 
 class LookKeeper:
@@ -77,7 +78,7 @@ class LookKeeper:
         for path in (self._folder / FOLDER).glob("view-*.jpg"):
             if path not in kept:
                 path.unlink(missing_ok=True)
-        records = (*self._map.objects(min_existence=0.5), *self._map.unnamed_things())
+        records = (*self._map.objects(min_existence=BELIEVED), *self._map.unnamed_things())
         store = LookStore(self._folder, self._encoder, ENCODED)
         store.settle([record.iri for record in records], views, self._rows)
         self._rows = {}
