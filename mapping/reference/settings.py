@@ -10,19 +10,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 Estimator = Literal["fd", "scott", "doane"]
-BeliefFilter = Literal["mean", "bayes"]
 UnknownLabels = Literal["ignore", "provisional"]
-
-#: Section 4.3: the indoor categories that the system is expected to meet ("prior knowledge").
-INDOOR_CATEGORIES: Final = (
-    *("attic", "auditorium", "bar", "bedroom", "classroom", "corridor", "dining room", "dinette"),
-    *("home office", "kitchen", "living room", "lobby", "office", "pantry", "parking lot"),
-    *("parlor", "patio", "pavilion", "staircase", "veranda", "waiting room"),
-)
 
 _CHOICES: Final = {
     "estimator": ("fd", "scott", "doane"),
-    "belief_filter": ("mean", "bayes"),
     "unknown_labels": ("ignore", "provisional"),
 }
 _SHARES: Final = (
@@ -65,9 +56,6 @@ class ReferenceSettings:
         0.15  # [m] and history_angle: nearer views are repeats (author's code)
     )
     history_angle: float = 0.17453292519943295  # [rad] 10 degrees
-    belief_filter: BeliefFilter = "mean"  # eq. 3.5, or the Bayes filter it replaced
-    indoor_prior: bool = False  # section 4.3: only INDOOR_CATEGORIES
-    bayes_floor: float = 1e-3  # ours: minimum likelihood, so that no zero rules a category out
     least_belief: float = 0.005  # ours: minimum belief in the graph, which has steps of 0.01
     stride: int = 4  # [px] sampling step of a view's pixels; the author's code has 3
 

@@ -109,15 +109,6 @@ def test_an_unknown_kind_of_place_is_believed_once_a_view_says_so_clearly(semant
     assert mapper.labels.unknown_labels == {"tundra": 1}
 
 
-def test_prior_knowledge_of_places_leaves_no_room_for_new_ones(semantic_map, make_frame):
-    settings = ReferenceSettings(stride=1, unknown_labels="provisional", indoor_prior=True)
-    mapper = PlaceMapper(semantic_map, book := PlaceRegistry(semantic_map), settings)
-    frame = make_frame(2.0)
-    book.observe(frame.T_map_cam[None, :3, 3] + [[0, -9, 0], [0, 9, 0], [9, 0, 0]])
-    mapper.view(book.places()[0].iri, frame, SceneScores({"kitchen": 0.4, "holodeck": 0.6}))
-    assert semantic_map.catalogue.get("holodeck") is None
-
-
 def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
     semantic_map, make_frame, make_detections, table
 ):

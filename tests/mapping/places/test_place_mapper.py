@@ -111,30 +111,22 @@ def test_labels_nobody_knows_lose_their_share(semantic_map, make_frame):
     assert mapper.labels.unknown_labels == {"holodeck": 1}
 
 
-def test_prior_knowledge_keeps_to_the_21_indoor_categories(semantic_map, make_frame):
-    mapper = place_mapper(semantic_map, indoor_prior=True)
-    (record,) = step(mapper, make_frame(2.0), SceneScores({"kitchen": 0.2, "dock": 0.8}))
-    kitchen = semantic_map.catalogue.find("kitchen", kind="place").iri
-    assert dict(record.beliefs) == pytest.approx({kitchen: 1.0})
-
-
 def test_view_with_nothing_but_unknown_labels_is_no_view(semantic_map, make_frame):
     (record,) = step(place_mapper(semantic_map), make_frame(2.0), SceneScores({"holodeck": 1.0}))
     assert record.views == 0 and not record.beliefs
 
 
-@pytest.mark.parametrize("belief_filter", ["mean", "bayes"])
-def test_mapper_goes_on_from_the_graph(semantic_map, make_frame, belief_filter):
+def test_mapper_goes_on_from_the_graph(semantic_map, make_frame):
     pose = make_frame().T_map_cam
     views = [make_frame(1.5, T=shifted(pose, x=0.2 * n)) for n in range(4)]
     scores = [SceneScores({"kitchen": 0.5 + 0.1 * n, "bar": 0.5 - 0.1 * n}) for n in range(4)]
-    whole = place_mapper(semantic_map, belief_filter=belief_filter)
+    whole = place_mapper(semantic_map)
     for view, score in zip(views, scores, strict=True):
         (expected,) = step(whole, view, score)
-    first = place_mapper(semantic_map, belief_filter=belief_filter)
+    first = place_mapper(semantic_map)
     for view, score in zip(views[:2], scores[:2], strict=True):
         semantic_map.apply(MapUpdate(places=step(first, view, score)))
-    second = place_mapper(semantic_map, belief_filter=belief_filter)
+    second = place_mapper(semantic_map)
     for view, score in zip(views[2:], scores[2:], strict=True):
         (resumed,) = step(second, view, score)
     assert resumed.views == 4
