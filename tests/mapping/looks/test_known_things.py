@@ -117,14 +117,6 @@ def test_a_mark_in_the_ontology_names_a_thing(furnished, cut_out):
     assert names(semantic_map) == ["cup", "suitcase"]
 
 
-def test_a_mark_names_a_thing_for_certain(furnished, cut_out):
-    semantic_map = furnished(("cup", cut_out("cup")), ("book", marked_picture()))
-    thing = taught("tagged box", [], marker_name("4x4_50/17"))
-    KnownThings().with_thing(thing).save(semantic_map.store.path)
-    (found,) = recognise(semantic_map)
-    assert (found.iri, found.likeness) == (semantic_map.objects()[1].iri, 1.0)
-
-
 @pytest.mark.parametrize("mark", ["4x4_50", "4x4_50/50", "4x4_50/-1", "nonsense/1", ""])
 def test_a_mark_that_does_not_exist_is_refused(mark):
     with pytest.raises(ModelError, match="marks"):

@@ -132,12 +132,6 @@ def test_what_two_detectors_see_is_one_thing_by_the_better_score(room, step_back
     assert {left.evidence.model, right.evidence.model} <= set(names)
 
 
-def test_one_table_seen_in_parts_is_one(room):
-    for part in ((5, 20, 40, 40), (20, 20, 60, 40), (5, 20, 60, 40), (10, 20, 45, 40)):
-        room.see(("dining table", 0.8, part))
-    assert room.label(room.one) == "dining table"
-
-
 @pytest.mark.parametrize(("right", "objects"), [(65, 1), (60, 2)], ids=["cut", "whole"])
 def test_a_box_cut_by_the_border_beside_a_thing_of_its_name_is_no_second_one(
     semantic_map, step_back, right, objects
@@ -205,13 +199,6 @@ def test_a_thing_that_came_back_is_the_same_one(room):
     assert room.one.observations == first.observations + 3
 
 
-def test_a_thing_that_left_and_appears_elsewhere_is_the_same_one(room):
-    room.see(CUP, times=4)
-    first, where = room.one.iri, room.one.p_map
-    leaves(room)
-    appears(room)
-    assert room.one.iri == first
-    assert np.linalg.norm(room.one.p_map - where) > 0.5
 
 
 def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one(room, step_back):
@@ -235,14 +222,6 @@ def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one
     assert room.one.iri == first.iri
     assert np.linalg.norm(room.one.p_map - new.p_map) < 0.3
     assert [a.value for a in room.map.assertions.all(first.iri)] == ["Ann's cup"]
-
-
-def test_a_thing_of_another_category_is_another_one(room):
-    room.see(CUP, times=4)
-    first = room.one.iri
-    leaves(room)
-    appears(room, label="bowl")
-    assert room.one.iri != first
 
 
 def test_what_people_say_is_there_is_not_found_elsewhere(room):
@@ -280,14 +259,6 @@ def test_an_asserted_category_sticks_and_both_names_are_its_own(room):
     assert room.label(room.one) == "cup"
 
 
-def test_an_asserted_position_sticks_and_what_is_seen_there_is_it(room):
-    room.see(CUP, times=2)
-    room.map.assertions.add(room.one.iri, "position", (2, -0.6, 1), by="ann")
-    room.see(("cup", 0.8, box(45)), times=1)
-    assert room.one.p_map == pytest.approx([2, -0.6, 1])
-    assert room.one.observations == 3
-
-
 def test_what_is_put_elsewhere_is_not_missed_where_it_was(room):
     room.see(CUP, times=3)
     room.map.assertions.add(room.one.iri, "position", (4, 9, 1), by="ann")
@@ -305,15 +276,6 @@ def test_asserted_present_it_stays_though_missed(room):
     room.map.assertions.retract(room.one.iri, "existence", by="ann")
     room.look(FAR_WALL)
     assert room.map.objects() == ()
-
-
-def test_asserted_absent_it_is_gone_though_seen(room):
-    room.see(CUP, times=2)
-    room.map.assertions.add(room.one.iri, "existence", "absent", by="ann")
-    room.see(CUP, times=3)
-    assert room.one.existence == 0
-    room.map.assertions.retract(room.one.iri, "existence", by="ann")
-    assert room.one.existence > 0.5
 
 
 def test_deleted_and_seen_again_it_is_new(room):

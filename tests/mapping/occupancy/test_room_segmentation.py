@@ -102,13 +102,6 @@ def test_a_closet_of_less_than_one_and_a_half_square_metres_is_no_room(length, r
     assert len(rooms_of(states)) == rooms
 
 
-@pytest.mark.parametrize("state", [UNKNOWN, FREE, TALL])
-def test_a_floor_of_one_kind_is_one_room_or_none(state):
-    found = rooms_of(np.full((64, 64), state, np.uint8))
-    assert len(found) == (state == FREE)
-    assert found.doors == ()
-
-
 @given(npst.arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
 def test_distances_are_those_to_the_nearest_wall(inside):
     walls = np.argwhere(~np.pad(inside, 1)) - 1

@@ -98,6 +98,16 @@ def test_a_thing_that_is_gone_leaves_the_present_and_stays_in_the_past(tmp_path,
         assert len(semantic_map.snapshot().surface()) == len(semantic_map.surface())
 
 
+@pytest.mark.parametrize(("depth", "left"), [(1.05, True), (1.15, False)])
+def test_what_is_hardly_in_front_of_what_is_measured_stays(make_frame, nothing, depth, left):
+    with in_memory_map() as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
+        for second in range(46):
+            where = 1.0 if second < 6 else depth
+            mapper.add(make_frame(where, stamp=1000.0 + second, id=f"frame-{second}"), nothing)
+        middle = np.abs(semantic_map.surface().points - (1.0, 0.0, 1.0)) < (0.02, 0.2, 0.2)
+        assert middle.all(1).any() == left
+
+
 @pytest.mark.parametrize("there", [True, False])
 def test_what_only_lost_frames_saw_go_or_come_is_as_before(tmp_path, scene, nothing, there):
     def see(until: int) -> None:

@@ -163,7 +163,9 @@ def test_what_was_not_looked_at_is_not_found_elsewhere(make_track):
 
 def test_what_was_there_before_is_no_thing_that_left(make_track):
     absent = [Absentee(old(make_track, "cup", 0), 1.0, looked=True)]
-    assert moves(absent, [track(make_track, "cup", 5, first=50)]) == []
+    for x, first in ((5, 50), (0.3, 100)):
+        assert moves(absent, [track(make_track, "cup", x, first=first)]) == []
+    assert len(moves(absent, [track(make_track, "cup", 0.3, first=101)])) == 1
 
 
 def test_nothing_is_carried_faster_than_it_can_be(make_track):
