@@ -199,8 +199,6 @@ def test_a_thing_that_came_back_is_the_same_one(room):
     assert room.one.observations == first.observations + 3
 
 
-
-
 def test_a_thing_that_appeared_before_its_old_spot_was_looked_at_is_the_same_one(room, step_back):
     room.see(CUP, times=4)
     first = room.one
