@@ -163,13 +163,12 @@ def window(depth: NDArray[np.float32], row: int, column: int, size: int) -> NDAr
     return np.asarray(patch[patch > 0], dtype=np.float32)
 
 
-def occluded(depths: NDArray[np.float32], z: float, tolerance: float) -> bool:
+def occluded(depths: NDArray[np.float32], z: float) -> bool:
     """Occlusion test, eq. 3.3: whether any depth of the window is nearer than the object's `z` [m].
 
-    The text's rule is strict (`tolerance` 0): an object's own front counts as an occluder where
-    its mean lies deeper. A tolerance [m] lets it be seen.
+    The rule is strict: an object's own front counts as an occluder where its mean lies deeper.
     """
-    return bool(np.any(depths < z - tolerance))
+    return bool(np.any(depths < z))
 
 
 def missed(frame: Frame, p_map: Floats, settings: ReferenceSettings) -> bool:
@@ -185,4 +184,4 @@ def missed(frame: Frame, p_map: Floats, settings: ReferenceSettings) -> bool:
     if not in_field_of_view(p_cam, frame.K, frame.depth.shape):
         return False
     depths = window(frame.depth, *project(p_cam, frame.K), settings.occlusion_window)
-    return len(depths) > 0 and not occluded(depths, z, settings.occlusion_tolerance)
+    return len(depths) > 0 and not occluded(depths, z)

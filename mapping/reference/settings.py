@@ -17,7 +17,7 @@ _CHOICES: Final = {
     "unknown_labels": ("ignore", "provisional"),
 }
 _SHARES: Final = (
-    *("purity", "max_unknown_view", "max_unknown_box", "min_score"),
+    *("purity", "max_unknown_view", "min_score"),
     *("least_scene", "scene_trust", "objects_weight"),
 )
 
@@ -32,8 +32,6 @@ class ReferenceSettings:
     # localisation, section 3.3.1
     estimator: Estimator = "fd"  # histogram bins: Freedman-Diaconis, Scott, Doane
     max_bins: int = 1000  # ours: a narrow peak in a wide range would need millions
-    min_points: int = 1  # minimum number of pixels with depth in a box
-    max_unknown_box: float = 1.0  # maximum share of a box without depth; the author's code has 0.65
     min_score: float = 0.0  # detections below are ignored; the detector has its own threshold
 
     # association and confidence, section 3.3.1
@@ -46,7 +44,6 @@ class ReferenceSettings:
     min_depth: float = 0.8  # [m] the sensor's good range, to register and to decrease
     max_depth: float = 4.6  # [m]
     occlusion_window: int = 10  # W of eq. 3.3 [px]: a square of this side
-    occlusion_tolerance: float = 0.0  # [m] eq. 3.3 is strict; the author's code has 0.075
 
     # places, section 3.3.2
     purity: float = 0.75  # minimum share of a view's points in one place
@@ -80,7 +77,7 @@ class ReferenceSettings:
         for name in ("kappa", "phi", "nu", "xi", "match_distance", "match_distance_large"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("max_bins", "min_points", "occlusion_window", "history_length", "stride"):
+        for name in ("max_bins", "occlusion_window", "history_length", "stride"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         for name in _SHARES:

@@ -13,7 +13,6 @@ from mapping.reference.belief_filters import mean_update
 from mapping.reference.class_scores import Truth, match, score_map
 from mapping.reference.object_update import (
     associate,
-    decayed,
     existence,
     mean_position,
     most_confident,
@@ -23,16 +22,8 @@ from mapping.reference.object_update import (
 from mapping.reference.settings import ReferenceSettings
 
 
-def test_first_confidence_is_phi_times_the_score():
-    assert reinforced(0.0, 0.5, 0.8, 3.0) == pytest.approx(0.4)
-
-
 def test_confidence_stops_at_nu():
     assert reinforced(2.9, 0.9, 0.8, 3.0) == 3.0
-
-
-def test_each_miss_costs_xi():
-    assert decayed(1.0, 0.45) == pytest.approx(0.55)
 
 
 @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30))
