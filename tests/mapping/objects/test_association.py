@@ -225,13 +225,8 @@ def test_a_lit_screen_without_depth_stands_at_the_depth_of_its_frame(extractor, 
     assert extractor.unplaced == 0
 
 
-def test_what_has_no_depth_around_it_either_is_counted_as_unplaced(extractor, make_frame):
-    assert extractor.sightings(make_frame(np.nan), by([("a", "tv", 0.7)], SCREEN)) == []
-    assert extractor.unplaced == 1
-
-
-@pytest.mark.parametrize("depth", [0.3, 6.0])
-def test_what_is_too_near_or_too_far_is_unplaced(extractor, make_frame, depth):
+@pytest.mark.parametrize("depth", [0.3, 6.0, np.nan])
+def test_what_is_too_near_too_far_or_without_depth_is_unplaced(extractor, make_frame, depth):
     assert extractor.sightings(make_frame(depth), by([("a", "cup", 0.7)])) == []
     assert extractor.unplaced == 1
 

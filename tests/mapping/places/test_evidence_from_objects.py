@@ -9,7 +9,6 @@ from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
 from kg.model.records import ObjectRecord
-from kg.serving.opening import in_memory_map
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import ObjectEvidence, presence
@@ -85,21 +84,6 @@ def test_the_reference_mode_does_not_use_them(semantic_map, drive, kitchen_thing
     map_recording(drive(), semantic_map, kitchen_things, scene, options=MappingOptions(layout=ROOM))
     assert believed(semantic_map) == pytest.approx({"office": 0.6, "kitchen": 0.4})
     assert semantic_map.places()[0].evidence_objects == ()
-
-
-def test_a_run_in_two_parts_ends_like_one(drive, kitchen_things, scripted_scene):
-    scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
-    ends = []
-    for cut in (5, 2):
-        with in_memory_map(base="https://example.org/map/") as semantic_map:
-            for part in (drive().all[:cut], drive().all):
-                recording = drive()
-                recording.all = part
-                run(recording, semantic_map, kitchen_things, scene)
-            (place,) = semantic_map.places()
-            ends.append((place.views, dict(place.from_views), dict(place.beliefs)))
-    assert ends[0][:2] == ends[1][:2]
-    assert ends[0][2] == pytest.approx(ends[1][2], abs=0.02)
 
 
 def test_what_a_person_said_of_a_place_outranks_its_objects(
