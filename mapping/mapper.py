@@ -202,11 +202,9 @@ class Mapper:
 
     def flush(self) -> None:
         """Write the rest: occupancy map, boxes, rooms of the whole floor, and detections."""
-        if self._occupancy is not None:
-            self._apply(self._rest_of_occupancy)
+        self._apply(self._rest_of_occupancy)
         self._apply(self._rest_of_objects)
-        if self._rooms is not None:
-            self._apply(self._rest_of_rooms)
+        self._apply(self._rest_of_rooms)
         self._apply(self._rest_of_things)
         self._scene.finish()
         self._reporter.finish()

@@ -100,8 +100,6 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         reference=ReferenceSettings(
             min_score=threshold or _REFERENCE_THRESHOLD,
             estimator=arguments.estimator,
-            belief_filter=arguments.filter,
-            indoor_prior=arguments.prior,
             unknown_labels=arguments.unknown_labels,
             places_from_objects=bayes if weighs_objects is None else weighs_objects,
         ),
@@ -171,15 +169,6 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("fd", "scott", "doane"),
         default="fd",
         help="histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)",
-    )
-    group.add_argument(
-        "--filter",
-        choices=("mean", "bayes"),
-        default="mean",
-        help="belief filter of place categories (default: mean)",
-    )
-    group.add_argument(
-        "--prior", action="store_true", help="use only the thesis' 21 indoor place categories"
     )
     group.add_argument(
         "--places-from-objects",

@@ -8,7 +8,7 @@ shows another room.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -19,13 +19,19 @@ from kg.model.errors import RecordingError
 from kg.serving.opening import in_memory_map
 from lab.thesis.scenarios import DATA, rows_of
 from mapping.labels.label_resolver import LabelResolver
-from mapping.reference.belief_filters import bayes_update, mean_update, with_prior
-from mapping.reference.settings import INDOOR_CATEGORIES, ReferenceSettings
+from mapping.reference.belief_filters import mean_update
 from perception.inference.scene_classifier import load_scene_classifier
 from perception.sources.folders.image_files import read_colour
 
 Belief = Mapping[str, float]
 
+#: section 4.3: the indoor categories that the system is expected to meet ("prior knowledge")
+INDOOR_CATEGORIES: Final = (
+    *("attic", "auditorium", "bar", "bedroom", "classroom", "corridor", "dining room", "dinette"),
+    *("home office", "kitchen", "living room", "lobby", "office", "pantry", "parking lot"),
+    *("parlor", "patio", "pavilion", "staircase", "veranda", "waiting room"),
+)
+FLOOR: Final = 1e-3  # ours: minimum likelihood, so that no zero rules a category out
 MIN_BELIEF: Final = 0.15  # belief from which a category counts
 FILTERS: Final = {
     "bayes": "Bayes",
@@ -41,6 +47,37 @@ PUBLISHED: Final = {  # Table 4.4: top-1 and top-5 [%]
 }
 VIEWS: Final = 12  # of each place
 DRAWS: Final = 50  # of the views, in another order
+
+
+def bayes_update(
+    belief: Mapping[str, float],
+    scores: Mapping[str, float],
+    categories: Collection[str],
+    floor: float,
+) -> dict[str, float]:
+    """Discrete Bayes filter: the normalised product of prior belief and network likelihood.
+
+    After reference [2] of the thesis (Suenderhauf et al., 2016), with a place that stays what it
+    is. The prior of a place never viewed is uniform over `categories`. Prior and likelihood are
+    at least `floor`, so that no single view rules a category out for good.
+    """
+    product = {
+        category: max(belief.get(category, 0.0) if belief else 1.0, floor)
+        * max(scores.get(category, 0.0), floor)
+        for category in categories
+    }
+    total = sum(product.values())
+    return {category: value / total for category, value in sorted(product.items())}
+
+
+def with_prior(scores: Mapping[str, float], allowed: Collection[str]) -> dict[str, float] | None:
+    """Prior knowledge (section 4.3): scores outside `allowed` set to 0, the rest renormalised.
+
+    None where nothing is left: such a view carries no information.
+    """
+    kept = {category: value for category, value in scores.items() if category in allowed}
+    total = sum(kept.values())
+    return {category: value / total for category, value in kept.items()} if total > 0 else None
 
 
 def ranked(belief: Belief, first: int) -> set[str]:
@@ -93,7 +130,7 @@ def filtered(
     scenes: Mapping[str, Sequence[Belief]], seed: int
 ) -> dict[str, list[tuple[str, Belief]]]:
     """True category and final belief of each place, by filter, after a draw of its views."""
-    rng, floor = np.random.default_rng(seed), ReferenceSettings().bayes_floor
+    rng = np.random.default_rng(seed)
     every, indoor = _categories()
     found: dict[str, list[tuple[str, Belief]]] = {name: [] for name in FILTERS}
     for truth, views in scenes.items():
@@ -104,7 +141,7 @@ def filtered(
             used = (with_prior(v, known) if known is indoor else v for v in drawn)
             for number, scores in enumerate(s for s in used if s is not None):
                 if name.startswith("bayes"):
-                    belief = bayes_update(belief, scores, known, floor)
+                    belief = bayes_update(belief, scores, known, FLOOR)
                 else:
                     belief = mean_update(belief, number, scores)
             found[name].append((truth, belief))

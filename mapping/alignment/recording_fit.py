@@ -30,7 +30,6 @@ from mapping.alignment.search import (
     floor_field,
     floor_of_frames,
     floor_of_map,
-    landmarks,
 )
 from mapping.labels.label_resolver import LabelTable
 from mapping.mapper import Mapper
@@ -163,8 +162,8 @@ def aligned(
     search = AlignmentSearch(
         floor_of_frames(frames),
         floor_of_map(semantic_map.floor()),
-        landmarks(objects),
-        landmarks(semantic_map.objects()),
+        objects,
+        semantic_map.objects(),
     )
     found = search.best()
     if found is None:
@@ -232,8 +231,8 @@ def aligned_maps(semantic_map: SemanticMap, other: SemanticMap) -> tuple[NDArray
     search = AlignmentSearch(
         floor_of_map(semantic_map.floor()),
         floor_of_map(other.floor()),
-        landmarks(semantic_map.objects()),
-        landmarks(other.objects()),
+        semantic_map.objects(),
+        other.objects(),
     )
     found = search.best()
     if found is None:

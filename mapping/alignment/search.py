@@ -158,44 +158,28 @@ def _points(tiles: Mapping[Key, States], cell: float) -> FloorPoints:
 
 
 _SPREAD: Final = 0.2  # [m] standard deviation between two mappings of one object
-_MIN_EXISTENCE: Final = 0.3  # existence
+_MIN_EXISTENCE: Final = 0.3  # of an object that is a landmark
 _PAIR: Final = 0.6  # [m] between two objects that give a heading
 _PAIRS: Final = 3000  # of two objects here and two there, that are tried
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Landmarks:
-    """Objects as landmarks: parallel arrays of length n."""
-
-    category: tuple[str, ...]  # IRIs
-    p_map: Floats  # (n, 3) [m]
-    existence: Floats  # (n,)
-
-    def __len__(self) -> int:
-        return len(self.category)
-
-
-def landmarks(objects: Sequence[ObjectRecord]) -> Landmarks:
-    """Landmarks of the objects that probably exist."""
-    kept = [o for o in objects if o.existence >= _MIN_EXISTENCE]
-    return Landmarks(
-        tuple(o.category for o in kept),
-        np.array([o.p_map for o in kept]).reshape(-1, 3),
-        np.array([o.existence for o in kept]),
-    )
-
-
 class ObjectMatcher:
-    """Compares landmarks `source` with landmarks `target`."""
+    """Compares the objects `source` with the objects `target`, of those that may be there."""
 
-    def __init__(self, source: Landmarks, target: Landmarks) -> None:
-        self._source, self._target = source, target
-        same = np.array([[a == b for b in target.category] for a in source.category], bool)
+    def __init__(self, source: Sequence[ObjectRecord], target: Sequence[ObjectRecord]) -> None:
+        source, target = (
+            [one for one in objects if one.existence >= _MIN_EXISTENCE]
+            for objects in (source, target)
+        )
+        self._source, self._target = (
+            np.array([one.p_map for one in objects]).reshape(-1, 3) for objects in (source, target)
+        )
+        same = np.array([[a.category == b.category for b in target] for a in source], bool)
         self._same = same.reshape(len(source), len(target))
         # an object of a frequent category is weak evidence
-        self._weight = (
-            self._same * np.sqrt(source.existence[:, None] * target.existence[None, :])
-        ) / np.sqrt(np.maximum(self._same.sum(axis=1, keepdims=True), 1))
+        existence = np.outer([a.existence for a in source], [b.existence for b in target])
+        often = np.maximum(self._same.sum(axis=1, keepdims=True), 1)
+        self._weight = self._same * np.sqrt(existence) / np.sqrt(often)
 
     def score(self, T: Floats) -> float:
         """Matches by the transform (4, 4), each up to 1, summed."""
@@ -212,12 +196,12 @@ class ObjectMatcher:
         # one to one: the best source of each map object
         best = near.argmax(axis=0)
         kept = (near[rows, columns] > 0.05) & (best[columns] == rows)
-        moved = self._source.p_map @ T[:3, :3].T + T[:3, 3]
-        return moved[kept], self._target.p_map[columns[kept]]
+        moved = self._source @ T[:3, :3].T + T[:3, 3]
+        return moved[kept], self._target[columns[kept]]
 
     def candidates(self) -> Iterator[Floats]:
         """Transforms (4, 4) about z that lay two objects on two of their categories."""
-        a, b = self._source.p_map, self._target.p_map
+        a, b = self._source, self._target
         rows, columns = np.nonzero(self._same)
         if len(rows) < 2:
             return
@@ -242,8 +226,8 @@ class ObjectMatcher:
             yield T
 
     def _closeness(self, T: Floats) -> Floats:
-        moved = self._source.p_map @ T[:3, :3].T + T[:3, 3]
-        apart = np.linalg.norm(moved[:, None] - self._target.p_map[None], axis=2)
+        moved = self._source @ T[:3, :3].T + T[:3, 3]
+        apart = np.linalg.norm(moved[:, None] - self._target[None], axis=2)
         return np.asarray(np.exp(-0.5 * (apart / _SPREAD) ** 2))
 
 
@@ -287,8 +271,8 @@ class AlignmentSearch:
         self,
         floor: FloorPoints,
         target_floor: FloorPoints,
-        objects: Landmarks,
-        target_objects: Landmarks,
+        objects: Sequence[ObjectRecord],
+        target_objects: Sequence[ObjectRecord],
     ) -> None:
         self._floor = floor
         self._few = FloorPoints(_thinned(floor.free), _thinned(floor.obstacles))

@@ -45,6 +45,7 @@ NEAR: Final = 1.0  # [m] between the cameras of two such views ...
 NEAR_TURN: Final = np.radians(30.0)
 DRIFT: Final = 0.15  # [m] tolerated distance of surfaces
 TIMES: Final = 2  # number of such views before the monitor warns
+_MEND: Final = "a corrected trajectory, --poses FILE, would work"
 
 _log = logging.getLogger(__name__)
 
@@ -86,8 +87,7 @@ class PoseMonitor:
         if "colour" not in self.problems:
             self._judge.add(frame.id, frame.rgb, frame.depth)
             if problem := self._judge.told:
-                self.problems["colour"] = problem
-                _log.warning("%s: %s", self._name, problem)
+                self._tell("colour", problem)
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view
@@ -103,11 +103,11 @@ class PoseMonitor:
         """Look for a depth that many pixels share and that does not change as the camera moves."""
         self._unmoved.add(frame.depth, frame.K, frame.T_map_cam)
         if found := self._unmoved.found:
-            self.problems["constant"] = (
+            self._tell(
+                "constant",
                 f"depth of {told(found)} stays the same while the camera moves, up to frame "
-                f"{frame.id}: it seems to mean no return; nan in its place would work"
+                f"{frame.id}: it seems to mean no return; nan in its place would work",
             )
-            _log.warning("%s: %s", self._name, self.problems["constant"])
 
     def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
         a, b = last.samples, view.samples
@@ -121,7 +121,7 @@ class PoseMonitor:
                 self._tell(
                     "jump",
                     f"the poses jump at frame {view.id} by {np.linalg.norm(off[:3, 3]):.2f} m and "
-                    f"{np.degrees(_turn(off)):.0f} degrees, which the depth does not show",
+                    f"{np.degrees(_turn(off)):.0f} degrees, which the depth does not show; {_MEND}",
                 )
                 return
 
@@ -146,7 +146,7 @@ class PoseMonitor:
             self._tell(
                 "drift",
                 f"the poses drift: at frame {key.id} surfaces lie {found.offset:.2f} m from where "
-                f"frame {before.id} saw them, {key.stamp - before.stamp:.0f} s before",
+                f"frame {before.id} saw them, {key.stamp - before.stamp:.0f} s before; {_MEND}",
             )
 
     def _seen_before(self, key: _View) -> _View | None:
@@ -163,7 +163,7 @@ class PoseMonitor:
         return earlier[nearest] if np.isfinite(apart[nearest]) else None
 
     def _tell(self, kind: str, problem: str) -> None:
-        self.problems[kind] = f"{problem}; a corrected trajectory, --poses FILE, would work"
+        self.problems[kind] = problem
         _log.warning("%s: %s", self._name, self.problems[kind])
 
 

@@ -1,8 +1,8 @@
 """Look keeper: embeddings of new pictures by the user's encoder, beside the map.
 
-A thread of the lowest priority describes the best view of each thing and each key view while the
-other threads wait; a picture that is replaced before its turn is left out. Best views that are left
-when the recording ends are described then.
+A thread of the lowest priority describes best views of things and key views while the other threads
+wait. The last `_FRESH` pictures wait, since a thing that is seen often has better and better views,
+and the others would be for nothing. What is left when the recording ends is described then.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ from kg.model.errors import ModelError
 from mapping.key_views.view_store import view_poses
 from mapping.looks.look_store import ENCODED, Key, LookStore, Rows, described, picture_key
 from mapping.looks.user_encoder import UserEncoder, check_same
+from mapping.objects.detections.detection_report import BELIEVED
 from perception.annotate import VIEW_SIDE, Boxes, Image, object_picture
 
 _NICE = 19  # the lowest priority
+_FRESH = 16  # pictures that wait for a better one
 
 
 class LookKeeper:
@@ -41,10 +43,11 @@ class LookKeeper:
         self._worker: threading.Thread | None = None
 
     def add(self, name: Hashable, picture: bytes) -> None:
-        """Describe the picture of a thing or view soon, in place of one that waits still."""
+        """Describe the picture of a thing or view in its turn, in place of one that waits still."""
         with self._lock:
+            self._waiting.pop(name, None)  # its turn is the last again
             self._waiting[name] = picture
-            if self._worker is None:
+            if self._worker is None and len(self._waiting) > _FRESH:
                 self._worker = threading.Thread(target=self._work, name="encoder", daemon=True)
                 self._worker.start()
 
@@ -75,7 +78,7 @@ class LookKeeper:
         for path in (self._folder / FOLDER).glob("view-*.jpg"):
             if path not in kept:
                 path.unlink(missing_ok=True)
-        records = (*self._map.objects(min_existence=0.5), *self._map.unnamed_things())
+        records = (*self._map.objects(min_existence=BELIEVED), *self._map.unnamed_things())
         store = LookStore(self._folder, self._encoder, ENCODED)
         store.settle([record.iri for record in records], views, self._rows)
         self._rows = {}
@@ -85,7 +88,7 @@ class LookKeeper:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
         while True:
             with self._lock:
-                if not self._waiting:
+                if len(self._waiting) <= _FRESH:
                     self._worker = None
                     return
                 picture = self._waiting.pop(next(iter(self._waiting)))

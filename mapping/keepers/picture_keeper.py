@@ -14,6 +14,7 @@ from kg.model.errors import GraphError, ModelError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
 from mapping.keepers.look_keeper import LookKeeper
 from mapping.looks.known_things import MovedLooks, NamedObject, recognise, remember_named
+from mapping.objects.detections.detection_report import BELIEVED
 from perception.annotate import Boxes, Image, object_picture
 from perception.frames import Detections, Frame
 
@@ -84,7 +85,7 @@ class PictureKeeper:
             data = self._picture(shown)
             if data is not None:
                 pictures.write(record, data)
-                if self._looks is not None:
+                if self._looks is not None and record.existence >= BELIEVED:
                     self._looks.add(record.iri, data)
 
     def _picture(self, shown: Evidence) -> bytes | None:

@@ -36,6 +36,7 @@ from mapping.looks.look_store import (
 )
 from mapping.looks.user_encoder import encoder_of, fits, least_fit
 from mapping.looks.word_looks import looks_of, network
+from mapping.objects.detections.detection_report import BELIEVED
 from mapping.objects.tracks import Track
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 
@@ -47,7 +48,6 @@ MIN_LIKENESS: Final = 0.4
 #: likeness, and how much greater it is than to any thing seen before, from which a thing is it
 MIN_DISTINCT: Final = 0.6
 MAX_SIZE_RATIO: Final = 2.0  # of the longest sides of two views of one thing
-_BELIEVED: Final = 0.5  # existence
 _MAX_FILE: Final = 1 << 26  # bytes
 
 
@@ -170,7 +170,7 @@ def recognise(semantic_map: SemanticMap) -> tuple[NamedObject, ...]:
     known, marked = KnownThings.load(folder), _marked(semantic_map)
     if not known.things and not marked:
         return ()
-    records = (*semantic_map.objects(min_existence=_BELIEVED), *semantic_map.unnamed_things())
+    records = (*semantic_map.objects(min_existence=BELIEVED), *semantic_map.unnamed_things())
     taken = {a.subject for a in semantic_map.assertions.all() if a.property == "category"}
     present = {_label(semantic_map, one.category) for one in records if one.iri in taken}
     wanted = [one for one in (*known.things, *marked) if one.name not in present]

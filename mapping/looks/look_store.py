@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import csv
 import logging
+import os
 import zlib
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
@@ -108,10 +110,18 @@ class LookStore:
         former = [path for found in views for path in found[1:]]
         before = self._load(self._path) | known
         rows = {c: before[c] for c in _read_pictures(former) if c in before}
-        for checksum, data in _read_pictures(needed).items():
-            row = before.get(checksum)
-            rows[checksum] = described(self._encoder, data) if row is None else row
+        pictures = _read_pictures(needed)
+        rows |= {c: before[c] for c in pictures if c in before}
+        self._describe({c: data for c, data in pictures.items() if c not in rows}, rows)
         self._save(rows)
+
+    def _describe(self, pictures: Mapping[int, bytes], rows: Rows) -> None:
+        """Add the rows of `pictures` to `rows`, with all processors: an encoder uses one."""
+        from concurrent.futures import ThreadPoolExecutor  # not for those that are known
+
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            found = pool.map(lambda data: described(self._encoder, data), pictures.values())
+            rows.update(zip(pictures, found, strict=True))
 
     def _described(self, paths: Mapping[Name, Sequence[Path]], limit: int) -> dict[Name, Floats]:
         views = {name: _read_pictures(found) for name, found in paths.items()}
@@ -123,9 +133,8 @@ class LookStore:
         ranked = [one for pictures in views.values() for one in enumerate(pictures.items())]
         ranked.sort(key=lambda one: one[0])
         new = {checksum: data for _, (checksum, data) in ranked if checksum not in known}
-        for checksum, data in list(new.items())[:limit]:
-            known[checksum] = described(self._encoder, data)
         if new:
+            self._describe(dict(islice(new.items(), limit)), known)
             self._save(known)
         found = {}
         for name, pictures in views.items():

@@ -130,8 +130,6 @@ class BayesObjectMapper(ObjectMapper):
         self,
         sightings: Sequence[Sighting],
         stamp: float,
-        *,
-        frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
         """Process detections that have positions already, taken at `stamp` [s since 1970]."""
@@ -154,7 +152,7 @@ class BayesObjectMapper(ObjectMapper):
             if (id(track), one.category) not in counted:  # a call is one look
                 counted.add((id(track), one.category))
                 track.hit(sighting.best, weight, 1.0)
-            self._updater.finish(track, sighting, stamp, one.frame or frame)
+            self._updater.finish(track, sighting, stamp, one.frame)
             self.fates.seen(track, sighting.categories, robot)
             if not known:
                 self._held.tracks.append(track)
@@ -318,12 +316,10 @@ class BayesObjectMapper(ObjectMapper):
         self.cache.update(written)
         departed, forgotten = self._identity.departures.changes(updater.stamp)
         removed |= forgotten
-        counts = len(new), len(seen), len(missed)
         joined = [(gone.iri, kept.iri) for kept, gone in merged if gone.iri and kept.iri]
         return ObjectChanges(
             tuple(written.values()),
             tuple(sorted(removed)),
-            *counts,
             departed,
             (*joined, *self._identity.departures.joined),
         )

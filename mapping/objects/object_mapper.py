@@ -39,9 +39,6 @@ class ObjectChanges:
 
     updated: tuple[ObjectRecord, ...] = ()  # whole new records, as perception believes them
     removed: tuple[str, ...] = ()  # IRIs
-    new: int = 0
-    seen: int = 0
-    missed: int = 0
     departed: tuple[DepartedRecord, ...] = ()  # records of removed objects that left
     joined: tuple[tuple[str, str], ...] = ()  # IRI of a removed object, and of that which it is
 
@@ -53,20 +50,9 @@ class ObjectChanges:
         return ObjectChanges(
             tuple(record for iri, record in latest.items() if iri not in removed),
             tuple(sorted(removed)),
-            self.new + later.new,
-            self.seen + later.seen,
-            self.missed + later.missed,
             tuple(record for iri, record in left.items() if iri in removed),
             (*self.joined, *later.joined),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class _Source:
-    """The frame that sightings come from."""
-
-    stamp: float  # [s since 1970]
-    frame: str  # id
 
 
 class ObjectMapper(ABC):
@@ -99,10 +85,6 @@ class ObjectMapper(ABC):
         """All objects, with assertions applied."""
         return self.cache.objects()
 
-    def get(self, iri: str) -> ObjectRecord | None:
-        """Object with that IRI, with assertions applied; None where there is none."""
-        return self.cache.get(iri)
-
     @abstractmethod
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: objects seen, new ones, and those that the frame should show."""
@@ -112,18 +94,15 @@ class ObjectMapper(ABC):
         self,
         sightings: Sequence[Sighting],
         stamp: float,
-        *,
-        frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
-        """Process detections that have positions already, taken at `stamp` [s since 1970].
+        """Process detections that have positions already.
 
         As `add`, but without negative evidence, as nothing is known of what the sensor could see.
 
         Args:
             sightings: the detections. One call is one look: a thing counts once.
             stamp: when they were taken [s since 1970].
-            frame: id of the image of those that name none.
             robot: (2,) [m] position they were taken from; the Bayes mapper gives less weight to
                 things seen again from there.
         """
@@ -193,7 +172,7 @@ class ReferenceObjectMapper(ObjectMapper):
         self.refresh()
         found = self._associated(self._sightings(frame, detections))
         missing = self._missing(frame, found.matched)
-        changes = self._changes(found, missing, _Source(frame.stamp, frame.id))
+        changes = self._changes(found, missing, frame.stamp)
         moved = self._moved()
         self.cache.update(moved)
         updated = {record.iri: record for record in changes.updated} | moved
@@ -203,13 +182,11 @@ class ReferenceObjectMapper(ObjectMapper):
         self,
         sightings: Sequence[Sighting],
         stamp: float,
-        *,
-        frame: str = "",
         robot: NDArray[np.float64] | None = None,
     ) -> ObjectChanges:
         """Process detections that have positions already; `robot` does not count here."""
         self.refresh()
-        return self._changes(self._associated(sightings), (), _Source(stamp, frame))
+        return self._changes(self._associated(sightings), (), stamp)
 
     def _sightings(self, frame: Frame, detections: Detections) -> list[Sighting]:
         """Localised detections of known labels, in their order."""
@@ -234,25 +211,26 @@ class ReferenceObjectMapper(ObjectMapper):
                 continue
             x1, y1, x2, y2 = (float(side) for side in box)
             p_map, depth = to_map(frame.T_map_cam, p_cam), float(p_cam[2])
-            sightings.append(Sighting(category, float(score), p_map, depth, (x1, y1, x2, y2)))
+            pixels = (x1, y1, x2, y2)
+            sightings.append(Sighting(category, float(score), p_map, depth, pixels, frame.id))
         return sightings
 
     def _changes(
-        self, found: Association, missing: Sequence[ObjectRecord], source: _Source
+        self, found: Association, missing: Sequence[ObjectRecord], stamp: float
     ) -> ObjectChanges:
         s = self._settings
         objects = self.cache.perceived
-        seen = [self._seen(objects[iri], x, source) for iri, x in found.matched.items()]
+        seen = [self._seen(objects[iri], x, stamp) for iri, x in found.matched.items()]
         in_range = [
             x for x in found.new if x.depth is None or s.min_depth <= x.depth <= s.max_depth
         ]
-        new = [self._new(x, source) for x in most_confident(in_range, s.kappa)]
+        new = [self._new(x, stamp) for x in most_confident(in_range, s.kappa)]
         fallen = [self._decayed(record) for record in missing]
         removed = self._without_confidence(fallen)
         self.cache.remove(removed)
         changed = {r.iri: r for r in (*seen, *new, *fallen) if r.iri not in removed}
         self.cache.update(changed)
-        return ObjectChanges(tuple(changed.values()), removed, len(new), len(seen), len(fallen))
+        return ObjectChanges(tuple(changed.values()), removed)
 
     def _associated(self, sightings: Sequence[Sighting]) -> Association:
         return associate(sightings, tuple(self.cache.candidates()), self._settings.kappa)
@@ -271,18 +249,18 @@ class ReferenceObjectMapper(ObjectMapper):
         kept = self.cache.asserted_present
         return tuple(r.iri for r in decayed if r.confidence <= 0 and not kept(r.iri))
 
-    def _seen(self, record: ObjectRecord, sighting: Sighting, source: _Source) -> ObjectRecord:
+    def _seen(self, record: ObjectRecord, sighting: Sighting, stamp: float) -> ObjectRecord:
         evidence = record.evidence
         if evidence is None or sighting.score > evidence.score:
-            evidence = self._evidence(sighting, source) or evidence
-        after = updated_object(record, sighting, source.stamp, self._settings)
+            evidence = self._evidence(sighting, stamp) or evidence
+        after = updated_object(record, sighting, stamp, self._settings)
         return replace(after, place=self._place(after), evidence=evidence)
 
-    def _new(self, sighting: Sighting, source: _Source) -> ObjectRecord:
+    def _new(self, sighting: Sighting, stamp: float) -> ObjectRecord:
         return replace(
-            new_object(self._map.new_object_iri(), sighting, source.stamp, self._settings),
+            new_object(self._map.new_object_iri(), sighting, stamp, self._settings),
             place=self._places.at(sighting.p_map) if self._places else None,
-            evidence=self._evidence(sighting, source),
+            evidence=self._evidence(sighting, stamp),
         )
 
     def _decayed(self, record: ObjectRecord) -> ObjectRecord:
@@ -295,13 +273,13 @@ class ReferenceObjectMapper(ObjectMapper):
             existence=existence(max(confidence, 0.0), self._settings.nu),
         )
 
-    def _evidence(self, sighting: Sighting, source: _Source) -> Evidence | None:
+    def _evidence(self, sighting: Sighting, stamp: float) -> Evidence | None:
         if sighting.box is None:
             return None
         return Evidence(
-            frame=source.frame,
+            frame=sighting.frame,
             recording=self._recording,
-            stamp=source.stamp,
+            stamp=stamp,
             box=sighting.box,
             score=sighting.score,
             model=self._model,

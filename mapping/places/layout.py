@@ -3,7 +3,7 @@
 JSON is a list of {"xmin", "xmax", "ymin", "ymax"} [m] with optional "id" (the place's number),
 "label" (or "name") and "category"; the lists the thesis author's robot saved have this shape too
 (their beliefs are not read here). CSV has the same names as columns. GeoJSON polygons are read by
-`mapping.places.layout`. Places may overlap: the one listed first holds a point that lies in
+`polygons`. Places may overlap: the one listed first holds a point that lies in
 several.
 """
 
@@ -27,12 +27,7 @@ _MIN_AREA: Final = 0.01  # [m^2] of a place; a room in degrees has some 1e-9
 _METRES: Final = "x and y in metres of the map frame would work"
 
 
-def is_geojson(document: object) -> bool:
-    """Whether a JSON document calls itself GeoJSON."""
-    return isinstance(document, dict) and "type" in document
-
-
-def polygons(document: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Area]]:
+def polygons(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], Area]]:
     """Properties and area of each polygon, in order; an "id" of the feature is among them.
 
     Points are skipped: they are objects of exported maps, or labels of plans.
@@ -41,10 +36,6 @@ def polygons(document: Mapping[str, Any]) -> list[tuple[Mapping[str, Any], Area]
     """
     if any(name in str(document.get("crs", "")) for name in _GEOGRAPHIC):
         raise LayoutError(f"coordinates in degrees, by its crs; {_METRES}")
-    return list(_features(document))
-
-
-def _features(document: Mapping[str, Any]) -> Iterator[tuple[Mapping[str, Any], Area]]:
     features = document.get("features")
     if document["type"] != "FeatureCollection" or not isinstance(features, list):
         raise LayoutError(
@@ -159,7 +150,7 @@ def load_layout(path: Path) -> Layout:
     except (OSError, ValueError, RecursionError, csv.Error) as error:
         raise LayoutError(f"cannot read places from {path}: {error}") from error
     try:
-        if is_geojson(entries):
+        if isinstance(entries, dict) and "type" in entries:
             areas = enumerate(polygons(entries), start=1)
             return Layout(tuple(_place(properties, n, area) for n, (properties, area) in areas))
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):

@@ -21,14 +21,12 @@ from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.occupancy.room_segmentation import SegmentationSettings
 from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.belief_filters import (
-    bayes_update,
     main_owner,
     mean_update,
     repeats_view,
     unknown_share,
-    with_prior,
 )
-from mapping.reference.settings import INDOOR_CATEGORIES, ReferenceSettings
+from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame, SceneScores
 
 
@@ -56,12 +54,9 @@ class PlaceMapper:
         self._beliefs: dict[str, dict[str, float]] = {}  # unrounded, of this run's views
         self._kept: dict[str, Mapping[str, float]] = {}  # the same, as the registry has them
         self._history: dict[str, deque[NDArray[np.float64]]] = {}
-        # prior knowledge of the categories leaves no room for new ones
-        unknown = "ignore" if settings.indoor_prior else settings.unknown_labels
         self.labels = LabelResolver(
-            semantic_map, "place", table=labels, unknown=unknown, model=model
+            semantic_map, "place", table=labels, unknown=settings.unknown_labels, model=model
         )
-        self._categories = self._allowed()
 
     def viewed_place(self, frame: Frame) -> str | None:
         """IRI of the place that `frame` counts for, or None; needs no network.
@@ -85,12 +80,12 @@ class PlaceMapper:
         least = self._settings.least_scene
         self.labels.learn(label for label, p in scene.probability.items() if p >= least)
         if self._catalogue is not self._map.catalogue:  # the ontology has changed
-            self._learn_categories()
+            self._forget_categories()
         record = self._places[iri]
         scores = self._scores(scene)
-        if scores is None:
+        if not scores:
             return record
-        belief = self._updated(self._belief(record), record.views, scores)
+        belief = mean_update(self._belief(record), record.views, scores)
         self._beliefs[iri] = belief
         history = self._history.setdefault(iri, deque(maxlen=self._settings.history_length))
         history.append(frame.T_map_cam)
@@ -102,47 +97,27 @@ class PlaceMapper:
         self._places.put(updated)
         return updated
 
-    def step(self, frame: Frame, scene: SceneScores) -> tuple[PlaceRecord, ...]:
-        """Add `view` to the place that `frame` shows; nothing if it shows no single place."""
-        iri = self.viewed_place(frame)
-        return () if iri is None else (self.view(iri, frame, scene),)
-
     def _belief(self, record: PlaceRecord) -> dict[str, float]:
         """Belief so far; the registry's, where others changed it since the last view."""
         if self._kept.get(record.iri) is record.from_views:
             return self._beliefs[record.iri]
         return dict(record.from_views)
 
-    def _updated(
-        self, belief: dict[str, float], views: int, scores: dict[str, float]
-    ) -> dict[str, float]:
-        if self._settings.belief_filter == "mean":
-            return mean_update(belief, views, scores)
-        return bayes_update(belief, scores, self._categories, self._settings.bayes_floor)
-
-    def _scores(self, scene: SceneScores) -> dict[str, float] | None:
-        """Scores by category IRI; None where none is left."""
+    def _scores(self, scene: SceneScores) -> dict[str, float]:
+        """Scores by category IRI."""
         scores: dict[str, float] = {}
         for label, probability in scene.probability.items():
             iri = self.labels.category(label)
             if iri is not None:
                 scores[iri] = scores.get(iri, 0.0) + probability
-        if self._settings.indoor_prior:
-            return with_prior(scores, self._categories)
-        return scores or None
+        return scores
 
-    def _learn_categories(self) -> None:
+    def _forget_categories(self) -> None:
+        """Forget beliefs in categories that left the ontology."""
         self._catalogue = self._map.catalogue
-        self._categories = self._allowed()
         for iri, belief in self._beliefs.items():
             known = {c: p for c, p in belief.items() if self._catalogue.by_iri(c) is not None}
             self._beliefs[iri] = known
-
-    def _allowed(self) -> frozenset[str]:
-        """Categories that a place may have, by IRI."""
-        if self._settings.indoor_prior:
-            return frozenset(self._catalogue.find(c, kind="place").iri for c in INDOOR_CATEGORIES)
-        return frozenset(c.iri for c in self._catalogue.categories if c.kind == "place")
 
 
 class ViewedFloor:

@@ -1,11 +1,11 @@
 """Belief filters over place categories, and the views that count (thesis section 3.3.2, 4.3).
 
-A belief is a mapping category -> probability. Both filters are pure functions.
+A belief is a mapping category -> probability.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,37 +26,6 @@ def mean_update(
         category: (belief.get(category, 0.0) * views + scores.get(category, 0.0)) / (views + 1)
         for category in sorted(categories)
     }
-
-
-def bayes_update(
-    belief: Mapping[str, float],
-    scores: Mapping[str, float],
-    categories: Collection[str],
-    floor: float,
-) -> dict[str, float]:
-    """Discrete Bayes filter: the normalised product of prior belief and network likelihood.
-
-    After reference [2] of the thesis (Suenderhauf et al., 2016), with a place that stays what it
-    is. The prior of a place never viewed is uniform over `categories`. Prior and likelihood are
-    at least `floor`, so that no single view rules a category out for good.
-    """
-    product = {
-        category: max(belief.get(category, 0.0) if belief else 1.0, floor)
-        * max(scores.get(category, 0.0), floor)
-        for category in categories
-    }
-    total = sum(product.values())
-    return {category: value / total for category, value in sorted(product.items())}
-
-
-def with_prior(scores: Mapping[str, float], allowed: Collection[str]) -> dict[str, float] | None:
-    """Prior knowledge (section 4.3): scores outside `allowed` set to 0, the rest renormalised.
-
-    None where nothing is left: such a view carries no information.
-    """
-    kept = {category: value for category, value in scores.items() if category in allowed}
-    total = sum(kept.values())
-    return {category: value / total for category, value in kept.items()} if total > 0 else None
 
 
 def unknown_share(frame: Frame, stride: int) -> float:

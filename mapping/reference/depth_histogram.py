@@ -77,17 +77,16 @@ def localise(
 ) -> Points | None:
     """Object centre in the camera frame, (3,) [m]: mean of the points of the fullest bin.
 
-    None where the box holds no pixel of the image, or too little depth. The reference's known
+    None where the box holds no pixel of the image, or no depth. The reference's known
     weakness is kept: a box that holds more wall than object is localised on the wall, unless
     a mask (h, w) marks the pixels that show the object.
     """
     found = box_depth(frame, box, mask)
     if found is None:
         return None
-    patch, (top, _, left, _), counted = found
+    patch, (top, _, left, _), _ = found
     rows, columns = np.nonzero(patch > 0)  # nan compares false
-    unknown = 1 - len(rows) / counted
-    if len(rows) < settings.min_points or unknown > settings.max_unknown_box:
+    if not len(rows):
         return None
     depths = patch[rows, columns].astype(np.float64)
     kept = fullest_bin(depths, settings.estimator, settings.max_bins)

@@ -86,7 +86,6 @@ class Association:
 
     matched: Mapping[str, Sighting]  # object IRI -> the one sighting that updates it
     new: tuple[Sighting, ...]  # no registered object of their class within the gate
-    dropped: int  # duplicates of the matched ones
 
 
 def associate(
@@ -107,8 +106,7 @@ def associate(
             new.append(sighting)
         elif found[1] not in best or found[0] < best[found[1]][0]:
             best[found[1]] = (found[0], sighting)
-    matched = {iri: sighting for iri, (_, sighting) in best.items()}
-    return Association(matched, tuple(new), len(sightings) - len(new) - len(matched))
+    return Association({iri: sighting for iri, (_, sighting) in best.items()}, tuple(new))
 
 
 def _nearest(
@@ -165,13 +163,12 @@ def window(depth: NDArray[np.float32], row: int, column: int, size: int) -> NDAr
     return np.asarray(patch[patch > 0], dtype=np.float32)
 
 
-def occluded(depths: NDArray[np.float32], z: float, tolerance: float) -> bool:
+def occluded(depths: NDArray[np.float32], z: float) -> bool:
     """Occlusion test, eq. 3.3: whether any depth of the window is nearer than the object's `z` [m].
 
-    The text's rule is strict (`tolerance` 0): an object's own front counts as an occluder where
-    its mean lies deeper. A tolerance [m] lets it be seen.
+    The rule is strict: an object's own front counts as an occluder where its mean lies deeper.
     """
-    return bool(np.any(depths < z - tolerance))
+    return bool(np.any(depths < z))
 
 
 def missed(frame: Frame, p_map: Floats, settings: ReferenceSettings) -> bool:
@@ -187,4 +184,4 @@ def missed(frame: Frame, p_map: Floats, settings: ReferenceSettings) -> bool:
     if not in_field_of_view(p_cam, frame.K, frame.depth.shape):
         return False
     depths = window(frame.depth, *project(p_cam, frame.K), settings.occlusion_window)
-    return len(depths) > 0 and not occluded(depths, z, settings.occlusion_tolerance)
+    return len(depths) > 0 and not occluded(depths, z)

@@ -10,23 +10,14 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 Estimator = Literal["fd", "scott", "doane"]
-BeliefFilter = Literal["mean", "bayes"]
 UnknownLabels = Literal["ignore", "provisional"]
-
-#: Section 4.3: the indoor categories that the system is expected to meet ("prior knowledge").
-INDOOR_CATEGORIES: Final = (
-    *("attic", "auditorium", "bar", "bedroom", "classroom", "corridor", "dining room", "dinette"),
-    *("home office", "kitchen", "living room", "lobby", "office", "pantry", "parking lot"),
-    *("parlor", "patio", "pavilion", "staircase", "veranda", "waiting room"),
-)
 
 _CHOICES: Final = {
     "estimator": ("fd", "scott", "doane"),
-    "belief_filter": ("mean", "bayes"),
     "unknown_labels": ("ignore", "provisional"),
 }
 _SHARES: Final = (
-    *("purity", "max_unknown_view", "max_unknown_box", "min_score"),
+    *("purity", "max_unknown_view", "min_score"),
     *("least_scene", "scene_trust", "objects_weight"),
 )
 
@@ -41,8 +32,6 @@ class ReferenceSettings:
     # localisation, section 3.3.1
     estimator: Estimator = "fd"  # histogram bins: Freedman-Diaconis, Scott, Doane
     max_bins: int = 1000  # ours: a narrow peak in a wide range would need millions
-    min_points: int = 1  # minimum number of pixels with depth in a box
-    max_unknown_box: float = 1.0  # maximum share of a box without depth; the author's code has 0.65
     min_score: float = 0.0  # detections below are ignored; the detector has its own threshold
 
     # association and confidence, section 3.3.1
@@ -55,7 +44,6 @@ class ReferenceSettings:
     min_depth: float = 0.8  # [m] the sensor's good range, to register and to decrease
     max_depth: float = 4.6  # [m]
     occlusion_window: int = 10  # W of eq. 3.3 [px]: a square of this side
-    occlusion_tolerance: float = 0.0  # [m] eq. 3.3 is strict; the author's code has 0.075
 
     # places, section 3.3.2
     purity: float = 0.75  # minimum share of a view's points in one place
@@ -65,9 +53,6 @@ class ReferenceSettings:
         0.15  # [m] and history_angle: nearer views are repeats (author's code)
     )
     history_angle: float = 0.17453292519943295  # [rad] 10 degrees
-    belief_filter: BeliefFilter = "mean"  # eq. 3.5, or the Bayes filter it replaced
-    indoor_prior: bool = False  # section 4.3: only INDOOR_CATEGORIES
-    bayes_floor: float = 1e-3  # ours: minimum likelihood, so that no zero rules a category out
     least_belief: float = 0.005  # ours: minimum belief in the graph, which has steps of 0.01
     stride: int = 4  # [px] sampling step of a view's pixels; the author's code has 3
 
@@ -92,7 +77,7 @@ class ReferenceSettings:
         for name in ("kappa", "phi", "nu", "xi", "match_distance", "match_distance_large"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        for name in ("max_bins", "min_points", "occlusion_window", "history_length", "stride"):
+        for name in ("max_bins", "occlusion_window", "history_length", "stride"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
         for name in _SHARES:

@@ -94,29 +94,19 @@ class Boxes:
         return np.asarray(np.maximum((self.high - self.low).max(axis=1), 0.02))
 
 
-class BoxIndex:
-    """Index of boxes by IRI, with a search for near ones."""
+class BoxIndex(dict[str, Box]):
+    """Boxes by IRI, changed by `put` alone, with a search for near ones."""
 
     def __init__(self) -> None:
-        self._boxes: dict[str, Box] = {}
+        super().__init__()
         self._rows: dict[str, int] = {}
         self._iris: list[str] = []  # by row
         self._sides = np.full((64, 6), np.nan)  # [m] low and high corners by row
 
-    def __contains__(self, iri: str) -> bool:
-        return iri in self._boxes
-
-    def __getitem__(self, iri: str) -> Box:
-        return self._boxes[iri]
-
-    def get(self, iri: str) -> Box | None:
-        """Box of an object; None where it has none."""
-        return self._boxes.get(iri)
-
     def put(self, iri: str, box: Box | None) -> None:
         """Set or, with None, remove the box of an object."""
         if box is None:
-            if self._boxes.pop(iri, None) is not None:
+            if self.pop(iri, None) is not None:
                 row = self._rows.pop(iri)
                 last = self._iris.pop()
                 if last != iri:  # the last one takes its row
@@ -128,7 +118,7 @@ class BoxIndex:
             self._iris.append(iri)
             if len(self._iris) > len(self._sides):
                 self._sides = np.concatenate([self._sides, np.full_like(self._sides, np.nan)])
-        self._boxes[iri] = box
+        self[iri] = box
         self._sides[self._rows[iri]] = np.concatenate(box.sides)
 
     def within(self, boxes: Sequence[Box], reach: float) -> dict[str, None]:

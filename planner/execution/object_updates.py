@@ -142,7 +142,7 @@ class ObjectUpdates:
         self, thing: Detected, category: str, sighting: Sighting | ThingSighting
     ) -> AssociatedDetection:
         iri, existence = self._mapper.belief_of(sighting)
-        record = None if iri is None else self._mapper.get(iri)
+        record = None if iri is None else self._mapper.cache.get(iri)
         if record is None:
             return AssociatedDetection(thing, category, None, existence)
         return AssociatedDetection(thing, record.category, iri, record.existence)

@@ -333,7 +333,7 @@ class SearchRun:
         shown = self._targets.is_found(sighting.target) or any(map(sighting.shows, sightings))
         if not shown and sighting.object is not None:
             changes = self._objects.decay(sighting.object, recall=self._adapter.recall)
-            if changes.missed:
+            if changes.updated or changes.removed:
                 self._log.change("looked again, nothing found", changes)
         return shown
 

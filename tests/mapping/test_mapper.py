@@ -90,13 +90,6 @@ def test_scores_count_only_where_the_view_does(semantic_map, make_frame, make_de
     assert semantic_map.places()[0].views == 1
 
 
-def test_the_same_frame_twice_counts_once_for_its_place(semantic_map, make_frame, make_detections):
-    mapper, frame = Mapper(semantic_map, MappingOptions(layout=ROOM)), make_frame(2.0)
-    mapper.add(frame, make_detections(), KITCHEN)
-    mapper.add(frame, make_detections(), KITCHEN)
-    assert semantic_map.places()[0].views == 1
-
-
 def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cup):
     mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
     first = map_cup(mapper)
@@ -109,20 +102,6 @@ def test_sightings_belong_to_the_objects_that_frames_showed(semantic_map, map_cu
     assert new.place == semantic_map.place_iri(1)
     assert len(semantic_map.objects("cup")) == 2
     assert mapper.frames_applied == 2
-
-
-def test_sightings_honour_what_people_asserted(semantic_map, map_cup):
-    mapper = Mapper(semantic_map, MappingOptions(layout=ROOM))
-    first = map_cup(mapper)
-    assert semantic_map.assertions.add(first.iri, "position", (4, 4, 1), by="ann")
-    assert semantic_map.assertions.add(first.iri, "category", "bowl", by="ann")
-    for category in ("cup", "bowl"):
-        seen = Sighting(semantic_map.catalogue.find(category).iri, 0.8, np.array([4.0, 4.0, 1.0]))
-        (update,) = mapper.add_sightings([seen], 1e6 + 5).objects
-        assert update.iri == first.iri
-    (bowl,) = semantic_map.objects()
-    assert semantic_map.catalogue.label(bowl.category) == "bowl"
-    assert bowl.p_map == pytest.approx([4, 4, 1])
 
 
 def test_no_sighting_is_no_evidence_against_anything(semantic_map, map_cup):
@@ -145,18 +124,6 @@ def test_a_stream_is_continued_by_its_name(semantic_map, step_back, cup):
     assert found.observations == 4
 
 
-def test_the_rest_of_the_floor_is_written_at_the_end_of_the_block(semantic_map, make_frame, cup):
-    with Mapper(semantic_map) as mapper:
-        for n in range(4):
-            T = make_frame().T_map_cam.copy()
-            T[0, 3] += 0.3 * n
-            T[:3, :3] = T[:3, :3] @ _pitched_down()
-            frame = make_frame(_floor_depth(T), T=T, id=f"f{n}", stamp=1e6 + n)
-            mapper.add(frame, cup)
-        written = sum(int((tile.cells > 0).sum()) for tile in semantic_map.floor())
-    assert sum(int((tile.cells > 0).sum()) for tile in semantic_map.floor()) > written
-
-
 def test_occupancy_can_be_left_out(semantic_map, make_frame, cup):
     with Mapper(semantic_map, MappingOptions(occupancy=False)) as mapper:
         mapper.add(make_frame(2.0), cup)
@@ -177,19 +144,3 @@ def test_labels_and_settings_are_the_callers(semantic_map, step_back, make_detec
     assert semantic_map.catalogue.label(found.category) == "cup"
     with pytest.raises(LabelsError):
         Mapper(semantic_map, MappingOptions(labels=LabelTable({"mug": "flux capacitor"})))
-
-
-def _pitched_down(angle: float = 0.7) -> np.ndarray:
-    """(3, 3) rotation of a camera about its x axis, downwards [rad]."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
-
-
-def _floor_depth(T: np.ndarray) -> np.ndarray:
-    """(49, 65) depth [m] of a level floor at height 0, seen from pose T."""
-    v, u = np.mgrid[0:49, 0:65]
-    rays = np.stack([(u - 32) / 50, (v - 24) / 50, np.ones_like(u, dtype=float)], axis=-1)
-    down = rays @ T[2, :3]
-    with np.errstate(divide="ignore"):
-        depth = -T[2, 3] / down
-    return np.where((down < 0) & (depth < 6), depth, np.nan)

@@ -60,19 +60,3 @@ def test_kitchen_is_mapped_with_its_cups_and_chairs(tmp_path, shared, building):
     assert score.position_error_median < 0.15
     assert score.per_class["cup"].matched == 2
     assert catalogue.label(max(place.beliefs, key=place.beliefs.__getitem__)) == "kitchen"
-
-
-def test_two_recordings_make_a_building_of_two_places(tmp_path, shared, building):
-    detector = load_detector(shared("models/deimv2_femto_416.onnx"), threshold=0.25)
-    scene = load_scene_classifier()
-    with create_map(tmp_path / "flat.map") as semantic_map:
-        for sequence, n in (("redkitchen", 25), ("icl_livingroom", 10)):
-            map_recording(building(sequence, n), semantic_map, detector, scene)
-        places = {p.label: p for p in semantic_map.places()}
-        objects = semantic_map.objects()
-    kitchen, living = places["redkitchen"], places["icl_livingroom"]
-    assert kitchen.xmax < living.xmin
-    for place in (kitchen, living):
-        inside = [o for o in objects if o.place == place.iri]
-        assert inside
-        assert all(place.xmin <= o.p_map[0] <= place.xmax for o in inside)

@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 from kg.model.areas import Rectangle
-from kg.model.errors import LayoutError, RecordingError
+from kg.model.errors import RecordingError
 from kg.serving.opening import create_map, in_memory_map, open_map
 from mapping.frames.projection import robot_at
 from mapping.mapping_options import MappingOptions
@@ -167,15 +165,6 @@ def test_two_recordings_make_one_building(semantic_map, drive, make_frame, list_
     assert sorted(labels[o.place] for o in semantic_map.objects()) == ["den", "room"]
 
 
-def test_same_recording_by_another_transform_is_refused(semantic_map, drive, list_recording, cup):
-    map_recording(list_recording(drive), semantic_map, cup())
-    moved = list_recording(drive)
-    moved.T_map_world = np.eye(4)
-    moved.T_map_world[0, 3] = 1.0
-    with pytest.raises(LayoutError, match="'room' is in this map by another T_map_world"):
-        map_recording(moved, semantic_map, cup())
-
-
 def test_callbacks_hear_of_each_frame(semantic_map, drive, list_recording, cup, scripted_scene):
     reports, pictures = [], []
     map_recording(
@@ -192,17 +181,6 @@ def test_callbacks_hear_of_each_frame(semantic_map, drive, list_recording, cup, 
     assert [frame.id for frame, _, _ in pictures] == [frame.id for frame in drive]
     assert all(len(detections) == 1 for _, detections, _ in pictures)
     assert pictures[0][2].probability == {"kitchen": 1.0}
-
-
-def test_report_is_plain_json(
-    semantic_map, drive, list_recording, scripted_detector, make_detections
-):
-    detector = scripted_detector({}, make_detections(("warp core", 0.9, MIDDLE)))
-    report = map_recording(list_recording(drive), semantic_map, detector)
-    plain = json.loads(json.dumps(report.to_json()))
-    assert plain["unknown_labels"] == {"warp core": 5}
-    assert set(plain["milliseconds_per_frame"]) == set(STAGES)
-    assert plain["frames"] == 5
 
 
 def test_heading_follows_the_camera_axis(make_frame):

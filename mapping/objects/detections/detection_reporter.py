@@ -25,6 +25,7 @@ from mapping.objects.detections.detection_report import (
     DetectionReport,
     DoubtedThing,
     Fate,
+    ThingFates,
     read_report,
     write_report,
 )
@@ -67,7 +68,7 @@ class DetectionReporter:
         fates.sweep(tracks)
         things = [*self._doubted_objects(tracks, fates), *self._candidates(tracks, fates)]
         forgotten = [
-            replace(self._candidate(thing.track, thing.track.peak, thing.one_side), forgotten=True)
+            replace(self._candidate(thing.track, thing.track.peak, thing), forgotten=True)
             for thing in fates.forgotten
             if thing.track.log_odds
         ]
@@ -131,8 +132,8 @@ class DetectionReporter:
                 record.observations,
                 record.p_map,
                 record.evidence,
-                iri=record.iri,
-                one_side=(thing := by_iri.get(record.iri)) is not None and thing.one_side,
+                by_iri.get(record.iri),
+                record.iri,
             )
             for record in self._objects.objects()
             if round(record.existence, 2) < BELIEVED  # as the map has it
@@ -140,20 +141,14 @@ class DetectionReporter:
 
     def _candidates(self, tracks: Sequence[Track], fates: DetectionFates) -> list[DoubtedThing]:
         return [
-            self._candidate(
-                track,
-                track.existence,
-                (thing := fates.things.get(track.number)) is not None and thing.one_side,
-            )
+            self._candidate(track, track.existence, fates.things.get(track.number))
             for track in tracks
             if track.iri is None and track.log_odds
         ]
 
-    def _candidate(self, track: Track, existence: float, one_side: bool) -> DoubtedThing:
+    def _candidate(self, track: Track, existence: float, seen: ThingFates | None) -> DoubtedThing:
         label = self._map.catalogue.label(track.category)
-        return _doubted(
-            label, existence, track.observations, track.position, track.best, one_side=one_side
-        )
+        return _doubted(label, existence, track.observations, track.position, track.best, seen)
 
 
 def _doubted(
@@ -162,12 +157,12 @@ def _doubted(
     seen: int,
     p_map: NDArray[np.float64],
     view: Evidence | None,
-    *,
+    fates: ThingFates | None,
     iri: str = "",
-    one_side: bool = False,
 ) -> DoubtedThing:
     """A doubted thing with its best view, in the precision of the report."""
     x, y, z = (round(float(side), 3) for side in p_map)
+    one_side = fates is not None and fates.one_side
     thing = DoubtedThing(category, round(existence, 4), seen, iri, one_side, p_map=(x, y, z))
     if view is None:
         return thing

@@ -30,8 +30,6 @@ MAPPING: dict[str, tuple[list[str], str, Any]] = {
     "--unknown-labels": (["ignore"], "mapping.reference.unknown_labels", "ignore"),
     "--places": (["places.csv"], "mapping.layout.places.0.label", "hall"),
     "--estimator": (["scott"], "mapping.reference.estimator", "scott"),
-    "--filter": (["bayes"], "mapping.reference.belief_filter", "bayes"),
-    "--prior": ([], "mapping.reference.indoor_prior", True),
     "--places-from-objects": ([], "mapping.reference.places_from_objects", True),
     "--no-places-from-objects": ([], "mapping.reference.places_from_objects", False),
     "--floor": ([], "mapping.occupancy", True),

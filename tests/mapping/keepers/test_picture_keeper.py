@@ -8,7 +8,7 @@ import pytest
 
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.model.records import DepartedRecord, MapUpdate
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import create_map, open_map
 from mapping.keepers.picture_keeper import PictureKeeper
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
@@ -72,14 +72,6 @@ def test_pictures_can_be_left_out(tmp_path, coloured, make_detections):
     assert pictures == [None]
 
 
-def test_a_map_in_memory_keeps_none_and_is_mapped(coloured, make_detections):
-    with in_memory_map(base="https://example.org/map/") as semantic_map:
-        mapper = Mapper(semantic_map)
-        for number in range(3):
-            mapper.add(coloured(number), make_detections(("cup", 0.9, BOX)))
-        assert len(semantic_map.objects()) == 1
-
-
 def test_a_folder_that_cannot_be_written_does_not_stop_the_mapping(
     tmp_path, coloured, make_detections
 ):
@@ -135,14 +127,6 @@ def test_a_view_in_which_a_person_covers_the_thing_does_not_replace_another(
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2].astype(int)
     assert np.abs(middle - RED).max() < 30
     assert len(files_of(tmp_path / "a.map", 1)) == 1
-
-
-@pytest.mark.parametrize("box", [(70, 60, 90, 80), (10, 10, 10, 10), (-50, -50, -40, -40)])
-def test_a_box_that_shows_nothing_has_no_picture(box):
-    nobody = np.zeros((0, 4), np.float32)
-    rgb = np.zeros((49, 65, 3), np.uint8)
-    data = object_picture(rgb, tuple(map(float, box)), nobody, MAX_BYTES)
-    assert data is None or len(data) <= MAX_BYTES
 
 
 def test_a_picture_that_cannot_be_small_enough_is_none():

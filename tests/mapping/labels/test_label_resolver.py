@@ -24,28 +24,13 @@ SHIPPED = Catalogue.from_quads(load_ontologies().quads)
 MIDDLE = (30.0, 22.0, 34.0, 26.0)
 OPEN_IMAGES = {  # names of Open Images' boxes for categories of COCO
     "Man": "person",
-    "Taxi": "car",
-    "Cattle": "cow",
-    "Flying disc": "frisbee",
-    "Tennis ball": "sports ball",
-    "Coffee cup": "cup",
     "Mug": "cup",
-    "Kitchen knife": "knife",
-    "Submarine sandwich": "sandwich",
-    "Doughnut": "donut",
     "Sofa bed": "couch",
-    "Houseplant": "potted plant",
     "Kitchen & dining room table": "dining table",
     "Television": "tv",
-    "Computer monitor": "tv",
     "Computer mouse": "mouse",
-    "Remote control": "remote",
-    "Computer keyboard": "keyboard",
     "Mobile phone": "cell phone",
-    "Microwave oven": "microwave",
     "Gas stove": "oven",
-    "Alarm clock": "clock",
-    "Hair dryer": "hair drier",
 }
 
 
@@ -124,15 +109,6 @@ def test_an_unknown_kind_of_place_is_believed_once_a_view_says_so_clearly(semant
     assert mapper.labels.unknown_labels == {"tundra": 1}
 
 
-def test_prior_knowledge_of_places_leaves_no_room_for_new_ones(semantic_map, make_frame):
-    settings = ReferenceSettings(stride=1, unknown_labels="provisional", indoor_prior=True)
-    mapper = PlaceMapper(semantic_map, book := PlaceRegistry(semantic_map), settings)
-    frame = make_frame(2.0)
-    book.observe(frame.T_map_cam[None, :3, 3] + [[0, -9, 0], [0, 9, 0], [9, 0, 0]])
-    mapper.view(book.places()[0].iri, frame, SceneScores({"kitchen": 0.4, "holodeck": 0.6}))
-    assert semantic_map.catalogue.get("holodeck") is None
-
-
 def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
     semantic_map, make_frame, make_detections, table
 ):
@@ -143,24 +119,6 @@ def test_a_table_decides_what_labels_mean_and_which_mean_nothing(
     (record,) = mapper.objects()
     assert semantic_map.catalogue.label(record.category) == "toaster"
     assert mapper.labels.unknown_labels == {}
-
-
-def test_a_rerun_with_a_table_maps_a_provisional_label_to_a_real_category(
-    semantic_map, step_back, make_detections, list_recording, scripted_detector, table
-):
-    detector = scripted_detector({}, make_detections(("Espresso gizmo", 0.9, MIDDLE)))
-    run = [step_back(n) for n in range(3)]
-    map_recording(
-        list_recording(run), semantic_map, detector, options=MappingOptions(reference=SETTINGS)
-    )
-    labels = table("Espresso gizmo,toaster\n")
-    map_recording(
-        list_recording(run, name="later"),
-        semantic_map,
-        detector,
-        options=MappingOptions(reference=SETTINGS, labels=labels),
-    )
-    assert len(semantic_map.objects("toaster")) == 1
 
 
 @pytest.mark.parametrize(

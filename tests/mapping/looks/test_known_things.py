@@ -16,8 +16,6 @@ from mapping.looks.known_things import (
     remember_named,
     taught,
 )
-from mapping.looks.look_store import features_of, likeness
-from mapping.looks.word_looks import network
 from mapping.mapper import Mapper
 from perception.inference.markers import marker_name
 from tests.mapping.looks.conftest import add_things
@@ -119,26 +117,10 @@ def test_a_mark_in_the_ontology_names_a_thing(furnished, cut_out):
     assert names(semantic_map) == ["cup", "suitcase"]
 
 
-def test_a_mark_names_a_thing_for_certain(furnished, cut_out):
-    semantic_map = furnished(("cup", cut_out("cup")), ("book", marked_picture()))
-    thing = taught("tagged box", [], marker_name("4x4_50/17"))
-    KnownThings().with_thing(thing).save(semantic_map.store.path)
-    (found,) = recognise(semantic_map)
-    assert (found.iri, found.likeness) == (semantic_map.objects()[1].iri, 1.0)
-
-
 @pytest.mark.parametrize("mark", ["4x4_50", "4x4_50/50", "4x4_50/-1", "nonsense/1", ""])
 def test_a_mark_that_does_not_exist_is_refused(mark):
     with pytest.raises(ModelError, match="marks"):
         marker_name(mark)
-
-
-def test_likeness_is_high_for_two_views_of_a_thing(cut_out):
-    def features(name, moved=0.0):
-        return features_of(network().describe(cut_out(name, moved))[None])
-
-    assert likeness(features("cup"), features("cup", 5.0)) > 0.8
-    assert likeness(features("cup"), features("banana")) < 0.3
 
 
 def test_nothing_is_written_where_nobody_named_anything(furnished, cut_out):

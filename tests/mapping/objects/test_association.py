@@ -47,10 +47,10 @@ def test_two_cups_where_one_was_known_leave_one_over(make_sighting, make_track):
 
 
 def test_gates_grow_with_size(make_sighting, make_track):
-    shift = 0.45
-    cup = make_sighting({"cup": 0.7}, (2, shift, 1))
-    assert found([cup], [make_track("cup", (2, 0, 1))]) == {}
-    table = make_sighting({"dining table": 0.7}, (2, shift, 1), size=1.2)
+    for shift, pairs in ((0.2, {0: 0}), (0.21, {})):  # 0.1 + 0.12 (0.1 + 0.1) + 0.02 x 2^2 m
+        cup = make_sighting({"cup": 0.7}, (2, shift, 1))
+        assert found([cup], [make_track("cup", (2, 0, 1))]) == pairs
+    table = make_sighting({"dining table": 0.7}, (2, 0.45, 1), size=1.2)
     assert found([table], [make_track("dining table", (2, 0, 1), size=1.4)]) == {0: 0}
 
 
@@ -161,26 +161,9 @@ def test_it_is_the_best_of_all_assignments(cost):
     assert total == pytest.approx(least)
 
 
-@given(costs())
-def test_rows_and_columns_are_alike(cost):
-    one, other = assign(cost), assign(cost.T)
-    assert sum(cost[r, c] for r, c in one.items()) == pytest.approx(
-        sum(cost[r, c] for c, r in other.items())
-    )
-
-
-def test_a_cheap_pair_gives_way_where_the_whole_is_cheaper():
-    assert assign(np.array([[1.0, 2.0], [1.1, 9.0]])) == {0: 1, 1: 0}
-
-
 @pytest.mark.parametrize("shape", [(0, 0), (0, 3), (3, 0)])
 def test_nothing_is_assigned_to_nothing(shape):
     assert assign(np.zeros(shape)) == {}
-
-
-def test_impossible_pairs_are_not_made():
-    assert assign(np.full((2, 2), np.inf)) == {}
-    assert assign(np.array([[np.inf, np.inf], [0.5, np.inf]])) == {1: 0}
 
 
 MIDDLE = (29.0, 21.0, 35.0, 27.0)
@@ -242,13 +225,8 @@ def test_a_lit_screen_without_depth_stands_at_the_depth_of_its_frame(extractor, 
     assert extractor.unplaced == 0
 
 
-def test_what_has_no_depth_around_it_either_is_counted_as_unplaced(extractor, make_frame):
-    assert extractor.sightings(make_frame(np.nan), by([("a", "tv", 0.7)], SCREEN)) == []
-    assert extractor.unplaced == 1
-
-
-@pytest.mark.parametrize("depth", [0.3, 6.0])
-def test_what_is_too_near_or_too_far_is_unplaced(extractor, make_frame, depth):
+@pytest.mark.parametrize("depth", [0.3, 6.0, np.nan])
+def test_what_is_too_near_too_far_or_without_depth_is_unplaced(extractor, make_frame, depth):
     assert extractor.sightings(make_frame(depth), by([("a", "cup", 0.7)])) == []
     assert extractor.unplaced == 1
 

@@ -69,10 +69,6 @@ def test_ten_good_looks_make_it_near_certain_and_ten_faint_ones_do_not():
     assert existence(*[0.22] * 10) < 0.75
 
 
-def test_what_is_larger_than_things_of_its_name_is_less_likely():
-    assert existence(0.6, 0.6, size=-2.0) < 0.6 * existence(0.6, 0.6)
-
-
 def test_a_false_detection_that_is_repeated_from_one_spot_stays_below_ten_looks_around():
     """Looks from one viewpoint count 1 / n."""
     weight = sum(1 / n for n in range(1, 1001))
@@ -123,16 +119,6 @@ def test_a_single_category_is_as_probable_as_its_odds_say(one):
 def test_equal_categories_share_what_is_sure():
     found = category_probabilities({"tv": 12.0, "laptop": 12.0})
     assert found["tv"] == found["laptop"] == pytest.approx(0.5, abs=1e-3)
-
-
-def test_no_category_has_no_probability():
-    assert category_probabilities({}) == {}
-
-
-@given(st.floats(0, 1))
-def test_log_odds_of_a_probability_are_finite_and_lead_back_to_it(probability):
-    kept = min(max(probability, 0.005), 0.995)
-    assert 1 / (1 + math.exp(-logit(probability))) == pytest.approx(kept)
 
 
 DAY = 86400.0
@@ -267,10 +253,6 @@ def test_every_label_of_the_bundled_detectors_has_a_size_and_is_a_category():
     catalogue = Catalogue.from_quads(load_ontologies().quads)
     for label in usual_sizes():
         assert catalogue.for_label(label, "object").label == label
-
-
-def test_nothing_is_wider_than_long():
-    assert [name for name, one in usual_sizes().items() if not 0 < one.width <= one.longest] == []
 
 
 def test_the_usual_size_is_the_likeliest():

@@ -106,14 +106,6 @@ def test_a_position_is_less_certain_of_a_larger_thing(make_track, size, metres):
     assert make_track("cup", (2, 0, 1), size=size).deviation == pytest.approx(metres)
 
 
-def test_a_large_thing_is_followed_farther_than_a_small_one(make_track, make_sighting):
-    track = make_track("dining table", (2, 0, 1), size=2.0)
-    track.observations = 3
-    reach = SETTINGS.gate + 2 * SETTINGS.gate_size * SETTINGS.largest + 0.5
-    track.locate(make_sighting({"dining table": 0.8}, (2, reach - 0.01, 1), size=2.0), 1.0)
-    assert track.p_map[1] < reach / 2
-
-
 def test_a_long_thing_stands_at_the_centre_of_its_extent(make_track):
     for size, expected in ((0.29, 2.0), (0.31, 2.5)):
         track = make_track("cup", (2, 0, 1), size=size)

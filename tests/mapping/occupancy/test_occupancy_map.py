@@ -10,7 +10,6 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import FREE, LOW, TALL, UNKNOWN, FloorTile
 from kg.serving.opening import in_memory_map
-from mapping.mapping_options import MappingOptions
 from mapping.occupancy.occupancy_map import OccupancyMap
 from mapping.occupancy.occupancy_settings import OccupancySettings
 from mapping.recording_mapper import map_recording
@@ -100,12 +99,6 @@ def test_a_box_is_low_and_hides_the_floor_behind_it(semantic_map, look):
     assert state(tiles, 2.4, 0.0) == UNKNOWN  # in its shadow
     assert state(tiles, 2.4, 0.9) == FREE  # beside it
     assert state(tiles, 3.02, 0.0) == TALL  # the wall, seen over it
-
-
-def test_what_hangs_high_is_in_nobodys_way(semantic_map, look):
-    lintel = ((2.0, 2.1), (-1.0, 1.0), (1.9, 2.5))
-    tiles = told(OccupancyMap(semantic_map), semantic_map, look(lintel, WALL))
-    assert state(tiles, 2.05, 0.0) == FREE
 
 
 def test_furniture_that_is_moved_away_leaves_free_floor_and_the_other_way_round(semantic_map, look):
@@ -222,27 +215,16 @@ def test_a_recording_brings_its_floor_along(
     semantic_map, look, list_recording, scripted_detector, make_detections
 ):
     frames = [look(BOX, WALL, at=(0.0, 0.1 * n, 1.2), stamp=1e9 + 0.5 * n) for n in range(6)]
+    frames.append(look(BOX, WALL, at=(0.0, 1.5, 1.2), stamp=1e9 + 3))
     detector = scripted_detector({}, make_detections())
     report = map_recording(list_recording(frames), semantic_map, detector)
     tiles = semantic_map.floor()
     assert (state(tiles, 1.8, 0.0), state(tiles, 3.02, 0.0)) == (LOW, TALL)
+    assert max(tile.changed for tile in tiles) == frames[-1].stamp, "the rest is written, too"
     assert report.milliseconds["floor"] > 0
     before = semantic_map.sequence
     map_recording(list_recording(frames), semantic_map, detector)
     assert semantic_map.sequence == before  # all of it is in the map
-
-
-def test_without_the_floor_there_is_none(
-    semantic_map, look, list_recording, scripted_detector, make_detections
-):
-    detector = scripted_detector({}, make_detections())
-    map_recording(
-        list_recording([look(WALL)]),
-        semantic_map,
-        detector,
-        options=MappingOptions(occupancy=False),
-    )
-    assert semantic_map.floor() == ()
 
 
 def test_what_a_person_deletes_at_the_last_moment_stays_deleted(

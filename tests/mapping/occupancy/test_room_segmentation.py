@@ -102,20 +102,6 @@ def test_a_closet_of_less_than_one_and_a_half_square_metres_is_no_room(length, r
     assert len(rooms_of(states)) == rooms
 
 
-def test_a_small_part_without_neighbour_is_no_room():
-    states = floor(6.0, 4.0)
-    wall(states, 5.0, (0.0, 0.0))
-    states[-30:, 30:] = TALL  # 1 m by 1 m is left behind the wall
-    assert len(rooms_of(states)) == 1
-
-
-@pytest.mark.parametrize("state", [UNKNOWN, FREE, TALL])
-def test_a_floor_of_one_kind_is_one_room_or_none(state):
-    found = rooms_of(np.full((64, 64), state, np.uint8))
-    assert len(found) == (state == FREE)
-    assert found.doors == ()
-
-
 @given(npst.arrays(np.bool_, st.tuples(st.integers(1, 12), st.integers(1, 12))))
 def test_distances_are_those_to_the_nearest_wall(inside):
     walls = np.argwhere(~np.pad(inside, 1)) - 1
@@ -280,20 +266,3 @@ def test_the_real_kitchen_has_its_walls_table_and_chairs(shared):
     assert (abs(back - np.median(back)) < 0.11).mean() > 0.95  # as straight as two cells
     assert spots(floor, FREE)[:, 1].min() > np.median(back)
     assert len(spots(floor, FREE)) * floor.resolution**2 > 1.5  # [m^2]
-
-
-def test_the_living_room_ends_at_a_slanted_wall(shared):
-    floor, _ = floor_of(shared, "icl_livingroom", 3)
-    wall, free = spots(floor, TALL), spots(floor, FREE)
-    rng, best, line = np.random.default_rng(0), 0, (wall[0], np.zeros(2))
-    for _ in range(300):  # the line that most of the wall lies on
-        a, b = wall[rng.integers(len(wall), size=2)]
-        if (length := float(np.linalg.norm(b - a))) < 1:
-            continue
-        normal = np.array([a[1] - b[1], b[0] - a[0]]) / length
-        if (count := int((abs((wall - a) @ normal) < floor.resolution).sum())) > best:
-            best, line = count, (a, normal)
-    assert best > 0.5 * len(wall)
-    side = (free - line[0]) @ line[1]
-    assert min((side > 0.1).sum(), (side < -0.1).sum()) == 0  # nothing behind it
-    assert len(free) * floor.resolution**2 > 2.0  # [m^2]

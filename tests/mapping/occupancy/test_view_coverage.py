@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Area, area_of
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
@@ -136,19 +135,3 @@ def test_a_place_knows_how_much_of_it_was_viewed(tmp_path, look) -> None:
             for r in semantic_map.query("status", category="cup", viewed=0.95).records()
         }
         assert values == {"near": "hidden", "far": "never looked"}
-
-
-def test_the_map_of_then_has_the_views_of_then(semantic_map: SemanticMap, look) -> None:
-    layout = Layout((LayoutPlace(1, "near", Area(0.0, 3.0, -1.0, 1.0)),))
-    with Mapper(semantic_map, MappingOptions(layout=layout)) as mapper:
-        mapper.add(look(WALL, stamp=6e8), NOTHING)
-        mapper.flush()
-        before = semantic_map.sequence
-        mapper.add(look(WALL, at=(0.5, 0.5, 1.2), stamp=6e8 + 3600), NOTHING)
-    with semantic_map.at(before) as then:
-        (place,) = then.places()
-        assert place.viewed is not None
-        assert place.viewed.last == 6e8
-    (place,) = semantic_map.places()
-    assert place.viewed is not None
-    assert place.viewed.last == 6e8 + 3600

@@ -8,8 +8,7 @@ import pytest
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.semantic_map import SemanticMap
 from kg.model.areas import Rectangle
-from kg.model.records import MapUpdate, ObjectRecord
-from kg.serving.opening import in_memory_map
+from kg.model.records import ObjectRecord
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import Layout, LayoutPlace
 from mapping.places.place_mapper import ObjectEvidence, presence
@@ -47,6 +46,11 @@ def kitchen_things(make_detections, scripted_detector):
     return scripted_detector({}, make_detections(*((label, 0.9, box) for label, box in boxes)))
 
 
+def run(recording, semantic_map, *networks, reference: ReferenceSettings = SETTINGS) -> None:
+    options = MappingOptions(layout=ROOM, reference=reference)
+    map_recording(recording, semantic_map, *networks, options=options)
+
+
 def believed(semantic_map: SemanticMap) -> dict[str, float]:
     (place,) = semantic_map.places()
     return {semantic_map.catalogue.label(c): p for c, p in place.beliefs.items()}
@@ -58,21 +62,9 @@ def sure_of(beliefs: dict[str, float]) -> str:
 
 def test_objects_settle_what_views_leave_open(semantic_map, drive, kitchen_things, scripted_scene):
     scene = scripted_scene({"office": 0.4, "kitchen": 0.35, "bar": 0.25})
-    map_recording(
-        drive(),
-        semantic_map,
-        kitchen_things,
-        scene,
-        options=MappingOptions(layout=ROOM, reference=PLAIN),
-    )
+    run(drive(), semantic_map, kitchen_things, scene, reference=PLAIN)
     assert sure_of(believed(semantic_map)) == "office"
-    map_recording(
-        drive("later"),
-        semantic_map,
-        kitchen_things,
-        scene,
-        options=MappingOptions(layout=ROOM, reference=SETTINGS),
-    )
+    run(drive("later"), semantic_map, kitchen_things, scene)
     assert sure_of(believed(semantic_map)) == "kitchen"
     (place,) = semantic_map.places()
     assert place.from_views[semantic_map.catalogue.find("office").iri] == pytest.approx(0.4)
@@ -80,12 +72,7 @@ def test_objects_settle_what_views_leave_open(semantic_map, drive, kitchen_thing
 
 
 def test_a_place_without_views_is_told_by_its_objects_alone(semantic_map, drive, kitchen_things):
-    map_recording(
-        drive(),
-        semantic_map,
-        kitchen_things,
-        options=MappingOptions(layout=ROOM, reference=SETTINGS),
-    )
+    run(drive(), semantic_map, kitchen_things)
     beliefs = believed(semantic_map)
     assert beliefs["kitchen"] == max(beliefs.values())
     assert beliefs["kitchen"] > 4 * beliefs.get("office", 0.0)
@@ -99,36 +86,14 @@ def test_the_reference_mode_does_not_use_them(semantic_map, drive, kitchen_thing
     assert semantic_map.places()[0].evidence_objects == ()
 
 
-def test_a_run_in_two_parts_ends_like_one(drive, kitchen_things, scripted_scene):
-    scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
-    ends = []
-    for cut in (5, 2):
-        with in_memory_map(base="https://example.org/map/") as semantic_map:
-            for part in (drive().all[:cut], drive().all):
-                recording = drive()
-                recording.all = part
-                map_recording(
-                    recording,
-                    semantic_map,
-                    kitchen_things,
-                    scene,
-                    options=MappingOptions(layout=ROOM, reference=SETTINGS),
-                )
-            (place,) = semantic_map.places()
-            ends.append((place.views, dict(place.from_views), dict(place.beliefs)))
-    assert ends[0][:2] == ends[1][:2]
-    assert ends[0][2] == pytest.approx(ends[1][2], abs=0.02)
-
-
 def test_what_a_person_said_of_a_place_outranks_its_objects(
     semantic_map, drive, kitchen_things, scripted_scene
 ):
     scene = scripted_scene({"office": 0.6, "kitchen": 0.4})
-    run = (semantic_map, kitchen_things, scene)
-    map_recording(drive(), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
+    run(drive(), semantic_map, kitchen_things, scene)
     (place,) = semantic_map.places()
     semantic_map.assertions.add(place.iri, "category", "pantry", by="anna")
-    map_recording(drive("later"), *run, options=MappingOptions(layout=ROOM, reference=SETTINGS))
+    run(drive("later"), semantic_map, kitchen_things, scene)
     assert believed(semantic_map) == {"pantry": 1.0}
     semantic_map.assertions.retract(place.iri, "category")
     assert believed(semantic_map)["kitchen"] > 0.5
@@ -149,14 +114,6 @@ def test_beliefs_go_back_to_the_views_where_the_objects_go(semantic_map, scripte
     assert places.places()[0] == place
 
 
-def test_surer_objects_tell_more(semantic_map):
-    told = ObjectEvidence(semantic_map, PlaceRegistry(semantic_map, ROOM), SETTINGS)
-    fridge, kitchen = (semantic_map.catalogue.find(n).iri for n in ("refrigerator", "kitchen"))
-    chances = [told.fused({fridge: p}, {kitchen: 0.5})[kitchen] for p in (0.0, 0.3, 0.9)]
-    assert chances == sorted(chances)
-    assert chances[0] < chances[2]
-
-
 def test_two_objects_of_a_kind_are_surer_to_hold_one():
     def thing(number: int, existence: float) -> ObjectRecord:
         return ObjectRecord(f"o{number}", "cup", np.zeros(3), 1.0, existence, 1, 0.0, 0.0)
@@ -168,35 +125,13 @@ def test_why_names_the_objects_and_what_the_views_say(
     semantic_map, drive, kitchen_things, scripted_scene
 ):
     scene = scripted_scene({"kitchen": 0.6, "office": 0.4})
-    map_recording(
-        drive(),
-        semantic_map,
-        kitchen_things,
-        scene,
-        options=MappingOptions(layout=ROOM, reference=SETTINGS),
-    )
+    run(drive(), semantic_map, kitchen_things, scene)
     (reason,) = semantic_map.history.explain("place/1")
     steps = [step.text for _, step in reason.walk()]
     assert any("refrigerator" in text and "existence" in text for text in steps)
     assert "by the views alone 0.6" in steps
     assert any(text.startswith("5 views of place/1") for text in steps)
     assert check_map(semantic_map.engine.quads_for_pattern(None, None, None, None)) == []
-
-
-def test_an_object_that_leaves_the_map_tells_no_longer(
-    semantic_map, drive, kitchen_things, scripted_scene
-):
-    scene = scripted_scene({"kitchen": 0.6, "office": 0.4})
-    map_recording(
-        drive(),
-        semantic_map,
-        kitchen_things,
-        scene,
-        options=MappingOptions(layout=ROOM, reference=SETTINGS),
-    )
-    first = semantic_map.objects()[0].iri
-    semantic_map.apply(MapUpdate(removed=(first,)))
-    assert first not in semantic_map.places()[0].evidence_objects
 
 
 def test_unseen_rooms_are_what_rooms_of_homes_are(semantic_map):

@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from kg.model.areas import Rectangle
 from kg.model.errors import LayoutError
-from mapping.places.layout import Layout, LayoutPlace, load_layout
+from mapping.places.layout import load_layout
 
 ROOM = {"xmin": 0, "xmax": 4, "ymin": -1.5, "ymax": 2}
 
@@ -80,12 +79,6 @@ def test_absent_and_binary_files_are_refused(tmp_path):
     binary.write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(LayoutError, match="cannot read"):
         load_layout(binary)
-
-
-def test_overlapping_places_are_allowed():
-    assert Layout(
-        (LayoutPlace(1, "a", Rectangle(0, 2, 0, 2)), LayoutPlace(2, "b", Rectangle(1, 3, 1, 3)))
-    )
 
 
 RING = [[0, 0], [6, 0], [6, 2], [2, 2], [2, 5], [0, 5], [0, 0]]

@@ -13,6 +13,13 @@ from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
 from mapping.objects.object_cache import ObjectCache
 from mapping.objects.object_mapper import ObjectChanges
+from mapping.relations.probabilities import (
+    Box,
+    Boxes,
+    Carriers,
+    RelationSettings,
+    support_probabilities,
+)
 from mapping.relations.relation_mapper import MAX_NEIGHBOURS, RelationMapper
 
 TABLE = ("dining table", (0.0, 0.0, 0.4), (1.6, 0.9, 0.8))
@@ -97,6 +104,18 @@ def test_what_is_not_believed_to_exist_takes_no_part(room: Room) -> None:
     assert room.related(cup, "on") == [table]
     room.change(replace(room.cache.perceived[table], existence=0.3))
     assert room.related(cup, "on") == []
+
+
+def test_an_underside_a_little_below_the_top_of_a_box_is_likeliest() -> None:
+    """What else stands on a table raises the top of its box."""
+    table = Box(np.array([-0.8, -0.45, 0.0]), np.array([0.8, 0.45, 0.8]), 0.03, "table", 1.6)
+    at = (0.6, 0.7, 0.8, 0.9)
+    cups = [Box(np.array([0, 0, z]), np.array([0.1, 0.1, z + 0.1]), 0.03, "cup", 0.1) for z in at]
+    carriers = Carriers(Boxes.of([table]), np.array([True]), np.array([False]), np.zeros(1))
+    every = np.ones((len(cups), 1), bool)
+    shares, _ = support_probabilities(Boxes.of(cups), carriers, every, RelationSettings())
+    assert shares[:, 0].argmax() == 1
+    assert shares[0, 0] == pytest.approx(shares[2, 0])
 
 
 def test_a_chair_at_a_table_is_on_nothing_and_so_is_a_bag_below_it(room: Room) -> None:

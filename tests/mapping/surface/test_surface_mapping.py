@@ -98,6 +98,16 @@ def test_a_thing_that_is_gone_leaves_the_present_and_stays_in_the_past(tmp_path,
         assert len(semantic_map.snapshot().surface()) == len(semantic_map.surface())
 
 
+@pytest.mark.parametrize(("depth", "left"), [(1.05, True), (1.15, False)])
+def test_what_is_hardly_in_front_of_what_is_measured_stays(make_frame, nothing, depth, left):
+    with in_memory_map() as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
+        for second in range(46):
+            where = 1.0 if second < 6 else depth
+            mapper.add(make_frame(where, stamp=1000.0 + second, id=f"frame-{second}"), nothing)
+        middle = np.abs(semantic_map.surface().points - (1.0, 0.0, 1.0)) < (0.02, 0.2, 0.2)
+        assert middle.all(1).any() == left
+
+
 @pytest.mark.parametrize("there", [True, False])
 def test_what_only_lost_frames_saw_go_or_come_is_as_before(tmp_path, scene, nothing, there):
     def see(until: int) -> None:
@@ -184,8 +194,7 @@ def test_a_run_that_is_restarted_makes_the_same_surface(tmp_path, uninterrupted)
     assert same(surface(tmp_path / "a.map"), surface(uninterrupted))
 
 
-@pytest.mark.parametrize("frames", [5, 66])
-def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted, frames):
+def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted):
     folder = tmp_path / "a.map"
     create_map(folder).close()
     program = (
@@ -196,23 +205,10 @@ def test_a_run_that_is_killed_makes_the_same_surface(tmp_path, uninterrupted, fr
         [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True, env=os.environ
     ) as running:
         assert running.stdout is not None
-        assert any(int(line) >= frames for line in running.stdout)
+        assert any(int(line) >= 66 for line in running.stdout)
         running.send_signal(signal.SIGKILL)
     go_on(folder)
     assert same(surface(folder), surface(uninterrupted))
-
-
-def test_a_surface_is_never_newer_than_its_map(tmp_path, uninterrupted):
-    shutil.copytree(uninterrupted, tmp_path / "new.map")
-    create_map(tmp_path / "old.map").close()
-    go_on(tmp_path / "old.map", 20)
-    shutil.copy(uninterrupted / FILE, tmp_path / "old.map" / FILE)
-    with open_map(uninterrupted, read_only=True) as whole, whole.at(20) as past:
-        sequence = past.sequence
-    with open_map(tmp_path / "old.map", read_only=True) as semantic_map:
-        assert semantic_map.sequence >= sequence
-        seen = len(semantic_map.surface())
-    assert 0 < seen < len(surface(uninterrupted))
 
 
 @pytest.mark.parametrize(
@@ -222,10 +218,9 @@ def test_a_surface_is_never_newer_than_its_map(tmp_path, uninterrupted):
         lambda path: path.write_bytes(path.read_bytes()[:9000]),
         lambda path: filled(path, "CREATE VIEW more AS SELECT 1"),
         lambda path: filled(path, "UPDATE chunks SET data = x'00'"),
-        lambda path: filled(path, "UPDATE chunks SET voxels = 1 << 40"),
         lambda path: filled(path, "UPDATE chunks SET voxels = voxels - 1"),
     ],
-    ids=["text", "cut", "a view", "no chunk", "many voxels", "few voxels"],
+    ids=["text", "cut", "a view", "no chunk", "few voxels"],
 )
 def test_a_damaged_file_is_named_in_one_line(tmp_path, uninterrupted, damage):
     shutil.copytree(uninterrupted, tmp_path / "a.map")

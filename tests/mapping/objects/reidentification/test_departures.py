@@ -128,13 +128,6 @@ def test_only_the_latest_are_kept(semantic_map: SemanticMap, step_back: View, ag
     assert check_map(semantic_map.engine) == []
 
 
-def test_what_left_is_written_once(semantic_map: SemanticMap, step_back: View) -> None:
-    mapper = Mapper(semantic_map)
-    see(mapper, step_back, CUP)
-    updates = leave(mapper, step_back) + leave(mapper, step_back)
-    assert sum(len(update.departed) for update in updates) == 1
-
-
 NOW = 1e5
 SETTINGS = ObjectSettings()
 
@@ -170,7 +163,9 @@ def test_what_was_not_looked_at_is_not_found_elsewhere(make_track):
 
 def test_what_was_there_before_is_no_thing_that_left(make_track):
     absent = [Absentee(old(make_track, "cup", 0), 1.0, looked=True)]
-    assert moves(absent, [track(make_track, "cup", 5, first=50)]) == []
+    for x, first in ((5, 50), (0.3, 100)):
+        assert moves(absent, [track(make_track, "cup", x, first=first)]) == []
+    assert len(moves(absent, [track(make_track, "cup", 0.3, first=101)])) == 1
 
 
 def test_nothing_is_carried_faster_than_it_can_be(make_track):
@@ -325,19 +320,3 @@ def test_each_track_is_absorbed_once_and_absorbs_nothing_then(make_track, usual_
     assert len(set(absorbed)) == len(absorbed) == 3
     (left,) = [track for track in tracks if id(track) not in absorbed]
     assert left is tracks[-1]
-
-
-def test_a_merged_track_knows_what_both_knew(make_track):
-    one = make_track("tv", (2, 0, 1), views=2, size=0.5)
-    other = make_track("laptop", (2, 0.2, 1), views=1, size=0.4)
-    one.observations, other.observations = 2, 1
-    one.merge(other)
-    one.assess({}.get)
-    assert (one.observations, len(one.viewpoints), one.category) == (3, 2, "tv")
-    assert set(one.evidence) == {"tv", "laptop"}
-    assert 0 < one.p_map[1] < 0.1
-
-
-def test_untouched_tracks_are_not_looked_at(make_track, usual_size):
-    tracks = [make_track("cup", (2, 0.01 * n, 1)) for n in range(2)]
-    assert duplicates([], tracks, usual_size, SETTINGS) == []
