@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +40,7 @@ from planner.settings import WORTH
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
-    from planner.search.goals.targets import Target
+    from planner.search.goals.search_facts import SearchFacts
     from planner.search.plans.search_state import PlanningState
     from planner.search.plans.view_plan import ViewPlan
 
@@ -213,13 +212,14 @@ def _by_viewpoints(
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
-    now = now_of(semantic_map, arguments)
+    facts = state.facts
+    assert facts is not None  # it was planned on a map
     if found.note:
         note(found.note)
     if arguments.json:
-        wanted.write_json(answer_json(semantic_map, state, found, now))
+        wanted.write_json(answer_json(semantic_map, state, found, facts.now))
         return 0
-    said = _print_known(semantic_map, state.targets, now, arguments, state, found)
+    said = _print_known(semantic_map, facts, arguments, state, found)
     if not found.steps:
         write(nothing_line(found, arguments.budget))
     else:
@@ -229,22 +229,22 @@ def _by_viewpoints(
 
 def _print_known(
     semantic_map: SemanticMap,
-    targets: Sequence[Target],
-    now: float,
+    facts: SearchFacts,
     arguments: argparse.Namespace,
-    state: PlanningState | None = None,
-    found: ViewPlan | None = None,
+    state: PlanningState,
+    found: ViewPlan,
 ) -> int:
     """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
-    from planner.search.goals.known_objects import LISTED, map_time
+    from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences
 
-    if (latest := map_time(semantic_map)) > now + _AHEAD:
-        note(f"{iso(now)} lies before the last frame of the map ({iso(latest)})")
+    now = facts.now
+    if facts.latest > now + _AHEAD:
+        note(f"{iso(now)} lies before the last frame of the map ({iso(facts.latest)})")
     lines = 0
-    for target in targets:
+    for target in facts.targets:
         if target.note:
             note(target.note)
         most = LISTED if arguments.explain else _OBJECTS

@@ -178,11 +178,11 @@ class Place(Area):
     name: str = ""  # what tells it from the others: ``kitchen``, ``place 4``
 
 
-def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
-    """Every place of the map with its beliefs."""
+def all_places(semantic_map: SemanticMap, sightings: Iterable[Row] = ()) -> tuple[Place, ...]:
+    """Every place of the map with its beliefs; `sightings` are rows of `goals-last-seen`."""
     last_seen = {
         str(row["place"]): time.timestamp()
-        for row in semantic_map.query("goals-last-seen").records()
+        for row in sightings
         if (time := time_or_none(row, "lastSeen")) is not None
     }
     found: dict[str, Place] = {}
