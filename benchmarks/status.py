@@ -41,6 +41,7 @@ from kg.serving.opening import in_memory_map
 from lab.command_line import parser_of
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.object_truth import MIN_FRAMES, VisibilityRecord, object_truth
 from lab.recordings.simulated_recording import DAY, KINECT
 from mapping.mapping_options import MappingOptions
@@ -50,7 +51,6 @@ from planner.search.goals.status import NONE_SEEN, Value, status
 from planner.simulation.houses.house import OBJECTS, House, HouseRoom
 from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")
 SPACING: Final = 0.1  # [m] between samples of floor and tops
@@ -252,7 +252,7 @@ def answers(seed: int, part: float, sessions: int, senses: str) -> tuple[list[An
             start = START + number * DAY
             tour = SimulatedTour(camera, name=f"session-{number + 1}", start=start)
             session = Session(camera, tour, part, np.concatenate([points, truth.spots()]))
-            detector = SimulatedDetector(camera, SENSES[senses])
+            detector = detector_of(camera, SENSES[senses])
             layout = layout_of(random_house(seed))
             map_recording(
                 session,

@@ -91,7 +91,6 @@ WALKS: Final = {
         "planner.search.plans.view_plan",
         "planner.search.viewpoints.next_best_view",
         "planner.search.plans.rollout",
-        "planner.search.plans.baselines",
         "planner.search.plans.report",
     ),
 }

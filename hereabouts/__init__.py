@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from perception.sources.recording import open_recording
     from perception.sources.recording_options import RecordingOptions
     from planner.questions.answers import answer_question as ask
-    from planner.questions.plain_answer import PlainAnswer
+    from planner.questions.patterns import PlainAnswer
     from planner.search.plans.search_state import build_search
     from planner.search.plans.view_plan import plan as find
 
@@ -113,7 +113,7 @@ _SOURCES = {
     "mapping.frames.sighting": "Sighting",
     "mapping.recording_mapper": "map_recording",
     "planner.questions.answers": "answer_question:ask",
-    "planner.questions.plain_answer": "PlainAnswer",
+    "planner.questions.patterns": "PlainAnswer",
     "planner.search.plans.search_state": "build_search",
     "planner.search.plans.view_plan": "plan:find",
     "kg.model.errors": "HereaboutsError MapNotFoundError RecordingError",

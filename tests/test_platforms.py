@@ -47,9 +47,9 @@ import hereabouts
 from lab.houses.random_house import random_house
 from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
+from planner.simulation.sensing.sensors import SimulatedDetector
 camera = SimulatedCamera(random_house(77), seed=77)
-detector = SimulatedDetector(camera, SENSES["hard"])
+detector = SimulatedDetector(camera)
 tour = SimulatedTour(camera)
 with hereabouts.create_map(sys.argv[1]) as semantic_map:
     mapper = hereabouts.Mapper(semantic_map)

@@ -18,6 +18,7 @@ import numpy as np
 from benchmarks.status import HouseTruth, Session, surfaces
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.simulated_recording import DAY, KINECT
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
@@ -25,7 +26,6 @@ from perception.sources.recording_writer import RecordingWriter, write_text
 from planner.simulation.houses.house import House, HouseRoom, Wall
 from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 SESSIONS: Final = ("session-1", "session-2")
 _SPREAD: Final = DAY / 2  # [s] over which houses are driven through, each at its own time
@@ -107,7 +107,7 @@ def _doors(room: HouseRoom, house: House) -> list[tuple[Wall, tuple[float, float
 
 def _driven(session: Session, folder: Path | None) -> tuple[dict[str, float], Boxes]:
     """Stamps of a drive's frames, and the boxes of things in them; written with detections."""
-    detectors = {name: SimulatedDetector(session.camera, SENSES[name]) for name in SENSES}
+    detectors = {name: detector_of(session.camera, SENSES[name]) for name in SENSES}
     stamps, boxes = dict[str, float](), Boxes()
     found: dict[str, dict[str, Detections]] = {name: {} for name in SENSES}
     writing = nullcontext() if folder is None else RecordingWriter(folder, up=(0, 0, 1))

@@ -12,7 +12,8 @@ from benchmarks.questions.plain_map import NOT_KNOWN
 from benchmarks.questions.sparql_interfaces import in_order
 from kg.model.records import ObjectRecord
 from planner.search.goals.status import status
-from planner.search.plans.view_plan import planned
+from planner.search.plans.search_state import build_search
+from planner.search.plans.view_plan import plan_from
 
 _PRESENT = 0.5  # existence
 _EVERYWHERE = 100.0  # [m]
@@ -125,7 +126,8 @@ class PythonInterface:
     def plan(self, category: str) -> list[str]:
         labels = {place.iri: place.label for place in self._map.places()}
         rooms = labels | {one.iri: labels.get(one.place or "") for one in self._map.objects()}
-        found = planned(self._map, [category])
+        state = build_search(self._map, [category])
+        found = None if state is None else plan_from(state)
         steps = found.steps if found else ()
         return in_order(rooms.get(step.why[0].candidate.iri) for step in steps if step.why)
 

@@ -13,12 +13,12 @@ from benchmarks.rooms.outcomes import MAPPERS, Outcome, outcome
 from lab.houses.random_house import random_house
 from lab.maps.complete_truth import load_complete_truth
 from lab.maps.truth_matching import TruthMatcher
+from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import RecordedDetector
 from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 HOUSES: Final = "houses"  # in place of a room
 GOALS: Final = {"demo": (0.95, 0.95), "hard": (0.86, 0.90)}  # senses -> least recall, precision
@@ -27,7 +27,7 @@ GOALS: Final = {"demo": (0.95, 0.95), "hard": (0.86, 0.90)}  # senses -> least r
 def map_house(seed: int) -> list[Outcome]:
     """The demo's tour through the house of `seed`, by each mapper with each of the senses."""
     camera = SimulatedCamera(random_house(seed), seed=seed)
-    detectors = {senses: SimulatedDetector(camera, SENSES[senses]) for senses in GOALS}
+    detectors = {senses: detector_of(camera, SENSES[senses]) for senses in GOALS}
     found: dict[str, dict[str, Detections]] = {senses: {} for senses in GOALS}
     visible, frames = VisibilityRecord(camera.house, camera.model), list[Frame]()
     for frame in SimulatedTour(camera).frames():  # each is rendered once

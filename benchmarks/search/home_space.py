@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.search.homes import Home
+from benchmarks.search.homes import Home, RoomFloor
 from benchmarks.search.robot import TrialRobot
-from planner.freespace.floor_plan import free_space, shifts
+from planner.freespace.floor_plan import free_space
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
@@ -23,6 +25,31 @@ from planner.search.viewpoints.candidate_views import (
 )
 from planner.search.viewpoints.covering_viewpoints import room_viewpoints
 
+STOREY: Final = 1.2  # [m] between floor heights from which on they are different storeys
+CLIMB: Final = 2.0  # metres walked for each metre of height on stairs
+
+
+def shifts(rooms: Sequence[RoomFloor]) -> NDArray[np.float64]:
+    """(n,) [m] offset of each room along x, so that storeys do not overlap."""
+    number: dict[float, int] = {}
+    lowest, storey = -np.inf, -1
+    for height in sorted({room.height for room in rooms}):
+        if height - lowest > STOREY:
+            lowest, storey = height, storey + 1
+        number[height] = storey
+    width = max((r.xmax for r in rooms), default=0.0) - min((r.xmin for r in rooms), default=0.0)
+    return np.array([number[room.height] * (width + 5.0) for room in rooms], np.float64)
+
+
+def with_stairs(space: FreeSpace, rooms: Sequence[RoomFloor]) -> FreeSpace:
+    """`space`, whose passages between storeys are longer by the way up."""
+    height = np.array([room.height for room in rooms])[space.room.reshape(-1)]
+    passages = tuple(
+        replace(p, metres=p.metres + CLIMB * abs(float(height[p.a] - height[p.b])))
+        for p in space.passages
+    )
+    return replace(space, passages=passages)
+
 
 class HomeSpace:
     """Data that all searches of one home share."""
@@ -30,8 +57,9 @@ class HomeSpace:
     def __init__(self, home: Home, sensor: Sensor, motion: Motion) -> None:
         self.home, self.sensor, self.motion = home, sensor, motion
         floors = [room.floor for room in home.rooms]
-        self.space: FreeSpace = free_space(floors, home.doors)
         moved = shifts(floors)
+        flat = [floor.shifted(float(dx)) for floor, dx in zip(floors, moved, strict=True)]
+        self.space: FreeSpace = with_stairs(free_space(flat, home.doors), floors)
         self.middles: NDArray[np.float64] = np.array(  # (rooms, 2) [m]
             [
                 ((f.xmin + f.xmax) / 2 + dx, (f.ymin + f.ymax) / 2)

@@ -13,8 +13,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from kg.model.areas import Area
 from kg.model.errors import InvalidFactError
-from planner.freespace.grid import Room
+
+
+@dataclass(frozen=True, slots=True)
+class RoomFloor(Area):
+    """The floor of a room on one storey."""
+
+    height: float = 0.0  # [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +29,7 @@ class HomeRoom:
     """One room of a home."""
 
     label: str  # as the data set calls it
-    floor: Room
+    floor: RoomFloor
     holds: Mapping[str, int]  # kind of object -> how many, each at least 1
 
 
@@ -74,6 +81,6 @@ def _room(read: Any) -> HomeRoom:
     dx, dy, dz = (float(number) for number in read["dims"])
     if not all(map(math.isfinite, (x, y, z, dx, dy, dz))) or not (min(dx, dz) > 0 and dy >= 0):
         raise ValueError(f"a room of {dx:g} x {dy:g} x {dz:g} m at {x:g}, {y:g}, {z:g}")
-    floor = Room(x - dx / 2, x + dx / 2, z - dz / 2, z + dz / 2, round(y - dy / 2, 1))
+    floor = RoomFloor(x - dx / 2, x + dx / 2, z - dz / 2, z + dz / 2, round(y - dy / 2, 1))
     holds = {str(kind): int(count) for kind, count in read["coco"].items() if int(count) > 0}
     return HomeRoom(str(read["label"]), floor, holds)

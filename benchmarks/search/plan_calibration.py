@@ -42,7 +42,7 @@ def planned(
     manner = Ablation()
     views = building.views
     state = initial_state(building, views, rooms, manner)
-    made = plan(state, RobotState(start, 0.0), time_limit=np.inf, compare=False)
+    made = plan(state, RobotState(start, 0.0), time_limit=np.inf)
     steps = made.steps
     if not steps:
         return PlanOutcome((0.0,) * len(PARTS), (False,) * len(PARTS), len(hidden.cells))

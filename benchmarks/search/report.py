@@ -71,8 +71,6 @@ def _plain(one: Score) -> dict[str, float | int | None]:
 
 def _settings(settings: TrialSettings) -> dict[str, object]:
     sensor, motion = asdict(settings.sensor), asdict(settings.motion)
-    if sensor["half_fade"] == float("inf"):
-        sensor["half_fade"] = None
     return {
         "sensor": sensor,
         "motion": motion,

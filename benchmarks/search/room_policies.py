@@ -13,7 +13,7 @@ from benchmarks.search.home_space import HomeSpace
 from benchmarks.search.robot import TrialOutcome, TrialRobot
 from planner.freespace.geodesic import distance_fields
 from planner.freespace.grid import Cells
-from planner.search.plans.orders import nearest_neighbour
+from planner.search.plans.thesis_rules import nearest_neighbour
 
 
 def room_by_room(

@@ -200,7 +200,7 @@ class SearchTools:
         what = [text for text in what if unseen[text] is None]
         with self._turn():
             state = build_search(semantic_map, what, at=now, start=start[:2]) if what else None
-            found = None if state is None else plan_from(semantic_map, state, start)
+            found = None if state is None else plan_from(state, start)
         targets = resolve(semantic_map, what)
         known = [one for target in targets for one in known_objects(semantic_map, target)[:_KNOWN]]
         steps = () if found is None else found.steps
@@ -312,7 +312,7 @@ def start_of(
     if (x is None) != (y is None):
         raise QueryParameterError("give both x and y, or neither to start where the robot is")
     if x is None or y is None:
-        return robot_start(semantic_map)
+        return robot_start(semantic_map.robot())
     return x, y, math.radians(degrees)
 
 

@@ -120,15 +120,14 @@ def _print_answer(table: Table) -> None:
 
 def _print_plan(report: DemoReport) -> None:
     from hereabouts.demo.house_demo import TARGET
-    from planner.search.plans.report import baseline_line, plan_lines
+    from planner.search.plans.report import plan_lines
 
-    plan, thesis = report.planned.plan, report.planned.thesis
+    plan = report.planned.plan
     heading(f"Where is the {TARGET}?")
     note(f"hereabouts find {report.map_path} {TARGET} {report.planned.options}")
     print_looks(plan, _LOOKS)
     rest = len(plan.steps) - _LOOKS
     note(f"and {rest} more looks; " * (rest > 0) + plan_lines(plan)[0])
-    note(baseline_line(thesis))
 
 
 def _print_search(report: DemoReport) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -41,7 +40,7 @@ from planner.settings import WORTH
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.freespace.grid import FreeSpace
-    from planner.search.goals.targets import Target
+    from planner.search.goals.search_facts import SearchFacts
     from planner.search.plans.search_state import PlanningState
     from planner.search.plans.view_plan import ViewPlan
 
@@ -49,7 +48,7 @@ _ROWS = 3  # looks that are printed; --explain prints all
 _OBJECTS = 2  # that are named
 _LINES = 3  # of sentences and reasons together
 _AHEAD = 60.0  # [s] by which clocks of robots may be ahead
-_RULES = ("viewpoints", "nearest-first", "brute-force")
+_RULES = ("viewpoints", "nearest-first")
 #: options of the rule "viewpoints" alone
 _LOOKS_ONLY = (
     "budget",
@@ -61,7 +60,6 @@ _LOOKS_ONLY = (
     "grid",
     "explain",
     "picture",
-    "compare",
 )
 
 
@@ -106,7 +104,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     add_now(parser)
     parser.add_argument(
         "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
-        "nearest-first is the thesis' rule, brute-force its baseline",
+        "nearest-first is the thesis' rule",
     )  # fmt: skip
     parser.add_argument(
         "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
@@ -119,9 +117,6 @@ def add(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--explain", action="store_true", help="print every step, and the facts of each reason once"
-    )
-    parser.add_argument(
-        "--compare", action="store_true", help="print the times of simpler plans beside this one's"
     )
     parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
     add_json(parser)
@@ -195,10 +190,9 @@ def _planning_state(
 
 def _floor(semantic_map: SemanticMap, grid: Path) -> FreeSpace:
     from planner.freespace.map_server import space_of_grid
-    from planner.freespace.planning_map import all_places, room_of
+    from planner.freespace.planning_map import all_places
 
-    places = all_places(semantic_map)
-    return space_of_grid(grid, [room_of(place) for place in places])
+    return space_of_grid(grid, all_places(semantic_map))
 
 
 def _by_viewpoints(
@@ -208,11 +202,9 @@ def _by_viewpoints(
     from planner.search.plans.view_plan import plan_from
 
     found = plan_from(
-        semantic_map,
         state,
         arguments.start,
         budget=arguments.budget,
-        compare=arguments.compare,
         worth=WORTH if arguments.worth is None else arguments.worth,
     )
     if arguments.picture:
@@ -220,13 +212,14 @@ def _by_viewpoints(
 
         path = plot_plan(semantic_map, state, found, Path(arguments.picture))
         note(f"wrote {path}")
-    now = now_of(semantic_map, arguments)
+    facts = state.facts
+    assert facts is not None  # it was planned on a map
     if found.note:
         note(found.note)
     if arguments.json:
-        wanted.write_json(answer_json(semantic_map, state, found, now))
+        wanted.write_json(answer_json(semantic_map, state, found, facts.now))
         return 0
-    said = _print_known(semantic_map, state.targets, now, arguments, state, found)
+    said = _print_known(semantic_map, facts, arguments, state, found)
     if not found.steps:
         write(nothing_line(found, arguments.budget))
     else:
@@ -236,22 +229,22 @@ def _by_viewpoints(
 
 def _print_known(
     semantic_map: SemanticMap,
-    targets: Sequence[Target],
-    now: float,
+    facts: SearchFacts,
     arguments: argparse.Namespace,
-    state: PlanningState | None = None,
-    found: ViewPlan | None = None,
+    state: PlanningState,
+    found: ViewPlan,
 ) -> int:
     """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
-    from planner.search.goals.known_objects import LISTED, map_time
+    from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences
 
-    if (latest := map_time(semantic_map)) > now + _AHEAD:
-        note(f"{iso(now)} lies before the last frame of the map ({iso(latest)})")
+    now = facts.now
+    if facts.latest > now + _AHEAD:
+        note(f"{iso(now)} lies before the last frame of the map ({iso(facts.latest)})")
     lines = 0
-    for target in targets:
+    for target in facts.targets:
         if target.note:
             note(target.note)
         most = LISTED if arguments.explain else _OBJECTS
@@ -265,7 +258,7 @@ def _print_known(
 
 
 def _print(found: ViewPlan, arguments: argparse.Namespace, reasons: int) -> None:
-    from planner.search.plans.report import baseline_line, plan_lines, step_lines, worthwhile
+    from planner.search.plans.report import plan_lines, step_lines, worthwhile
 
     looks = None if arguments.explain else min(worthwhile(found.steps), _ROWS)
     if arguments.explain:
@@ -274,19 +267,15 @@ def _print(found: ViewPlan, arguments: argparse.Namespace, reasons: int) -> None
         heading("In all")
     else:
         print_looks(found, looks, reasons)
-    lines = plan_lines(found, looks)
-    if arguments.compare:
-        lines += [baseline_line(other, len(found.targets)) for other in found.baselines]
-    write("\n".join(lines))
+    write("\n".join(plan_lines(found, looks)))
 
 
 def _by_reference(
     semantic_map: SemanticMap, objects: list[str], arguments: argparse.Namespace
 ) -> int:
-    """The thesis' rule or its baseline, on one target and without geometry."""
+    """The thesis' rule, on one target and without geometry."""
     from kg.maps.map_extent import check_positions
-    from planner.search.goals.search_goals import resolve_target
-    from planner.search.plans.thesis_rules import Travel, brute_force, plan_search
+    from planner.search.plans.thesis_rules import Travel, plan_search
     from planner.search.plans.view_plan import robot_start
 
     if len(objects) > 1:
@@ -300,17 +289,11 @@ def _by_reference(
             f"{' and '.join(given)} has no effect with --rule {arguments.rule}; "
             "use --rule viewpoints"
         )
-    target = objects[0]
     travel = Travel(speed=arguments.speed) if arguments.speed else None
-    x, y, _ = arguments.start or robot_start(semantic_map)
+    x, y, _ = arguments.start or robot_start(semantic_map.robot())
     if odd := check_positions(semantic_map.engine, [(x, y)], "start", QueryParameterError):
         note(odd)
-    if arguments.rule == "brute-force":
-        category = resolve_target(semantic_map.catalogue, target)
-        places = semantic_map.places()
-        plan = brute_force((x, y), places, target=category.label, travel=travel)
-    else:
-        plan = plan_search(semantic_map, target, (x, y), travel=travel)
+    plan = plan_search(semantic_map, objects[0], (x, y), travel=travel)
     if arguments.json:
         write_json(plan.to_json())
     elif plan.steps:

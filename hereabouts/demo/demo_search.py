@@ -15,11 +15,8 @@ from kg.model.errors import LayoutError
 from planner.execution.options import Event, SearchOptions, SearchOutcome, percent
 from planner.execution.search_loop import search
 from planner.execution.viewpoint_adapter import motion_of, sensor_of
-from planner.search.plans.baselines import Baseline, rated, turns_at_stops
 from planner.search.plans.report import fact_chain, without_sources
-from planner.search.plans.rollout import PlanEvaluator
-from planner.search.plans.search_state import PlanningState, build_search
-from planner.search.plans.thesis_rules import plan_search
+from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import ViewPlan, plan
 from planner.simulation.robot.house_robot import SimulatedHouseRobot
 
@@ -29,7 +26,6 @@ class PlannedSearch:
     """The plan before the robot drives."""
 
     plan: ViewPlan
-    thesis: Baseline  # the thesis' rule, rated on the same belief
     options: str  # of `hereabouts find` for this robot
 
 
@@ -83,21 +79,9 @@ def plan_for(semantic_map: SemanticMap, target: str, robot: SimulatedHouseRobot)
     found = plan(state, start, heading=here.heading, time_limit=math.inf)
     return PlannedSearch(
         plan=found,
-        thesis=_thesis_rule(semantic_map, target, state, found, here.heading),
         options=f"--speed {motion.speed:g} --turn-rate {math.degrees(motion.turn_rate):.1f} "
         f"--range {sensor.near:g},{sensor.far:g} --recall {sensor.recall:g} --now map",
     )
-
-
-def _thesis_rule(
-    semantic_map: SemanticMap, target: str, state: PlanningState, found: ViewPlan, heading: float
-) -> Baseline:
-    """The thesis' rule compared with the plan, as far as both find the same."""
-    evaluator = PlanEvaluator(state, state.robot_state(found.start, heading))
-    goals = [step.goal.p_map for step in plan_search(semantic_map, target, found.start).steps]
-    chosen = evaluator.play([step.view for step in found.steps])
-    name = "the thesis' rule, nearest goal first and a whole turn at each"
-    return rated(name, turns_at_stops(evaluator, goals), chosen)
 
 
 def carry_out(

@@ -122,11 +122,6 @@ class DemoReport:
                 for a in self.answers
             ],
             "plan": plan_json(self.planned.plan),
-            "thesis_rule": {
-                "expected_seconds": round(self.planned.thesis.expected_seconds, 3),
-                "probability": round(self.planned.thesis.probability, 6),
-                "plan_seconds": round(self.planned.thesis.plan_seconds, 3),
-            },
             "search": {**self.search.to_json(), "position_error": self.position_error},
             "triples": self.triples,
             "seconds": round(self.seconds, 2),

@@ -123,8 +123,8 @@ def run_robot(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace) -> SimulationOptions:
+    from lab.recordings.hard_senses import SENSES
     from lab.recordings.simulated_recording import SimulationOptions
-    from planner.simulation.sensing.sensors import SENSES
 
     return SimulationOptions(
         size=arguments.size,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lab.houses.furniture_groups import single
 from lab.houses.random_house import new_thing
@@ -20,9 +21,9 @@ from lab.houses.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
-from planner.simulation.houses.house import FloorGrid, House, Item
+from planner.simulation.houses.house import FloorGrid, House, Item, Solid
 from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import CameraModel, Carry
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
 VANISHED: Final = 0.05  # share of the small things that are gone
@@ -77,6 +78,45 @@ def changed_house(house: House, rng: np.random.Generator) -> HouseChange:
     return HouseChange(
         changed, frozenset(moved), frozenset(carried & moved), frozenset(new), vanished
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carry:
+    """An object that somebody carries during the session.
+
+    Until `start` it stands at the first point of the path, afterwards it moves to the last one. The
+    house describes it at the last one.
+    """
+
+    index: int  # into House.objects
+    path: NDArray[np.float64]  # (n, 3) [m] of the point below it
+    start: float  # [s]
+    speed: float = 0.7  # [m/s]
+
+    def offset(self, stamp: float) -> NDArray[np.float64]:
+        """(3,) [m] from its last position to its position at `stamp` [s]."""
+        along = (stamp - self.start) * self.speed
+        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+        lengths = np.concatenate([[0.0], np.cumsum(steps)])
+        at = [np.interp(along, lengths, self.path[:, axis]) for axis in range(3)]
+        return np.asarray(np.array(at) - self.path[-1], np.float64)
+
+
+class CarryingCamera(SimulatedCamera):
+    """Renders a house in which things are carried."""
+
+    def __init__(
+        self, house: House, model: CameraModel, seed: int, carries: Sequence[Carry]
+    ) -> None:
+        super().__init__(house, model, seed)
+        self._carries = tuple(carries)
+
+    def _solids_at(self, stamp: float) -> list[Solid]:
+        offsets = {carry.index: carry.offset(stamp) for carry in self._carries}
+        return [
+            solid.shifted(offset) if (offset := offsets.get(int(i))) is not None else solid
+            for solid, i in zip(self._solids, self._instance, strict=False)
+        ]
 
 
 def carries(

@@ -19,7 +19,7 @@ from lab.houses.small_things import (
     STANDS_ON,
     SurfaceSampler,
 )
-from planner.search.plans.orders import nearest_neighbour
+from planner.search.plans.thesis_rules import nearest_neighbour
 from planner.simulation.houses.house import (
     CHALK,
     OAK,

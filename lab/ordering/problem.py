@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.model.errors import HereaboutsError
-from planner.search.plans.thesis_rules import SearchModel, expected_seconds
+from planner.search.plans.thesis_rules import expected_seconds
 
 FloatArray = NDArray[np.floating]
+
+#: Dependence of the probabilities of the places.
+#: ``single``: exactly one instance, in place k with probability p[k] / sum(p).
+#: ``any``: instances independent between places; any instance ends the search.
+SearchModel = Literal["single", "any"]
 
 MAX_NUMBER: Final = 1e12  # of any number: sums and products of many stay finite
 
@@ -68,7 +73,10 @@ class OrderingProblem:
     def expected_seconds(self, order: ArrayLike) -> float:
         """Expected time [s] to find along `order`, a permutation of all places."""
         sites = np.asarray(order, dtype=np.intp)
-        found = expected_seconds(self.arrivals(sites), self.p[sites], self.model)
+        when, p = self.arrivals(sites), np.asarray(self.p[sites], np.float64)
+        if self.model == "single":
+            return float(when @ (p / p.sum()))
+        found = expected_seconds(when, p)
         assert found is not None, "some probability is positive"
         return found
 

@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from lab.houses.house_changes import HouseChange, carries, changed_house
+from lab.houses.house_changes import CarryingCamera, HouseChange, carries, changed_house
 from lab.houses.random_house import random_house
+from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.camera.poses import rotation_angle
 from perception.frames import Detections
@@ -29,7 +30,7 @@ from perception.sources.recording_writer import RecordingWriter, pose_line, writ
 from planner.simulation.houses.house import House, HouseRoom
 from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.sensing.camera import CameraModel, DepthSensor, SimulatedCamera
-from planner.simulation.sensing.sensors import SENSES, DetectorFaults, SimulatedDetector
+from planner.simulation.sensing.sensors import DetectorFaults
 
 EDGE: Final = 0.06  # relative step of depth between neighbouring pixels that makes an edge
 
@@ -214,13 +215,13 @@ class _Session:
         tour = SimulatedTour(camera, name=folder.name, start=start)
         if before is not None and self._change is not None:
             moving, poses = carries(before, self._change, tour.poses, self._model, start)
-            camera = SimulatedCamera(self.house, self._model, camera_seed, moving)
+            camera = CarryingCamera(self.house, self._model, camera_seed, moving)
             tour = SimulatedTour(camera, name=folder.name, start=start, poses=poses)
         self._camera, self._tour = camera, tour
 
     def write(self, rooms: Sequence[HouseRoom], on_frame: OnFrame) -> SimulatedSession:
         """Render and write all frames, then detections, truth and places."""
-        detector = SimulatedDetector(self._camera, self._options.senses, masks=self._options.masks)
+        detector = detector_of(self._camera, self._options.senses, masks=self._options.masks)
         seen = VisibilityRecord(self.house, self._model)
         found: dict[str, Detections] = {}
         true_poses = [self._tour.T_map_cam(k) for k in range(len(self._tour))]

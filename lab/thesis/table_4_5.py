@@ -12,6 +12,9 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import fmean
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, PlaceRecord
 from kg.serving.opening import in_memory_map
@@ -25,8 +28,8 @@ from lab.thesis.scenarios import (
     rows_of,
     scenarios,
 )
-from planner.search.goals.search_goals import derive_goals
-from planner.search.plans.thesis_rules import Travel, brute_force, nearest_first
+from planner.search.goals.search_goals import Goal, derive_goals
+from planner.search.plans.thesis_rules import Plan, Travel, nearest_first
 
 _ABOUT = """\
 Printed by `python -m lab.thesis` from `lab/thesis/`; a test keeps it equal. The
@@ -168,6 +171,32 @@ def _search(world: SemanticMap, scenario: Scenario, travel: Travel | None) -> Ta
     planned = nearest_first(scenario.start, goals, target=scenario.target, travel=travel)
     swept = brute_force(scenario.start, world.places(), target=scenario.target, travel=travel)
     return TableRow(scenario, follow(planned, hidden), follow(swept, hidden))
+
+
+def brute_force(
+    start: ArrayLike,
+    places: Sequence[PlaceRecord],
+    *,
+    target: str = "",
+    travel: Travel | None = None,
+) -> Plan:
+    """The thesis' baseline: explore every place, always the nearest remaining centre next.
+
+    Without relations, all places are equally probable. "Every place where it passes into"
+    (section 4.4) is read as every place travelled to: see `lab/research/table_4_5.md`.
+    """
+    goals = [
+        Goal(
+            iri=place.iri,
+            kind="place",
+            label=place.label,
+            p_map=np.array(place.area.centre),
+            probability=1 / len(places),
+            why=f"{place.label} is one of {len(places)} places, and brute force explores them all",
+        )
+        for place in places
+    ]
+    return nearest_first(start, goals, target=target, travel=travel)
 
 
 def summarise(rows: Sequence[TableRow]) -> Summary:

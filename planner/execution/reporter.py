@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
-from kg.model.records import LookRecord, SearchRecord
+from kg.model.records import LookRecord
 from planner.execution.object_updates import TargetDetection
 from planner.execution.options import Event, EventSink, SearchOutcome, percent
 from planner.execution.protocol import Detected, RobotPose
+from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import NextView
 
 MAX_UNKNOWN: Final = 100  # labels without a category that are noted
@@ -22,12 +23,13 @@ class Reporter:
         self._unknown = set[str]()  # labels that were noted
         self._reason = ""  # of the last plan; the next plan does not repeat it
 
-    def begin(self, name: str, record: SearchRecord, left: float, looks: int) -> None:
+    def begin(self, log: SearchLog, left: float) -> None:
         """A search begins or is resumed."""
+        record, looks = log.record, len(log.looks)
         verb = f"resumes after {looks} looks" if looks else "begins"
         self._emit(
             "begin",
-            f"{name} for {', '.join(record.words)} {verb}: on this floor with probability "
+            f"{log.name} for {', '.join(record.words)} {verb}: on this floor with probability "
             f"{percent(left)}",
             search=record.iri,
             words=list(record.words),

@@ -105,9 +105,7 @@ class SearchRun:
         self._targets.restore(objects[i] for i in self._log.record.found if i in objects)
         self._rebuild()
         self._note_progress()
-        self._reporter.begin(
-            self._log.name, self._log.record, self._adapter.left, len(self._log.looks)
-        )
+        self._reporter.begin(self._log, self._adapter.left)
 
     def _loop(self) -> tuple[SearchState, str]:
         if line := self._adapter.off_floor(self._robot.pose):
@@ -122,7 +120,7 @@ class SearchRun:
             if len(self._log.looks) >= MAX_LOOKS:
                 return "given up", f"{MAX_LOOKS} looks were taken"
             self._reporter.plan(proposal)
-            if self._drive(proposal) == "arrived":
+            if self._drive(proposal):
                 self._look_or_go_on(proposal)
         return "found", "all that was wanted is found"
 
@@ -144,35 +142,35 @@ class SearchRun:
         self._rebuild()
         return True
 
-    def _drive(self, goal: NextView) -> Literal["arrived", "else"]:
-        """Drive to the viewpoint; "else" if an event calls for a new plan."""
+    def _drive(self, goal: NextView) -> bool:
+        """Drive to the viewpoint; False if an event calls for a new plan."""
         number = self._robot.next_id()
         self._robot.send(GoTo(number, goal.x, goal.y, goal.heading))
         limit = self._options.timeout + LATE * goal.seconds
         for message in self._robot.messages(limit=limit):
             self._check_budget()
             if isinstance(message, Arrived) and message.id == number:
-                return self._arrived(goal)
+                return not self._is_lost(goal)
             if isinstance(message, Blocked) and message.id in (number, None):
                 self._blocked(goal, message)
-                return "else"
+                return False
             if isinstance(message, Failed) and message.id in (number, None):
                 self._goal_failed(goal, message.reason)
-                return "else"
-            if isinstance(message, DetectionsMessage) and self._on_the_way(message, goal):
-                return "else"
+                return False
+            if isinstance(message, DetectionsMessage) and self._on_the_way(message):
+                return False
         self._robot.halt()
         self._goal_failed(goal, f"not there after {limit:.0f} s")
-        return "else"
+        return False
 
-    def _arrived(self, goal: NextView) -> Literal["arrived", "else"]:
+    def _is_lost(self, goal: NextView) -> bool:
+        """Whether the robot arrived far from the viewpoint, which then counts as unreachable."""
         pose = self._robot.pose
         off = math.hypot(pose.x - goal.x, pose.y - goal.y)
         if off > LOST:
             self._reporter.surprise(f"it is {off:.1f} m from where it was sent", pose)
             self._unreachable(goal, "arrived elsewhere")
-            return "else"
-        return "arrived"
+        return off > LOST
 
     def _look_or_go_on(self, goal: NextView) -> None:
         """Look from here if that is best, or drive to a better view: pictures on the way count."""
@@ -185,7 +183,7 @@ class SearchRun:
             goal = best
             if elsewhere:
                 self._reporter.plan(goal)
-                if self._drive(goal) != "arrived":
+                if not self._drive(goal):
                     return
         self._look(goal)
 
@@ -222,8 +220,7 @@ class SearchRun:
         wanted = self._targets.wanted
         sightings, update = self._add_detections(answer, pose)
         found = self._confirm(sightings)
-        across, in_view = self._adapter.field_of_view, self._adapter.in_view
-        viewed = [in_view(*picture, across) for picture in self._passing_views]
+        viewed = [self._adapter.in_view(*picture) for picture in self._passing_views]
         self._adapter.missed(pose, heading, extent)
         self._note_progress()
         look = self._log.look(
@@ -235,7 +232,7 @@ class SearchRun:
             changes=update.changes,
             shown=update.shown,
             glimpses=tuple(self._passing_views),
-            viewed=[*viewed, in_view(pose.x, pose.y, heading, extent)],
+            viewed=[*viewed, self._adapter.in_view(pose.x, pose.y, heading, extent)],
         )
         self._passing_views = PassingViews()
         things = [detection.thing for detection in update.detections]
@@ -248,23 +245,19 @@ class SearchRun:
         wanted = [s for s in sightings if not self._targets.is_found(s.target)]
         return self._verifier.doubtful(wanted)
 
-    def _on_the_way(self, message: DetectionsMessage, goal: NextView) -> bool:
+    def _on_the_way(self, message: DetectionsMessage) -> bool:
         """Apply a picture taken while driving; returns whether it changes the plan."""
         sightings, found, changes = self._apply_passing(message)
         doubtful = self._doubtful(sightings)
         if not found and not doubtful:
-            if not sightings:
-                self._missed_on_the_way(message.pose or self._robot.pose)
+            pose = message.pose or self._robot.pose
+            if not sightings and self._passing_views.add(pose):
+                self._adapter.missed_picture(pose.x, pose.y, pose.heading)
             return self._replan_for(changes.updated)
         self._robot.halt()
         for sighting in doubtful[:1]:
             self._verify(sighting)
         return True
-
-    def _missed_on_the_way(self, pose: RobotPose) -> None:
-        """Count a failed picture from `pose`, unless it repeats the last one."""
-        if self._passing_views.add(pose):
-            self._adapter.missed_picture(pose.x, pose.y, pose.heading)
 
     def _apply_passing(
         self, message: DetectionsMessage

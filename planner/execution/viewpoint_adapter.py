@@ -138,9 +138,9 @@ class ViewpointAdapter:
         cell = self._state.space.nearest((x, y))
         self._state.missed_sweep(cell, heading, self._sensor.field_of_view)
 
-    def in_view(self, x: float, y: float, heading: float, extent: float) -> FloorView:
-        """The floor that a view shows."""
-        space = self._state.space
+    def in_view(self, x: float, y: float, heading: float, extent: float | None = None) -> FloorView:
+        """The floor that a view of `extent` [rad] shows, by default one picture."""
+        space, extent = self._state.space, extent or self.field_of_view
         return floor_in_view(space, self._sensor, space.nearest((x, y)), heading, extent)
 
     def another_view(

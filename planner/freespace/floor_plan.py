@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.areas import Area
 from kg.model.records import FREE, LOW, TALL, UNKNOWN
 from mapping.occupancy.mapped_floor import MappedFloor, States
 from perception.binary_masks import connected_components, with_neighbours
@@ -19,7 +20,6 @@ from planner.freespace.grid import (
     Cells,
     FreeSpace,
     Passage,
-    Room,
     room_labels,
     with_walls,
 )
@@ -27,45 +27,29 @@ from planner.freespace.grid import (
 DOOR: Final = 0.9  # [m] width of an opening
 GAP: Final = 1.0  # [m] between rooms from which on a passage joins them, not an opening
 TOUCH: Final = 0.5  # [m] between rooms up to which an opening is assumed
-STOREY: Final = 1.2  # [m] between floor heights from which on they are different storeys
-CLIMB: Final = 2.0  # metres walked for each metre of height on stairs
+JUMP: Final = 5.0  # [m] greatest length of a passage
 
 
 def free_space(
-    rooms: Sequence[Room], doors: Iterable[tuple[int, int]] | None = None, *, cell: float = CELL
+    rooms: Sequence[Area], doors: Iterable[tuple[int, int]] | None = None, *, cell: float = CELL
 ) -> FreeSpace:
     """The free space of `rooms`; `doors` are pairs of their numbers.
 
     Without `doors`, a door is assumed in the middle of every wall that two rooms share along at
-    least its width. A passage joins each unreachable room to the nearest floor. Storeys lie side by
-    side in the grid, at the offsets of `shifts`, and are joined by passages only.
+    least its width. A passage joins each unreachable room to the nearest floor.
 
     Raises LayoutError where there is no floor.
     """
-    flat = [room.shifted(float(dx)) for room, dx in zip(rooms, shifts(rooms), strict=True)]
-    labels, origin = room_labels(flat, cell)
+    labels, origin = room_labels(rooms, cell)
     walled = with_walls(labels)
-    pairs = _touching(flat) if doors is None else sorted({(min(d), max(d)) for d in doors})
+    pairs = _touching(rooms) if doors is None else sorted({(min(d), max(d)) for d in doors})
     passages: list[Passage] = []
-    for a, b in pairs:
-        _join(walled, flat, (a, b), cell, passages)
-    space = FreeSpace(origin, cell, walled, tuple(passages))
-    return joined(space, [room.height for room in flat])
+    for pair in pairs:
+        _join(walled, pair, cell, passages)
+    return joined(FreeSpace(origin, cell, walled, tuple(passages)))
 
 
-def shifts(rooms: Sequence[Room]) -> NDArray[np.float64]:
-    """(n,) [m] offset of each room along x, so that storeys do not overlap."""
-    number: dict[float, int] = {}
-    lowest, storey = -np.inf, -1
-    for height in sorted({room.height for room in rooms}):
-        if height - lowest > STOREY:
-            lowest, storey = height, storey + 1
-        number[height] = storey
-    width = max((r.xmax for r in rooms), default=0.0) - min((r.xmin for r in rooms), default=0.0)
-    return np.array([number[room.height] * (width + 5.0) for room in rooms], np.float64)
-
-
-def _touching(rooms: Sequence[Room]) -> list[tuple[int, int]]:
+def _touching(rooms: Sequence[Area]) -> list[tuple[int, int]]:
     found = []
     for (i, a), (j, b) in combinations(enumerate(rooms), 2):
         across = min(a.xmax, b.xmax) - max(a.xmin, b.xmin)
@@ -76,11 +60,7 @@ def _touching(rooms: Sequence[Room]) -> list[tuple[int, int]]:
 
 
 def _join(
-    labels: NDArray[np.int32],
-    rooms: Sequence[Room],
-    pair: tuple[int, int],
-    cell: float,
-    passages: list[Passage],
+    labels: NDArray[np.int32], pair: tuple[int, int], cell: float, passages: list[Passage]
 ) -> None:
     """Cut an opening where two rooms are nearest; add a passage where that is too far."""
     first, second = (np.argwhere(_edge(labels == room)) for room in pair)
@@ -90,10 +70,9 @@ def _join(
     nearest = np.argwhere(between <= between.min() + 1e-9)
     i, j = nearest[len(nearest) // 2]  # the middle one of the nearest pairs
     metres = float(np.sqrt(between[i, j])) * cell
-    climb = abs(rooms[pair[0]].height - rooms[pair[1]].height)
-    if metres > GAP or climb > STOREY:
+    if metres > GAP:
         a, b = (int(ix * labels.shape[1] + iy) for ix, iy in (first[i], second[j]))
-        passages.append(Passage(a, b, min(metres, 5.0) + CLIMB * climb))
+        passages.append(Passage(a, b, min(metres, JUMP)))
     else:
         _cut(labels, first[i], second[j], cell)
 
@@ -114,8 +93,8 @@ def _cut(labels: NDArray[np.int32], a: NDArray[np.intp], b: NDArray[np.intp], ce
     part[opened] = np.where(along[opened] < 0.5, labels[tuple(a)], labels[tuple(b)])
 
 
-def joined(space: FreeSpace, heights: Sequence[float]) -> FreeSpace:
-    """`space` with passages to all unreachable floor; `heights` [m] of its rooms' floors."""
+def joined(space: FreeSpace) -> FreeSpace:
+    """`space` with passages to all unreachable floor."""
     passages = list(space.passages)
     while True:
         space = replace(space, passages=tuple(passages))
@@ -124,11 +103,11 @@ def joined(space: FreeSpace, heights: Sequence[float]) -> FreeSpace:
         inside, outside = floor[reached[floor]], floor[~reached[floor]]
         if not len(outside):
             return space
-        passages.append(_shortest_link(space, heights, inside, outside))
+        passages.append(_shortest_link(space, inside, outside))
 
 
 def _shortest_link(
-    space: FreeSpace, heights: Sequence[float], inside: NDArray[np.intp], outside: NDArray[np.intp]
+    space: FreeSpace, inside: NDArray[np.intp], outside: NDArray[np.intp]
 ) -> Passage:
     best, rated = None, np.inf
     inside = _border(space, inside)
@@ -139,8 +118,7 @@ def _shortest_link(
         if metres[i] < rated:
             best, rated = (int(inside[i]), int(cell)), float(metres[i])
     assert best is not None, "there is a cell on both sides"
-    a, b = (heights[int(space.room.reshape(-1)[cell])] for cell in best)
-    return Passage(*best, min(rated, 5.0) + CLIMB * abs(a - b))
+    return Passage(*best, min(rated, JUMP))
 
 
 def _border(space: FreeSpace, cells: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -172,12 +150,12 @@ class SeenSpace:
 
 
 def seen_space(
-    assumed: FreeSpace, rooms: Sequence[Room], floor: MappedFloor, *, margin: float = 0.0
+    assumed: FreeSpace, rooms: Sequence[Area], floor: MappedFloor, *, margin: float = 0.0
 ) -> SeenSpace:
     """`assumed` free space of `rooms`, overwritten by the observed cells of `floor`.
 
     Room len(rooms) is the floor in none of them. The grid reaches `margin` [m] beyond the observed
-    floor. Storeys that lie side by side (`floor_plan.shifts`) are not distinguished.
+    floor.
     """
     space = _widened(assumed, floor, margin)
     states = _coarse(space, floor)
@@ -189,8 +167,7 @@ def seen_space(
     low = states == LOW
     room = _without_islands(room, low, states, labels, len(rooms), _ISLAND / space.cell**2)
     mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)
-    heights = [*(r.height for r in rooms), 0.0]
-    return SeenSpace(joined(mixed, heights), len(rooms), states, labels != len(rooms))
+    return SeenSpace(joined(mixed), len(rooms), states, labels != len(rooms))
 
 
 def _widened(space: FreeSpace, floor: MappedFloor, margin: float) -> FreeSpace:
@@ -234,7 +211,7 @@ def _coarse(space: FreeSpace, floor: MappedFloor) -> States:
     return found
 
 
-def _labels(space: FreeSpace, rooms: Sequence[Room]) -> NDArray[np.int32]:
+def _labels(space: FreeSpace, rooms: Sequence[Area]) -> NDArray[np.int32]:
     """(nx, ny) number of the room that each cell lies in, the smaller of two; len(rooms): none."""
     labels = np.full(space.shape, len(rooms), np.int32)
     if not rooms:

@@ -1,8 +1,8 @@
 """Free space as a grid: floor cells, the room of each, and passages; also from an occupancy grid.
 
-A grid is made of rooms (rectangles or polygons, on one or more storeys). A wall of one cell
-separates two rooms that touch; a door is an opening cut through it. Passages join rooms that no
-opening reaches, and represent stairs: a passage has a length and no line of sight.
+A grid is made of rooms (rectangles or polygons). A wall of one cell separates two rooms that touch;
+a door is an opening cut through it. Passages join rooms that no opening reaches: a passage has a
+length and no line of sight.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Cells = NDArray[np.intp]  # (n,) numbers of floor cells, ix * ny + iy
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """A way between two cells that are no neighbours in the grid, such as stairs."""
+    """A way between two cells that are no neighbours in the grid."""
 
     a: int  # number of a cell
     b: int
@@ -144,15 +144,8 @@ class FreeSpace:
         return np.isin(part, list(reached))
 
 
-@dataclass(frozen=True, slots=True)
-class Room(Area):
-    """Room: an area of floor on one storey [m]."""
-
-    height: float = 0.0  # [m] of its floor above the map's
-
-
 def room_labels(
-    rooms: Sequence[Room], cell: float
+    rooms: Sequence[Area], cell: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """(nx, ny) the room of each cell, and the grid's corner (2,) [m]; without walls and doors.
 
@@ -297,17 +290,16 @@ class Occupancy:
             raise LayoutError(f"the origin must be two finite numbers [m], got {self.origin}")
 
 
-def space_of_occupancy(grid: Occupancy, places: Sequence[Room], *, cell: float = CELL) -> FreeSpace:
+def space_of_occupancy(grid: Occupancy, places: Sequence[Area]) -> FreeSpace:
     """Free space of `grid`; room k is the floor in `places[k]`, room n the floor in none of n.
 
-    Where places overlap, cells belong to the smaller one. Heights are ignored, since a grid has one
-    storey. Cells are blocks of the grid's cells, of at least `cell` metres and larger in a very
-    large building. A block is floor if no cell in it is occupied and at least half of it is free,
-    so that thin walls stay closed. Separate floor of less than a square metre is left out. Raises
-    LayoutError where there is no floor.
+    Where places overlap, cells belong to the smaller one. Cells are blocks of the grid's cells, of
+    at least `CELL` metres and larger in a very large building. A block is floor if no cell in it is
+    occupied and at least half of it is free, so that thin walls stay closed. Separate floor of less
+    than a square metre is left out. Raises LayoutError where there is no floor.
     """
     free, occupied, origin = _cropped(grid)
-    side = max(cell, float(np.sqrt(free.size * grid.resolution**2 / _MAX_CELLS)))
+    side = max(CELL, float(np.sqrt(free.size * grid.resolution**2 / _MAX_CELLS)))
     factor = max(1, int(np.ceil(side / grid.resolution - 1e-6)))
     floor = ~_blocks(occupied, factor).any(axis=(1, 3))
     floor &= _blocks(free, factor).mean(axis=(1, 3)) >= 0.5
@@ -365,7 +357,7 @@ def _without_islands(floor: NDArray[np.bool_], min_cells: float) -> NDArray[np.b
 
 
 def _rooms(
-    floor: NDArray[np.bool_], places: Sequence[Room], origin: NDArray[np.float64], cell: float
+    floor: NDArray[np.bool_], places: Sequence[Area], origin: NDArray[np.float64], cell: float
 ) -> NDArray[np.int32]:
     """(nx, ny) number of each floor cell's place; len(places) where it is in none."""
     rooms = np.where(floor, len(places), NO_ROOM).astype(np.int32)

@@ -19,11 +19,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.model.areas import Area
 from kg.model.errors import LayoutError
 from kg.model.regular_files import check_regular, read_bytes
 from kg.store.atomic_file import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.freespace.grid import FreeSpace, Occupancy, Room, space_of_occupancy
+from planner.freespace.grid import FreeSpace, Occupancy, space_of_occupancy
 
 _OCCUPIED: Final = "0.65"  # map_server's defaults
 _FREE: Final = "0.196"
@@ -31,7 +32,7 @@ _MAX_PIXELS: Final = 25_000_000  # 250 m x 250 m at 0.05 m
 _MAX_BYTES: Final = 100_000  # bytes of a YAML file
 
 
-def space_of_grid(path: Path, places: Sequence[Room]) -> FreeSpace:
+def space_of_grid(path: Path, places: Sequence[Area]) -> FreeSpace:
     """Free space of a map_server YAML file; rooms as in `space_of_occupancy`.
 
     Raises LayoutError, in one line, where the file or its image cannot be read or has no floor.

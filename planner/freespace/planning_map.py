@@ -19,7 +19,7 @@ from kg.model.records import UNKNOWN
 from kg.rdf.wkt import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import BEHIND, Frontier, free_space, seen_space, with_frontiers
-from planner.freespace.grid import CELL, NO_ROOM, FreeSpace, Room
+from planner.freespace.grid import CELL, NO_ROOM, FreeSpace
 from planner.settings import BeliefSettings
 
 _MIN_SIDE: float = 0.3  # [m] side of a rectangle that is floor
@@ -77,14 +77,13 @@ def planning_map_of(
     IRI of the map. Returns None where there is no floor at all.
     """
     with_area = [p for p in places if min(p.size) >= _MIN_SIDE]
-    rooms = [room_of(place) for place in with_area]
-    margins = _margin_rooms(rooms, spots, settings.outside)
-    if not rooms and not margins:
+    margins = _margin_rooms(with_area, spots, settings.outside)
+    parts = [*with_area, *margins]
+    if not parts:
         return None
-    parts = [*rooms, *margins]
     cell = _cell(parts)
     if floor is not None:
-        with_floor = _cell([*parts, Room(*floor.bounds.T.reshape(-1).tolist())])
+        with_floor = _cell([*parts, Area(*floor.bounds.T.reshape(-1).tolist())])
         if with_floor > max(cell, _MAX_CELL):
             floor = None  # the observed floor lies far from all places
         else:
@@ -98,7 +97,7 @@ def planning_map_of(
 
 
 def _as_seen(
-    assumed: PlanningMap, rooms: Sequence[Room], floor: MappedFloor, base: str
+    assumed: PlanningMap, rooms: Sequence[Area], floor: MappedFloor, base: str
 ) -> PlanningMap:
     try:
         known = seen_space(assumed.space, rooms, floor, margin=_MARGIN)
@@ -142,27 +141,22 @@ def planning_map_on(space: FreeSpace, places: Sequence[Place]) -> PlanningMap:
     return PlanningMap(space, tuple(iris), tuple(names))
 
 
-def room_of(place: Place) -> Room:
-    """The floor of a place."""
-    return Room(place.xmin, place.xmax, place.ymin, place.ymax, outline=place.outline)
-
-
 def _margin_rooms(
-    rooms: Sequence[Room], spots: Iterable[NDArray[np.float64]], reach: float
-) -> list[Room]:
-    margins: list[Room] = []
+    rooms: Sequence[Area], spots: Iterable[NDArray[np.float64]], reach: float
+) -> list[Area]:
+    margins: list[Area] = []
     for x, y in spots:
         if len(margins) < _MAX_MARGIN_ROOMS and not any(_near(r, x, y) for r in (*rooms, *margins)):
-            margins.append(Room(x - reach, x + reach, y - reach, y + reach))
+            margins.append(Area(x - reach, x + reach, y - reach, y + reach))
     return margins
 
 
-def _near(room: Room, x: float, y: float) -> bool:
+def _near(room: Area, x: float, y: float) -> bool:
     across = room.xmin - _NEAR <= x <= room.xmax + _NEAR
     return across and room.ymin - _NEAR <= y <= room.ymax + _NEAR
 
 
-def _cell(rooms: Sequence[Room]) -> float:
+def _cell(rooms: Sequence[Area]) -> float:
     width = max(r.xmax for r in rooms) - min(r.xmin for r in rooms)
     depth = max(r.ymax for r in rooms) - min(r.ymin for r in rooms)
     return max(CELL, float(np.sqrt(width * depth / _MAX_CELLS)))
@@ -184,11 +178,11 @@ class Place(Area):
     name: str = ""  # what tells it from the others: ``kitchen``, ``place 4``
 
 
-def all_places(semantic_map: SemanticMap) -> tuple[Place, ...]:
-    """Every place of the map with its beliefs."""
+def all_places(semantic_map: SemanticMap, sightings: Iterable[Row] = ()) -> tuple[Place, ...]:
+    """Every place of the map with its beliefs; `sightings` are rows of `goals-last-seen`."""
     last_seen = {
         str(row["place"]): time.timestamp()
-        for row in semantic_map.query("goals-last-seen").records()
+        for row in sightings
         if (time := time_or_none(row, "lastSeen")) is not None
     }
     found: dict[str, Place] = {}

@@ -9,17 +9,18 @@ from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
 from kg.history.timestamps import span
+from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
+from kg.model.place_names import plain_place
 from planner.freespace.planning_map import number, time_or_none
-from planner.questions.counts import NAMED, counted, counted_kinds, counted_unnamed
-from planner.questions.evidence import SightingAnswers
-from planner.questions.examples import example_questions
 from planner.questions.moments import read_since, since
-from planner.questions.patterns import EVENTS, Kind
-from planner.questions.plain_answer import PlainAnswer
+from planner.questions.named_things import NAMED, counted, counted_kinds, counted_unnamed
+from planner.questions.patterns import EVENTS, Kind, PlainAnswer
 from planner.questions.rooms import about_rooms
+from planner.questions.thing_answers import ThingAnswers
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import notes_of, spoken_places
+from planner.search.goals.search_goals import with_article
 from planner.search.goals.status import Value, status, usual_size, was_there
 from planner.search.goals.targets import Target
 from planner.search.plans.answer_sentences import PROBABLY, answer_lines, find_sentences
@@ -41,7 +42,7 @@ _ROOMS: Final = {
 }
 
 
-class Answerer(SightingAnswers):
+class Answerer(ThingAnswers):
     """Answers a question of any kind."""
 
     def answer(self) -> PlainAnswer:
@@ -306,3 +307,31 @@ def _named(what: str, names: Sequence[str]) -> list[str]:
     """``Moved: cup 2, chair 3 and 4 more``; no line for no names."""
     rest = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
     return [f"{what}: {', '.join(names[:NAMED])}{rest}"] if names else []
+
+
+def example_questions(semantic_map: SemanticMap) -> list[str]:
+    """Questions about the surest thing of a map, another one in its place, and the map itself."""
+    things, asked = semantic_map.query("objects").records(), list[str]()
+    if things:
+        kind, place = str(things[0]["category"]), things[0]["place"]
+        beside = [str(row["category"]) for row in things if row["place"] == place]
+        other = next((one for one in beside if one != kind), kind)
+        asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
+        asked += [f"when did you last see the {other}?", f"how many {kind}s are there?"]
+        if room := _room(semantic_map, place):
+            asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
+    if semantic_map.places():
+        asked += ["which rooms are there?", "which room is the largest?"]
+    asked += ["where are you?"] if semantic_map.query("robot").records() else []
+    return [*asked, "what changed since yesterday?", "list all objects"]
+
+
+def _room(semantic_map: SemanticMap, label: object) -> str:
+    """``the kitchen`` for the only place that is believed to be one, else the place's label."""
+    rows = semantic_map.query("places").records()
+    kinds = Counter(row["category"] for row in rows)
+    for row in rows:
+        if row["label"] == label:
+            alone = row["category"] and kinds[row["category"]] == 1
+            return f"the {plain_place(str(row['category']))}" if alone else str(label)
+    return ""

@@ -18,11 +18,9 @@ from kg.model.errors import (
     UnknownQueryError,
 )
 from mapping.looks.word_looks import compares_texts
-from planner.questions.answerer import Answerer
-from planner.questions.examples import example_questions
+from planner.questions.answerer import Answerer, example_questions
 from planner.questions.moments import past
-from planner.questions.patterns import MAX_LENGTH, Question, ordered, parsed
-from planner.questions.plain_answer import PlainAnswer
+from planner.questions.patterns import MAX_LENGTH, PlainAnswer, Question, ordered, parsed
 from planner.questions.recognition import is_known_word, target_named
 from planner.questions.rooms import WHOLE, about_rooms
 from planner.search.goals.place_names import spoken_places

@@ -1,4 +1,4 @@
-"""Plain questions: what is asked, read by the sentences of each language.
+"""Plain questions and their answers: what is asked, read by the sentences of each language.
 
 A question that has no sentence, or has words which change its sense (not, nearest, more), is not
 understood: no answer is better than a wrong one.
@@ -7,7 +7,7 @@ understood: no answer is better than a wrong one.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
@@ -101,6 +101,36 @@ class Question:
             named = " and ".join(self.qualities)
             notes.append(f"The map does not keep what is {named}, so this is about all of them")
         return notes
+
+
+@dataclass(frozen=True, slots=True)
+class PlainAnswer:
+    """The answer to a plain question, and how the question was understood."""
+
+    kind: Kind
+    query: str  # shipped query that has the facts
+    parameters: Mapping[str, str]  # of the query
+    lines: tuple[str, ...]  # the answer in sentences
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[object, ...], ...] = ()
+    things: tuple[str, ...] = ()  # IRIs of what was counted, beside those of the rows
+
+    @property
+    def command(self) -> str:
+        """The same facts by `hereabouts ask`; "" where no query has them."""
+        if not self.query:
+            return ""
+        given = "".join(f" -p {name}='{value}'" for name, value in self.parameters.items())
+        return f"hereabouts ask MAP {self.query}{given}"
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {
+            "kind": self.kind,
+            "query": self.query,
+            "parameters": dict(self.parameters),
+            "answer": list(self.lines),
+        }
 
 
 def parsed(text: str, known: Known = lambda name: False, language: str = "") -> Question | None:

@@ -100,18 +100,6 @@ class TargetBelief:
         object.__setattr__(self, "before", np.tril(self.alike, -1))
         object.__setattr__(self, "total", np.maximum(self.weight.sum(axis=1), 1e-12))
 
-    @staticmethod
-    def apart(
-        cells: Cells,
-        weight: Weights,
-        target: NDArray[np.intp],
-        parts: tuple[Contribution, ...] = (),
-    ) -> TargetBelief:
-        """Belief of instances that do not learn from each other."""
-        count = len(weight)
-        alike = np.zeros((count, count), np.bool_)
-        return TargetBelief(cells, weight, target, parts, alike, np.zeros(count))
-
     def searched(self, unseen: Weights) -> Weights:
         """(k,) weight of each instance in the cells that views have shown."""
         return np.asarray(self.weight @ (1.0 - unseen))

@@ -271,7 +271,7 @@ def planned_search(
     state = build_search(semantic_map, [target], start=start and start[:2])
     if state is None:
         return None
-    found = plan_from(semantic_map, state, start)
+    found = plan_from(state, start)
     steps = shown_steps(found)
     path = planned_route(state, found, steps) if steps else np.empty((0, 2))
     return ScenePlan(tuple((float(x), float(y)) for x, y in path), _stops(steps))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from kg.maps.facts.coordinate_frames import apart_from, frames_in, maps_in
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
+from kg.model.records import RobotRecord
 from mapping.persistence import holds, learned_half_life, listed_half_life
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import StatedCategory, spoken_places, stated_categories
@@ -103,13 +104,16 @@ def remembered_rows(semantic_map: SemanticMap, target: Target) -> list[Sequence[
 
 def map_time(semantic_map: SemanticMap) -> float:
     """[s] the latest time stamp in the map, of an observation or of a robot pose."""
-    stamps = [
-        time.timestamp()
-        for row in semantic_map.query("goals-last-seen").records()
-        if (time := time_or_none(row, "lastSeen")) is not None
-    ]
-    robot = semantic_map.robot()
-    return max(stamps + ([] if robot is None else [robot.stamp]), default=0.0)
+    return latest_of(semantic_map.query("goals-last-seen").records(), semantic_map.robot())
+
+
+def latest_of(last_seen: Iterable[Row], robot: RobotRecord | None) -> float:
+    """As `map_time`, from rows of `goals-last-seen` and the robot."""
+    stamps = [0.0 if robot is None else robot.stamp]
+    return max(
+        stamps
+        + [t.timestamp() for row in last_seen if (t := time_or_none(row, "lastSeen")) is not None]
+    )
 
 
 def kinds_half_lives(target: Target, rows: Iterable[Row]) -> dict[str, float]:

@@ -21,7 +21,7 @@ from planner.freespace.planning_map import Place, Row, all_places, number
 from planner.search.goals.known_objects import (
     KnownObject,
     known_among,
-    map_time,
+    latest_of,
     remembered_rows,
 )
 from planner.search.goals.place_names import spoken_places, stated_categories
@@ -51,6 +51,7 @@ class SearchFacts:
     table: PlacementTable
     catalogue: Catalogue
     now: float  # [s since 1970]
+    latest: float = 0.0  # [s since 1970] time stamp in the map
     robot: RobotRecord | None = None
     floor: MappedFloor | None = None  # of the storey where the robot is
     base: str = ""  # IRI of the map
@@ -78,13 +79,15 @@ def read_facts(
     rows = [row for one in of_targets for row in one.remembered]
     rows.sort(key=lambda row: -number(row, "existence"))
     iris = list(dict.fromkeys(str(row["iri"]) for row in rows))[:_SEEN_FROM]
-    store = semantic_map.store
+    store, last_seen = semantic_map.store, semantic_map.query("goals-last-seen").records()
+    latest = latest_of(last_seen, robot)
     return SearchFacts(
         of_targets,
-        all_places(semantic_map),
+        all_places(semantic_map, last_seen),
         placement_table(semantic_map),
         semantic_map.catalogue,
-        map_time(semantic_map) if now is None else now,
+        latest if now is None else now,
+        latest,
         robot,
         read_floor(semantic_map, robot),
         semantic_map.base,

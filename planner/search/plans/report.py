@@ -17,7 +17,6 @@ from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import find_sentences, known_of
-from planner.search.plans.baselines import Baseline
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
 from planner.search.plans.view_plan import (
     ViewPlan,
@@ -60,16 +59,6 @@ def plan_json(
         "finds": round(plan.finds, 6),
         "present": round(plan.present, 6),
         "steps": steps,
-        "alternatives": [
-            {
-                "name": other.name,
-                "expected_seconds": _rounded(other.expected_seconds),
-                "probability": round(other.probability, 6),
-                "plan_seconds": _rounded(other.plan_seconds),
-                "looks": other.views,
-            }
-            for other in plan.baselines
-        ],
     }
 
 
@@ -254,16 +243,6 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     return [f"{text}; {looks_more} would add {more:.2f} in {seconds:.0f} s"]
 
 
-def baseline_line(other: Baseline, targets: int = 1) -> str:
-    """Expected time of a baseline beside that of the plan."""
-    much = "it with probability " if targets == 1 else ""
-    of = "" if targets == 1 else f" of {targets}"
-    return (
-        f"{other.name}: finds {much}{other.probability:.2f}{of} after {other.expected_seconds:.0f} "
-        f"s on average; this plan needs {other.plan_seconds:.0f} s for the same"
-    )
-
-
 def step_lines(steps: Sequence[ViewStep]) -> list[str]:
     """All steps: viewpoint, reasons, cost, probability left.
 
@@ -311,7 +290,7 @@ def find_answer(semantic_map: SemanticMap, wanted: Sequence[str]) -> dict[str, o
     state = build_search(semantic_map, wanted, at=now)
     if state is None:
         return empty_answer(semantic_map, resolve(semantic_map, wanted), now)
-    return answer_json(semantic_map, state, plan_from(semantic_map, state), now)
+    return answer_json(semantic_map, state, plan_from(state), now)
 
 
 def answer_json(
@@ -373,7 +352,6 @@ def empty_answer(
         "finds": 0.0,
         "present": 0.0,
         "steps": [],
-        "alternatives": [],
         "worthwhile": 0,
         **_known_json(semantic_map, targets, now),
     }

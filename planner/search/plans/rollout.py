@@ -44,13 +44,6 @@ class Rollout:
         total = float(self.gains.sum())
         return float(self.arrivals @ self.gains) / total if total > 0 else 0.0
 
-    def until(self, found: float) -> float:
-        """[s] mean time of the finds up to the probability `found`."""
-        before = np.concatenate([[0.0], np.cumsum(self.gains)[:-1]])
-        counted = np.clip(found - before, 0.0, self.gains)
-        total = float(counted.sum())
-        return float(self.arrivals @ counted) / total if total > 0 else 0.0
-
 
 class PlanEvaluator:
     """Evaluates and improves sequences of views from a planning state and a robot state."""

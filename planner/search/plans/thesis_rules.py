@@ -1,4 +1,4 @@
-"""Baseline search rules of the thesis: nearest goal first, and brute force (sections 3.4, 4.4).
+"""The thesis' search rule: the nearest goal first (section 3.4).
 
 A plan is fixed beforehand: every failed view only removes a goal, so sorting again after each
 failure gives the same order. Travel is along straight lines, with a fixed time at each stop.
@@ -7,17 +7,15 @@ Positions are (x, y) [m] in the map frame, times [s] since the start of the sear
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.records import PlaceRecord
 from planner.search.goals.search_goals import Goal, derive_goals, explain_none
-from planner.search.plans.orders import nearest_neighbour
 from planner.settings import LOOK_AROUND, SPEED
 
 
@@ -70,7 +68,6 @@ def plan_search(
     start: ArrayLike | None = None,
     *,
     travel: Travel | None = None,
-    model: SearchModel = "any",
 ) -> Plan:
     """The reference plan for `target`: the graph's goals, nearest first.
 
@@ -81,7 +78,7 @@ def plan_search(
         robot = semantic_map.robot()
         start = np.zeros(2) if robot is None else robot.p_map[:2]
     goals = derive_goals(semantic_map, target)
-    plan = nearest_first(start, goals, target=target, travel=travel, model=model)
+    plan = nearest_first(start, goals, target=target, travel=travel)
     return plan if goals else replace(plan, explanation=explain_none(semantic_map, target))
 
 
@@ -91,12 +88,11 @@ def nearest_first(
     *,
     target: str = "",
     travel: Travel | None = None,
-    model: SearchModel = "any",
 ) -> Plan:
     """The plan that always visits the nearest remaining goal next (thesis section 3.4, Fig. 3.16).
 
     `start` is (2,) [m]. Of equally near goals the more probable one comes first, then the smaller
-    IRI. `model` is the dependence of the goals' probabilities (`SearchModel`).
+    IRI.
     """
     preferred = sorted(goals, key=lambda goal: (-goal.probability, goal.iri))
 
@@ -104,33 +100,7 @@ def nearest_first(
         return float(distances(start if here is None else here.p_map, goal.p_map)[0])
 
     order = list(nearest_neighbour(preferred, metres))
-    return in_order(start, order, target=target, travel=travel, model=model)
-
-
-def brute_force(
-    start: ArrayLike,
-    places: Sequence[PlaceRecord],
-    *,
-    target: str = "",
-    travel: Travel | None = None,
-) -> Plan:
-    """The thesis' baseline: explore every place, always the nearest remaining centre next.
-
-    Without relations, all places are equally probable. "Every place where it passes into"
-    (section 4.4) is read as every place travelled to: see `lab/research/table_4_5.md`.
-    """
-    goals = [
-        Goal(
-            iri=place.iri,
-            kind="place",
-            label=place.label,
-            p_map=np.array(place.area.centre),
-            probability=1 / len(places),
-            why=f"{place.label} is one of {len(places)} places, and brute force explores them all",
-        )
-        for place in places
-    ]
-    return nearest_first(start, goals, target=target, travel=travel, model="single")
+    return in_order(start, order, target=target, travel=travel)
 
 
 def in_order(
@@ -139,7 +109,6 @@ def in_order(
     *,
     target: str = "",
     travel: Travel | None = None,
-    model: SearchModel = "any",
 ) -> Plan:
     """The plan that visits `goals` in the order given, from `start` (2,) [m]."""
     begin = np.asarray(start, dtype=np.float64)
@@ -149,14 +118,24 @@ def in_order(
         PlanStep(goal, float(m), float(s))
         for goal, m, s in zip(goals, metres, arrivals, strict=True)
     )
-    expected = expected_seconds(arrivals, [goal.probability for goal in goals], model)
+    expected = expected_seconds(arrivals, [goal.probability for goal in goals])
     return Plan(target, begin, steps, expected, "" if goals else f"nowhere to search for {target}")
 
 
-#: Dependence of the probabilities of the stops.
-#: ``single``: exactly one instance, in stop k with probability p[k] / sum(p).
-#: ``any``: instances independent between stops; any instance ends the search.
-SearchModel = Literal["single", "any"]
+T = TypeVar("T")
+
+
+def nearest_neighbour(items: Iterable[T], metres: Callable[[T | None, T], float]) -> Iterator[T]:
+    """Yields `items` in nearest-neighbour order; of equally near items, the first one first.
+
+    `metres(here, item)` is the distance [m] from the item yielded last, None at the start. It is
+    called again before each item, so that it may depend on the robot's position at that time.
+    """
+    left, here = list(items), None
+    while left:
+        distances = [metres(here, item) for item in left]
+        here = left.pop(distances.index(min(distances)))
+        yield here
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,25 +175,14 @@ def arrival_seconds(
     return metres / travel.speed + travel.explore * np.arange(1, len(metres) + 1)
 
 
-def expected_seconds(
-    arrivals: ArrayLike, probabilities: ArrayLike, model: SearchModel = "single"
-) -> float | None:
+def expected_seconds(arrivals: ArrayLike, probabilities: ArrayLike) -> float | None:
     """Expected seconds until the first success, given that one of the stops succeeds.
 
-    `arrivals` (n,) [s] in visiting order, `probabilities` (n,) in the same order:
-
-    - single: sum p[k] arrival(k) / sum p
-    - any: sum arrival(k) P(first at k) / P(anywhere), P(first at k) = p[k] prod_{j<k} (1 - p[j])
-
-    None when no stop has any probability. Raises ValueError for arrays of different length, and for
-    probabilities below 0 or, in the model `any`, above 1.
+    Stops with `arrivals` (n,) [s], in visiting order, and `probabilities` (n,) succeed
+    independently: the mean of arrival(k) by p[k] prod_{j<k} (1 - p[j]). None when no stop has any
+    probability.
     """
-    when = np.asarray(arrivals, dtype=np.float64)
     p = np.asarray(probabilities, dtype=np.float64)
-    if when.shape != p.shape or when.ndim != 1:
-        raise ValueError(f"arrivals and probabilities must be (n,), got {when.shape}, {p.shape}")
-    if np.any(p < 0) or (model == "any" and np.any(p > 1)):
-        raise ValueError(f"probabilities must lie in 0..1, got {p.min():g} to {p.max():g}")
-    first = p * np.cumprod(np.concatenate([[1.0], 1.0 - p[:-1]])) if model == "any" else p
+    first = p * np.cumprod(np.concatenate([[1.0], 1.0 - p[:-1]]))
     total = float(first.sum())
-    return float(when @ (first / total)) if total > 0 else None
+    return float(np.asarray(arrivals) @ (first / total)) if total > 0 else None

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
+from kg.model.records import RobotRecord
 from planner.freespace.geodesic import distance_fields, shortest_path
 from planner.search.goals.candidate_queries import Candidate
-from planner.search.plans.baselines import Baseline, room_baselines
 from planner.search.plans.rollout import PlanEvaluator, Rollout
-from planner.search.plans.search_state import PlanningState, ViewReason, build_search
+from planner.search.plans.search_state import PlanningState, ViewReason
 from planner.search.viewpoints.candidate_views import angle_between
 from planner.search.viewpoints.next_best_view import RobotState
 from planner.settings import TRIALS, WORTH
@@ -55,7 +54,7 @@ class VisitedCandidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewPlan:
-    """View plan: views in order with their gains, and baselines."""
+    """View plan: views in order with their gains."""
 
     targets: tuple[str, ...]
     start: NDArray[np.float64]  # (2,) [m]
@@ -66,7 +65,6 @@ class ViewPlan:
     finds: float  # expected number of targets found
     present: float  # probability that any target is on this floor, before the first view
     best: float  # greatest probability of a view, also of those that were left out
-    baselines: tuple[Baseline, ...] = ()
     note: str = ""  # where the start is off the floor
 
     def __str__(self) -> str:
@@ -85,7 +83,6 @@ def plan(
     seed: int = 0,
     time_limit: float = 0.3,
     trials: int = TRIALS,
-    compare: bool = False,
     worth: float = WORTH,
 ) -> ViewPlan:
     """Plan of views that find the targets of `state` in little expected time.
@@ -103,7 +100,6 @@ def plan(
         time_limit: Computing time for the trials [s]; if infinite, the plan is the same on every
             machine.
         trials: Number of trials.
-        compare: Whether the plan has baselines, which take about as long as the plan.
         worth: Least probability of a view to find a target, 0..1.
     Raises:
         QueryParameterError: the position is too far from the floor to belong to the building.
@@ -127,7 +123,6 @@ def plan(
         finds=float(rollout.gains.sum()),
         present=state.left,
         best=float(first.chances.max(initial=0.0)),
-        baselines=room_baselines(evaluator, rollout) if steps and compare else (),
         note=note and f"{note}, from where the plan goes on",
     )
 
@@ -255,41 +250,27 @@ def _smooth(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def plan_from(
-    semantic_map: SemanticMap,
     state: PlanningState,
     start: Start | None = None,
     *,
     budget: float | None = None,
-    compare: bool = False,
     worth: float = WORTH,
 ) -> ViewPlan:
     """The plan on `state` from `start`, by default the robot's pose; the same on every machine."""
-    x, y, heading = start or robot_start(semantic_map)
+    robot = None if state.facts is None else state.facts.robot
+    x, y, heading = start or robot_start(robot)
     return plan(
         state,
         (x, y),
         heading=heading,
         budget=budget,
         time_limit=math.inf,
-        compare=compare,
         worth=worth,
     )
 
 
-def robot_start(semantic_map: SemanticMap) -> Start:
+def robot_start(robot: RobotRecord | None) -> Start:
     """Pose of the robot; the map's origin while it has none."""
-    robot = semantic_map.robot()
     if robot is None:
         return 0.0, 0.0, 0.0
     return float(robot.p_map[0]), float(robot.p_map[1]), robot.heading
-
-
-def planned(
-    semantic_map: SemanticMap, wanted: Sequence[str], start: Start | None = None
-) -> ViewPlan | None:
-    """The plan for `wanted` by default settings from `start`, by default the robot's pose.
-
-    None for a map without floor. Raises UnknownCategoryError for a word that names no target.
-    """
-    state = build_search(semantic_map, wanted, start=start and start[:2])
-    return None if state is None else plan_from(semantic_map, state, start)

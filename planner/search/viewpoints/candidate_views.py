@@ -1,7 +1,8 @@
 """Candidate views: viewpoints that cover the floor, headings, and the cells that each view shows.
 
 A view is a sweep of the camera about a heading, from a viewpoint. Its footprint is the probability
-to detect an object in each cell of the belief; walls block it.
+to detect an object in each cell of the belief; walls block it. Footprints are sparse: a view shows
+some hundred of the cells.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from mapping.occupancy.mapped_floor import FloorView
 from planner.freespace.geodesic import ShortestWays
 from planner.freespace.grid import Cells, FreeSpace, visible_cells
 from planner.search.viewpoints.covering_viewpoints import covering_viewpoints
-from planner.search.viewpoints.detection_matrix import DetectionMatrix, detection_matrix
 from planner.settings import LOOK_AROUND, SPEED
 
 
@@ -25,29 +25,27 @@ from planner.settings import LOOK_AROUND, SPEED
 class Sensor:
     """Sensor model of an RGB-D camera with a detector.
 
-    A view detects an object with the probability `recall`, and with half of it at the distance
-    `half_fade`. A second view from the same square keeps the share 1 - `rho` of its probability,
-    since misses are correlated. Raises ValueError for impossible values.
+    A view detects an object within its range with the probability `recall`. A second view from the
+    same square keeps the share 1 - `rho` of its probability, since misses are correlated. Raises
+    ValueError for impossible values.
     """
 
     near: float = 0.8  # [m] depth gate, thesis section 3.2.2
     far: float = 4.6  # [m] depth gate, thesis section 3.2.2
     field_of_view: float = 1.0123  # [rad] 58 degrees, across
     recall: float = 0.7  # probability to detect an object in view, from near
-    half_fade: float = np.inf  # [m]
     rho: float = 0.8  # correlation of repeated views
 
     def __post_init__(self) -> None:
         if not 0 <= self.near < self.far or not 0 < self.field_of_view <= 2 * np.pi:
             raise ValueError(f"needs 0 <= near < far and a field of view in 0..2 pi, got {self}")
-        if not 0 < self.recall <= 1 or not 0 <= self.rho <= 1 or not self.half_fade > 0:
-            raise ValueError(f"recall and rho must lie in 0..1 and half_fade above 0, got {self}")
+        if not 0 < self.recall <= 1 or not 0 <= self.rho <= 1:
+            raise ValueError(f"recall and rho must lie in 0..1, got {self}")
 
     def chance(self, metres: ArrayLike) -> NDArray[np.float64]:
-        """Chance to detect at each distance [m]: recall / (1 + (d / half_fade)^4) within range."""
+        """Chance to detect at each distance [m]."""
         d = np.asarray(metres, np.float64)
-        seen = self.recall / (1.0 + (d / self.half_fade) ** 4)
-        return np.where((d >= self.near) & (d <= self.far), seen, 0.0)
+        return np.where((d >= self.near) & (d <= self.far), self.recall, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +135,104 @@ def squares(space: FreeSpace, cells: Cells) -> NDArray[np.intp]:
 def square(space: FreeSpace, cell: int) -> int:
     """Number of the square that contains floor cell `cell`."""
     return int(squares(space, np.array([cell], np.intp))[0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DetectionMatrix:
+    """(n, c) chances of n views to detect an object in c cells; compressed sparse rows."""
+
+    starts: NDArray[np.intp]  # (n + 1,) of each row in `cell` and `value`
+    cell: NDArray[np.intp]  # (m,) columns
+    value: NDArray[np.float32]  # (m,) above 0
+    columns: int  # c
+
+    def __len__(self) -> int:
+        """Number of views."""
+        return len(self.starts) - 1
+
+    def __getitem__(self, view: int) -> NDArray[np.float32]:
+        """(c,) the row of a view."""
+        row = np.zeros(self.columns, np.float32)
+        cell, value = self.shown(view)
+        row[cell] = value
+        return row
+
+    def __matmul__(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) sums of `weight` (c,) by the chances."""
+        return self.product(weight)
+
+    def product(
+        self, weight: NDArray[np.float64], value: NDArray[np.float32] | None = None
+    ) -> NDArray[np.float64]:
+        """As ``self @ weight``, with other chances `value` (m,) in the place of its own."""
+        found = np.zeros(len(self))
+        held = np.diff(self.starts) > 0
+        if held.any():
+            share = (self.value if value is None else value) * weight[self.cell]
+            found[held] = np.add.reduceat(share, self.starts[:-1][held])
+        return found
+
+    def shown(self, view: int) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """Cells (k,) that a view shows, and the chances (k,)."""
+        part = slice(self.starts[view], self.starts[view + 1])
+        return self.cell[part], self.value[part]
+
+    def rows(self, views: NDArray[np.intp]) -> DetectionMatrix:
+        """The matrix of some `views` (k,)."""
+        length = np.diff(self.starts)[views]
+        starts = np.concatenate([[0], np.cumsum(length)]).astype(np.intp)
+        at = np.repeat(self.starts[views] - starts[:-1], length) + np.arange(starts[-1])
+        return DetectionMatrix(starts, self.cell[at], self.value[at], self.columns)
+
+    def any(self, views: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+        """(c,) cells that any of `views` (n,) shows, by default of all."""
+        shown = np.zeros(self.columns, np.bool_)
+        shown[self.cell if views is None else self.cell[views.repeat(np.diff(self.starts))]] = True
+        return shown
+
+    def greatest(self) -> NDArray[np.float32]:
+        """(c,) the greatest chance of any view in each cell."""
+        most = np.zeros(self.columns, np.float32)
+        np.maximum.at(most, self.cell, self.value)
+        return most
+
+
+def detection_matrix(
+    space: FreeSpace,
+    sensor: Sensor,
+    cells: Cells,
+    viewpoints: Cells,
+    kinds: Sequence[tuple[float, float]],
+    proven: Cells,
+) -> DetectionMatrix:
+    """Chances in `cells` by views of `kinds` (heading, extent [rad]) from each viewpoint in turn.
+
+    `proven` (m, 2) has pairs of a viewpoint and a cell that a camera showed from there.
+    """
+    heading, extent = np.array(kinds).reshape(-1, 2).T
+    lengths, shown = [np.zeros(0, np.intp)], [np.zeros(0, np.intp)]
+    chances = [np.zeros(0, np.float32)]
+    for viewpoint in viewpoints:
+        seen, offset = visible_cells(space, int(viewpoint), sensor.far)
+        at = np.searchsorted(cells, seen)
+        kept = (at < len(cells)) & (cells[np.minimum(at, len(cells) - 1)] == seen)
+        also = np.unique(proven[proven[:, 0] == viewpoint, 1])
+        kept &= ~np.isin(seen, also)
+        at, offset = at[kept], offset[kept]
+        metres = np.hypot(offset[:, 0], offset[:, 1])
+        if len(also):
+            there = space.centres(also) - space.centres([viewpoint])
+            at, offset = np.append(at, np.searchsorted(cells, also)), np.vstack([offset, there])
+            metres = np.append(metres, np.clip(np.hypot(*there.T), sensor.near, sensor.far))
+        chance = sensor.chance(metres).astype(np.float32)
+        off = (np.arctan2(offset[:, 1], offset[:, 0]) - heading[:, None] + np.pi) % (2 * np.pi)
+        inside = (np.abs(off - np.pi) <= extent[:, None] / 2 + 1e-9) & (chance > 0)
+        number = np.nonzero(inside)[1]
+        lengths.append(inside.sum(axis=1))
+        shown.append(at[number])
+        chances.append(chance[number])
+    starts = np.concatenate([[0], np.cumsum(np.concatenate(lengths))]).astype(np.intp)
+    return DetectionMatrix(starts, np.concatenate(shown), np.concatenate(chances), len(cells))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

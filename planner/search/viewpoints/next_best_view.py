@@ -14,8 +14,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.search.viewpoints.candidate_views import CandidateViews, angle_between, square, squares
-from planner.search.viewpoints.detection_matrix import DetectionMatrix
+from planner.search.viewpoints.candidate_views import (
+    CandidateViews,
+    DetectionMatrix,
+    angle_between,
+    square,
+    squares,
+)
 
 
 @dataclass(frozen=True, slots=True)

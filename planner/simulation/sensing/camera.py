@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Final
@@ -163,28 +162,6 @@ _EDGES = np.array(
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Carry:
-    """An object that somebody carries during the session.
-
-    Until `start` it stands at the first point of the path, afterwards it moves to the last one. The
-    house describes it at the last one.
-    """
-
-    index: int  # into House.objects
-    path: NDArray[np.float64]  # (n, 3) [m] of the point below it
-    start: float  # [s]
-    speed: float = 0.7  # [m/s]
-
-    def offset(self, stamp: float) -> NDArray[np.float64]:
-        """(3,) [m] from its last position to its position at `stamp` [s]."""
-        along = (stamp - self.start) * self.speed
-        steps = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
-        lengths = np.concatenate([[0.0], np.cumsum(steps)])
-        at = [np.interp(along, lengths, self.path[:, axis]) for axis in range(3)]
-        return np.asarray(np.array(at) - self.path[-1], np.float64)
-
-
 @dataclass(frozen=True, slots=True)
 class DepthSensor:
     """A depth camera: its range and noise.
@@ -260,17 +237,10 @@ class TrueView:
 class SimulatedCamera:
     """Renders the house. The same pose, time and frame id always give the same frame."""
 
-    def __init__(
-        self,
-        house: House,
-        model: CameraModel | None = None,
-        seed: int = 0,
-        carries: Sequence[Carry] = (),
-    ) -> None:
+    def __init__(self, house: House, model: CameraModel | None = None, seed: int = 0) -> None:
         self.house = house
         self.model = model or CameraModel()
         self._seed = seed
-        self._carries = tuple(carries)
         owners = [(s, i, NOTHING) for i, o in enumerate(house.objects) for s in o.solids()]
         owners += [(s, NOTHING, i) for i, o in enumerate(house.furnishings) for s in o.solids()]
         owners += [(s, NOTHING, NOTHING) for wall in house.walls for s in wall.solids()]
@@ -293,7 +263,7 @@ class SimulatedCamera:
 
     def view(self, T_map_cam: NDArray[np.float64], stamp: float = 0.0) -> TrueView:
         """The true view from a pose; the latest ones are cached for the simulated senses."""
-        return self._views(T_map_cam.tobytes(), stamp if self._carries else 0.0)
+        return self._views(T_map_cam.tobytes(), stamp)
 
     def random(self, frame_id: str, purpose: str) -> np.random.Generator:
         """Randomness that depends on seed, frame and purpose alone, not on the order."""
@@ -307,17 +277,13 @@ class SimulatedCamera:
         return np.stack([grid_u, grid_v, np.ones_like(grid_u)]).astype(np.float32)
 
     def _solids_at(self, stamp: float) -> list[Solid]:
-        """All solids, those of carried things where they are at `stamp` [s]."""
-        offsets = {carry.index: carry.offset(stamp) for carry in self._carries}
-        return [
-            solid.shifted(offset) if (offset := offsets.get(int(i))) is not None else solid
-            for solid, i in zip(self._solids, self._instance, strict=False)
-        ]
+        """All solids as they stand at `stamp` [s]; nothing moves in this house."""
+        return self._solids
 
     def _render(self, pose: bytes, stamp: float) -> TrueView:
         """The view from `pose`, the bytes of T_map_cam (4, 4)."""
         T_map_cam = np.frombuffer(pose).reshape(4, 4)
-        solids = self._solids_at(stamp) if self._carries else self._solids
+        solids = self._solids_at(stamp)
         boxes = self._projected(solids, T_map_cam)
         rays = rays_of(self._direction_cam, T_map_cam)
         canvas = self._painter.canvas(rays)

@@ -25,7 +25,7 @@ from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
 _FILE: Final = Path(__file__).with_name("confusions.csv")
 
 
-def _confusions(kind: str) -> Mapping[str, tuple[str, ...]]:
+def confusions(kind: str) -> Mapping[str, tuple[str, ...]]:
     """Wrong classes by true class, of one kind of thing."""
     with _FILE.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["kind"] == kind]
@@ -33,13 +33,10 @@ def _confusions(kind: str) -> Mapping[str, tuple[str, ...]]:
 
 
 #: Confusions of a detector of COCO classes: true class -> wrong classes.
-MISTAKEN_FOR: Final = _confusions("object")
-
-#: Confusions of furnishings that have no class in COCO.
-CLUTTER_TAKEN_FOR: Final = _confusions("furnishing")
+MISTAKEN_FOR: Final = confusions("object")
 
 #: Confusions of a scene network (Places categories that look alike).
-LOOKS_LIKE: Final = _confusions("place")
+LOOKS_LIKE: Final = confusions("place")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,41 +51,18 @@ class DetectorFaults:
     recall: float = 0.90  # of a large thing in full view
     half_size: float = 7.0  # [px] square root of the visible area at which recall has halved
     half_visible: float = 0.45  # share of a thing in view at which recall has halved
-    half_inside: float = 0.0  # share of a thing within the image at which recall has halved
     jitter: float = 0.03  # standard deviation of each side of a box, as a share of its size
     confusion: float = 0.01  # share of detections under a wrong name
     false_alarms: float = 0.01  # per frame, each somewhere else
-    clutter: float = 0.0  # share of furnishings that are detected as an object, from one side
-    clutter_recall: float = 0.4  # chance of such a detection in a view from that side
-    uneven: bool = False  # whether errors are more frequent for some things than for others
     true_score: tuple[float, float] = (6.0, 1.5)  # parameters of the Beta distribution
     false_score: tuple[float, float] = (1.5, 6.0)
     threshold: float = 0.30  # least score that is reported
 
 
-#: Presets of `hereabouts simulate --senses`.
-SENSES: Final[Mapping[str, DetectorFaults]] = {
-    "demo": DetectorFaults(),
-    "hard": DetectorFaults(
-        recall=0.7,
-        half_size=8.0,
-        half_inside=0.25,
-        jitter=0.05,
-        confusion=0.08,
-        false_alarms=0.3,
-        clutter=0.06,
-        uneven=True,
-        true_score=(4.0, 2.0),
-        false_score=(2.0, 4.5),
-        threshold=0.25,
-    ),
-}
-CLUTTER_SIDE: Final = np.deg2rad(50.0)  # [rad] half the directions from which clutter is detected
-FAVOURED: Final = 0.6  # probability that a wrong label is the thing's favoured one
 MASK_CELLS: Final = 28  # along a side of a mask, as in Mask R-CNN
 
 # box, score, label, and the pixels of the image that show it
-_Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
+Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
 
 
 class SimulatedDetector:
@@ -111,13 +85,7 @@ class SimulatedDetector:
         """Detections in `frame`, best score first."""
         view = self._camera.view(frame.T_map_cam, frame.stamp)
         rng = self._camera.random(frame.id, "detector")
-        found = [
-            d for i in np.unique(view.instance) if (d := self._true_detection(int(i), view, rng))
-        ]
-        if self._faults.clutter:
-            found += [
-                d for i in np.unique(view.furnishing) if (d := self._clutter(int(i), view, rng))
-            ]
+        found = self._shown(view, rng)
         alarms = rng.poisson(self._faults.false_alarms)
         found += [self._false_alarm(view, rng) for _ in range(alarms)]
         found.sort(key=lambda d: -d[1])
@@ -128,26 +96,24 @@ class SimulatedDetector:
             mask=tuple(_coarse_mask(d[0], d[3]) for d in found) if self._masks else (),
         )
 
-    def chance(self, visible: float, silhouette: float, inside: float = 1.0) -> float:
-        """Recall for a thing with `visible` pixels of its `silhouette` in view.
-
-        `inside` is the share of it within the image.
-        """
+    def chance(self, visible: float, silhouette: float) -> float:
+        """Recall for a thing with `visible` pixels of its `silhouette` in view."""
         f = self._faults
         size = np.log2(max(np.sqrt(visible) / self._pixel, 1e-3) / f.half_size)
         share = visible / max(silhouette, visible, 1.0)
-        chance = f.recall * _sigmoid(size / 0.35) * _sigmoid((share - f.half_visible) / 0.08)
-        return chance * _sigmoid((inside - f.half_inside) / 0.06) if f.half_inside else chance
+        return f.recall * sigmoid(size / 0.35) * sigmoid((share - f.half_visible) / 0.08)
+
+    def _shown(self, view: TrueView, rng: np.random.Generator) -> list[Found]:
+        """Detections of what is in view, true ones and under a wrong name."""
+        instances = (int(i) for i in np.unique(view.instance) if i != NOTHING)
+        return [d for i in instances if (d := self._true_detection(i, view, rng))]
 
     def _true_detection(
         self, instance: int, view: TrueView, rng: np.random.Generator
-    ) -> _Found | None:
-        if instance == NOTHING:
-            return None
+    ) -> Found | None:
         pixels = view.instance == instance
-        box, visible = _box_around(pixels)
-        chance = self.chance(visible, view.silhouette[instance], view.inside[instance])
-        chance, confusion, favourite = self._of_this_thing(instance, chance)
+        box, visible = box_around(pixels)
+        chance, confusion = self._rates(instance, visible, view)
         draw, wrong = rng.random(), rng.random()
         ease = min(chance / max(self._faults.recall, 1e-9), 1.0)
         score = self._score(self._faults.true_score, rng, ease)
@@ -155,51 +121,18 @@ class SimulatedDetector:
         label = self._camera.house.objects[instance].label
         others = MISTAKEN_FOR.get(label, ())
         if others and wrong < confusion:
-            which = int(rng.integers(len(others)))
-            if favourite is not None and rng.random() < FAVOURED:
-                which = favourite % len(others)
-            label, score = others[which], 0.7 * score
+            label, score = self._mistaken(instance, others, rng), 0.7 * score
         if draw >= chance or score < self._faults.threshold:
             return None
         return self._inside(box, view), score, label, pixels
 
-    def _of_this_thing(self, instance: int, chance: float) -> tuple[float, float, int | None]:
-        """(recall, confusion, number of the favoured wrong label) for one thing of the house.
+    def _rates(self, instance: int, visible: int, view: TrueView) -> tuple[float, float]:
+        """Recall and confusion for one thing of the house, of which `visible` pixels are seen."""
+        return self.chance(visible, view.silhouette[instance]), self._faults.confusion
 
-        Uneven faults: the odds of recall vary by a factor of e^0.5 either way, and most of the
-        confusion falls on few things.
-        """
-        if not self._faults.uneven:
-            return chance, self._faults.confusion, None
-        item = self._camera.house.objects[instance]
-        fixed = self._camera.random(item.name or str(instance), "unevenness")
-        factor = np.exp(0.5 * fixed.standard_normal())
-        odds = factor * chance / max(1 - chance, 1e-9)
-        confusion = min(self._faults.confusion * fixed.gamma(0.5) / 0.5, 0.6)
-        return float(odds / (1 + odds)), float(confusion), int(fixed.integers(12))
-
-    def _clutter(self, furnishing: int, view: TrueView, rng: np.random.Generator) -> _Found | None:
-        """A furnishing detected as an object, always with the same label and from one side."""
-        if furnishing == NOTHING:
-            return None
-        item = self._camera.house.furnishings[furnishing]
-        labels = CLUTTER_TAKEN_FOR.get(item.label, ())
-        fixed = self._camera.random(item.name or str(furnishing), "clutter")
-        is_clutter, side = fixed.random() < self._faults.clutter, fixed.uniform(-np.pi, np.pi)
-        if not labels or not is_clutter:
-            return None
-        label = labels[fixed.integers(len(labels))]
-        x, y = item.centre()[:2] - view.T_map_cam[:2, 3]
-        turned = abs((np.arctan2(y, x) - side + np.pi) % (2 * np.pi) - np.pi)
-        pixels = view.furnishing == furnishing
-        box, visible = _box_around(pixels)
-        ease = _sigmoid(np.log2(np.sqrt(visible) / self._pixel / self._faults.half_size) / 0.35)
-        score = self._score(self._faults.false_score, rng)
-        if turned > CLUTTER_SIDE or rng.random() >= self._faults.clutter_recall * ease:
-            return None
-        if score < self._faults.threshold:
-            return None
-        return self._inside(box + self._shift(box, rng), view), score, label, pixels
+    def _mistaken(self, instance: int, others: Sequence[str], rng: np.random.Generator) -> str:
+        """The wrong name, one of `others`, of one thing of the house."""
+        return others[int(rng.integers(len(others)))]
 
     @staticmethod
     def _score(beta: tuple[float, float], rng: np.random.Generator, ease: float = 1.0) -> float:
@@ -209,7 +142,7 @@ class SimulatedDetector:
         size = np.array([box[2] - box[0], box[3] - box[1]] * 2)
         return (self._faults.jitter * size + 0.4 * self._pixel) * rng.standard_normal(4)
 
-    def _false_alarm(self, view: TrueView, rng: np.random.Generator) -> _Found:
+    def _false_alarm(self, view: TrueView, rng: np.random.Generator) -> Found:
         height, width = view.depth.shape
         labels = sorted(MISTAKEN_FOR)
         centre = rng.random(2) * (width, height)
@@ -243,12 +176,8 @@ def _coarse_mask(
     return mask if mask.any() else None
 
 
-@dataclass(frozen=True, slots=True)
-class SceneFaults:
-    """Error rates of the simulated scene classifier."""
-
-    sure: float = 0.62  # mean probability of the category chosen
-    confusion: float = 0.15  # share of frames in which a similar category is chosen
+SURE: Final = 0.62  # mean probability of the category that the scene classifier chooses
+SIMILAR: Final = 0.15  # share of frames in which it chooses a similar category
 
 
 class SimulatedSceneClassifier:
@@ -259,15 +188,12 @@ class SimulatedSceneClassifier:
 
     name = "simulated-scenes"
 
-    def __init__(
-        self, camera: SimulatedCamera, labels: Sequence[str], faults: SceneFaults | None = None
-    ) -> None:
+    def __init__(self, camera: SimulatedCamera, labels: Sequence[str]) -> None:
         missing = {room.category for room in camera.house.rooms} - set(labels)
         if missing:
             raise ValueError(f"labels must name every room of the house, lacks {sorted(missing)}")
         self._camera = camera
         self._labels = tuple(labels)
-        self._faults = faults or SceneFaults()
 
     def classify(self, frame: Frame) -> SceneScores:
         """Probability of each label for `frame`; they sum to one."""
@@ -278,9 +204,9 @@ class SimulatedSceneClassifier:
             return SceneScores(dict(zip(self._labels, map(float, probability), strict=True)))
         alike = [label for label in LOOKS_LIKE[room.category] if label in self._labels]
         chosen = room.category
-        if alike and rng.random() < self._faults.confusion:
+        if alike and rng.random() < SIMILAR:
             chosen = alike[rng.integers(len(alike))]
-        sure = rng.beta(8 * self._faults.sure, 8 * (1 - self._faults.sure))
+        sure = rng.beta(8 * SURE, 8 * (1 - SURE))
         rest = rng.dirichlet(np.full(len(alike) + 1, 0.8))
         probability *= 0.35 * (1 - sure)
         for label, share in zip([*alike, room.category], rest, strict=True):
@@ -301,7 +227,7 @@ class SimulatedSceneClassifier:
         return self._camera.house.rooms[best] if counts[best] else None
 
 
-def _box_around(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
+def box_around(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float64], int]:
     """Box (4,) [px] around the marked pixels of an image, and how many they are."""
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = np.array([cols[0], rows[0], cols[-1] + 1, rows[-1] + 1], np.float64)
@@ -314,5 +240,6 @@ def _count(room: HouseRoom, p_map: NDArray[np.float64]) -> int:
     return int(np.count_nonzero(inside))
 
 
-def _sigmoid(x: float) -> float:
+def sigmoid(x: float) -> float:
+    """Logistic function, 0..1."""
     return float(1 / (1 + np.exp(-x)))

@@ -15,7 +15,7 @@ from benchmarks.search.__main__ import main
 from benchmarks.search.corrupted_priors import CORRUPTED
 from benchmarks.search.ground_truth import HiddenObject
 from benchmarks.search.home_space import HomeSpace
-from benchmarks.search.homes import Home, HomeRoom, read_homes
+from benchmarks.search.homes import Home, HomeRoom, RoomFloor, read_homes
 from benchmarks.search.plan_calibration import planned, reliability
 from benchmarks.search.priors import PriorKnowledge
 from benchmarks.search.robot import TrialOutcome
@@ -24,7 +24,8 @@ from benchmarks.search.room_policies import brute_force, greedy_walk, oracle, th
 from benchmarks.search.scores import HORIZON, score
 from benchmarks.search.view_policy import Ablation, ours
 from kg.model.errors import InvalidFactError
-from planner.freespace.grid import Room
+from planner.freespace.geodesic import distance_fields
+from planner.freespace.grid import visible_cells
 from planner.search.viewpoints.candidate_views import Motion, Sensor
 
 Shared = Callable[[str], Path]
@@ -32,9 +33,9 @@ Shared = Callable[[str], Path]
 HOME = Home(
     "three rooms",
     (
-        HomeRoom("kitchen", Room(0, 4, 0, 4), {"sink": 1}),
-        HomeRoom("bedroom", Room(4, 8, 0, 4), {"bed": 1}),
-        HomeRoom("hallway", Room(0, 8, 4, 6), {}),
+        HomeRoom("kitchen", RoomFloor(0, 4, 0, 4), {"sink": 1}),
+        HomeRoom("bedroom", RoomFloor(4, 8, 0, 4), {"bed": 1}),
+        HomeRoom("hallway", RoomFloor(0, 8, 4, 6), {}),
     ),
     ((0, 2), (1, 2)),
 )
@@ -194,7 +195,9 @@ def test_no_home_tells_where_its_own_things_are(tmp_path: Path) -> None:
     rooms = tmp_path / "rooms.csv"
     head = "room,n_rooms,object,rooms_with_object"
     rooms.write_text(f"{head}\nkitchen,1,bed,1\nbedroom,40,bed,38\nhallway,40,bed,1\n")
-    told = Home("h", (HomeRoom("kitchen", Room(0, 4, 0, 4), {"bed": 1}), *HOME.rooms[1:]), None)
+    told = Home(
+        "h", (HomeRoom("kitchen", RoomFloor(0, 4, 0, 4), {"bed": 1}), *HOME.rooms[1:]), None
+    )
     own = PriorKnowledge([told], rooms).priors(told)["bed"]
     apart = PriorKnowledge([told], rooms, apart=True).priors(told)["bed"]
     shipped = PriorKnowledge([told]).priors(told)["bed"]
@@ -305,3 +308,18 @@ def test_wrong_usage_and_missing_homes_are_told_in_one_line(
         with pytest.raises(SystemExit) as left:
             main(["--homes", str(tmp_path), *wrong])
         assert left.value.code == 2
+
+
+def test_storeys_are_joined_by_stairs_that_are_walked_but_not_seen_through() -> None:
+    heights = (0.0, 0.9, 1.8)
+    rooms = [
+        HomeRoom("room", RoomFloor(5.0 * (n % 2), 5.0 * (n % 2) + 4, 0, 4, h), {})
+        for n, h in enumerate(heights)
+    ]  # the last one is above the first
+    space = HomeSpace(Home("house", tuple(rooms), None), Sensor(), Motion()).space
+    cells = [int(space.floor(n)[0]) for n in range(3)]
+    assert min(len(space.floor(n)) for n in range(3)) > 0.8 * 16 / space.cell**2
+    fields = distance_fields(space, cells).reshape(3, -1)[:, cells]
+    assert np.isfinite(fields).all() and fields[0, 2] >= 2 * 0.9
+    below = space.room.reshape(-1)[visible_cells(space, space.nearest((2, 2), 0), 12.0)[0]]
+    assert 2 not in below

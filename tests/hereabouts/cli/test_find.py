@@ -42,15 +42,7 @@ def test_the_command_prints_steps_and_what_to_expect(says: Said) -> None:
     out, err = says("cup", "bed", "--from", "6,1,90", "--budget", "10min", "--speed", "0.5")
     assert "kitchen" in out and "place 1" not in out
     assert "bed" in out
-    assert "these looks are expected to find" in out
-    assert "rooms, nearest first" not in out and not err
-
-
-def test_lines_of_baselines_differ(says: Said) -> None:
-    out, _ = says("cup", "--from", "6,1,90", "--compare")
-    compared = [line for line in out.splitlines() if "this plan needs" in line]
-    assert compared
-    assert len({line.partition(":")[2] for line in compared}) == len(compared)
+    assert "these looks are expected to find" in out and not err
 
 
 def test_what_is_known_comes_before_the_plan(says: Said) -> None:
@@ -186,16 +178,11 @@ def test_json_keeps_the_goals_and_adds_steps(says: Said) -> None:
         step["seconds"] for step in answer["steps"]
     )
     assert answer["steps"][0]["why"][0]["facts"]
-    assert not answer["alternatives"], "they are computed where they are asked for"
-    compared = json.loads(says("apple", "--json", "--now", "map", "--compare")[0])
-    assert len(compared["alternatives"]) == 2
 
 
-def test_the_thesis_rules_are_still_there(says: Said) -> None:
+def test_the_thesis_rule_is_still_there(says: Said) -> None:
     near = json.loads(says("cup", "--rule", "nearest-first", "--json")[0])
     assert [goal["kind"] for goal in near["goals"]] == ["known", "place"]
-    brute = json.loads(says("cup", "--rule", "brute-force", "--json")[0])
-    assert len(brute["goals"]) == 3
 
 
 @pytest.mark.parametrize(
@@ -203,7 +190,7 @@ def test_the_thesis_rules_are_still_there(says: Said) -> None:
     [
         (["something to fly with"], "drink from"),
         (["cup", "bed", "--rule", "nearest-first"], "one object at a time"),
-        (["cup", "--rule", "brute-force", "--at", "now", "--recall", "1"], "--recall and --now"),
+        (["cup", "--rule", "nearest-first", "--at", "now", "--recall", "1"], "--recall and --now"),
         (["cup", "--picture", "plan.doc"], ".png"),
         (["cup", "--at", "noon"], "moment"),
         (["cup", "--grid", "nowhere.yaml"], "nowhere.yaml"),

@@ -103,12 +103,6 @@ def test_the_plan_reasons_with_what_apples_are_near(report: DemoReport) -> None:
     assert plan.expected_seconds is not None
 
 
-def test_the_plan_is_not_slower_than_the_rule_it_replaces(report: DemoReport) -> None:
-    plan, thesis = report.planned.plan, report.planned.thesis
-    assert 0 < thesis.probability <= plan.probability + 1e-9
-    assert thesis.plan_seconds < thesis.expected_seconds
-
-
 def test_find_takes_the_options_the_demo_tells(report: DemoReport) -> None:
     words = ["find", str(report.map_path), TARGET, *report.planned.options.split()]
     arguments = build_parser().parse_args(words)
@@ -156,7 +150,6 @@ def test_the_report_is_plain_json(report: DemoReport) -> None:
     assert plain["score"].keys() == plain["score_after_search"].keys()
     assert plain["score_after_search"]["per_class"][TARGET]["mapped"] >= 1
     assert plain["search"]["looks"] >= plain["search"]["explored_in_vain"]
-    assert plain["thesis_rule"]["expected_seconds"] > 0
     assert plain["plan"]["target"] == TARGET
     assert plain["answers"][0]["rows"][0]["category"] in ("banana", "cake")
 

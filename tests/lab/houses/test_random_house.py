@@ -7,13 +7,13 @@ import pytest
 
 from kg.serving.opening import in_memory_map
 from lab.houses.floor_plans import LAYOUTS, FloorPlan, draw_floor_plan
-from lab.houses.house_changes import carries, changed_house
+from lab.houses.house_changes import Carry, carries, changed_house
 from lab.houses.random_house import random_house, walls_of
 from lab.houses.small_things import MOVABLE, STANDS_ON, SURFACES
 from lab.recordings.object_truth import supporting
 from planner.simulation.houses.house import FloorGrid, House
 from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import CameraModel, Carry
+from planner.simulation.sensing.camera import CameraModel
 
 SEEDS = range(12)
 

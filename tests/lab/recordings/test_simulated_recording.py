@@ -8,12 +8,12 @@ import pytest
 
 from kg.model.errors import RecordingError
 from lab.maps.complete_truth import is_complete_truth, load_complete_truth
+from lab.recordings.hard_senses import SENSES
 from lab.recordings.simulated_recording import SimulationOptions, simulate_house, with_drift
 from mapping.places.layout import load_layout
 from perception.camera.poses import read_trajectory
 from perception.inference.recorded_detections import load_recorded_detections
 from perception.sources.recording import open_recording
-from planner.simulation.sensing.sensors import SENSES
 
 SMALL = SimulationOptions(size=(160, 120), senses=SENSES["hard"], stride=3)
 

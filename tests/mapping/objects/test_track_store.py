@@ -18,6 +18,7 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map, open_map
 from lab.houses.random_house import random_house
+from lab.recordings.hard_senses import SENSES, detector_of
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
@@ -26,7 +27,6 @@ from mapping.objects.track_store import FILE, RunState, TrackStore
 from perception.frames import Detections, Frame
 from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
 
 FRAMES = 44
 _NO_BOX = (
@@ -38,7 +38,7 @@ _NO_BOX = (
 def tour() -> tuple[tuple[Frame, Detections], ...]:
     """The first frames of a drive through a house, with a weak detector's detections."""
     camera = SimulatedCamera(random_house(77), seed=77)
-    detector = SimulatedDetector(camera, SENSES["hard"])
+    detector = detector_of(camera, SENSES["hard"])
     recording = SimulatedTour(camera)
     frames = [next(recording.frames(number)) for number in range(FRAMES)]
     return tuple((frame, detector.detect(frame)) for frame in frames)

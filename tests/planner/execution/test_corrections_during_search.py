@@ -33,44 +33,47 @@ def _only(semantic_map: SemanticMap) -> str:
     return record.iri.removeprefix(semantic_map.base)
 
 
-def test_a_thing_seen_where_people_say_it_is_stays_one_object(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
-    outcome = _sees(semantic_map, "apple", ELSEWHERE)
-    assert _only(semantic_map) == "object/1"
-    (apple,) = semantic_map.objects()
-    assert outcome.found == (apple.iri,)
-    assert apple.p_map == pytest.approx(ELSEWHERE)
-    assert apple.place == semantic_map.place_iri(2)
-    assert semantic_map.assertions.conflicts() == ()  # perception has come to the same position
-
-
-def test_a_thing_seen_where_it_was_before_its_correction_stays_one_object(
+@pytest.mark.parametrize(
+    ("retracted", "seen", "expected"),
+    [
+        (False, ELSEWHERE, [ELSEWHERE]),
+        (False, AT, [ELSEWHERE]),  # where it was before its correction
+        (True, AT, [AT]),
+        (True, ELSEWHERE, [AT, ELSEWHERE]),
+    ],
+)
+def test_a_thing_seen_where_people_say_it_is_stays_one_object(
     semantic_map: SemanticMap,
+    retracted: bool,
+    seen: tuple[float, float, float],
+    expected: list[tuple[float, float, float]],
 ) -> None:
     assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
-    _sees(semantic_map, "apple", AT)
-    assert _only(semantic_map) == "object/1"
-    assert semantic_map.objects()[0].p_map == pytest.approx(ELSEWHERE)
+    if retracted:
+        assert semantic_map.assertions.retract("object/1", "position", by="ann")
+    outcome = _sees(semantic_map, "apple", seen)
+    apples = semantic_map.objects("apple")
+    for apple, p_map in zip(apples, expected, strict=True):
+        assert apple.p_map == pytest.approx(p_map, abs=0.01)
+        assert apple.place == semantic_map.place_iri(2)
+    assert set(outcome.found) <= {apple.iri for apple in apples}
+    if seen == ELSEWHERE and not retracted:
+        assert outcome.found == (apples[0].iri,)
+        assert semantic_map.assertions.conflicts() == ()  # perception is at the same position
 
 
-def test_a_corrected_category_names_what_is_found(semantic_map: SemanticMap) -> None:
+@pytest.mark.parametrize(
+    ("wanted", "label", "state"),
+    [("orange", "apple", "found"), ("orange", "orange", "found"), ("apple", "apple", "given up")],
+)
+def test_a_corrected_category_names_what_is_found(
+    semantic_map: SemanticMap, wanted: str, label: str, state: str
+) -> None:
     assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
-    outcome = run(semantic_map, "orange", objects=[["apple", *AT, 0.9]])
+    outcome = run(semantic_map, wanted, objects=[[label, *AT, 0.9]])
     assert _only(semantic_map) == "object/1"
-    assert (outcome.state, outcome.found) == ("found", (f"{semantic_map.base}object/1",))
-
-
-def test_what_people_say_is_none_is_not_found_as_one(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
-    outcome = _sees(semantic_map, "apple", AT)
-    assert _only(semantic_map) == "object/1"
-    assert (outcome.state, outcome.found) == ("given up", ())
-
-
-def test_a_thing_under_its_corrected_name_stays_one_object(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")
-    run(semantic_map, "orange", objects=[["orange", *AT, 0.9]])
-    assert _only(semantic_map) == "object/1"
+    found = (f"{semantic_map.base}object/1",) if state == "found" else ()
+    assert (outcome.state, outcome.found) == (state, found)
 
 
 def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(
@@ -80,21 +83,6 @@ def test_a_thing_that_people_say_is_gone_is_not_doubled_where_it_is_seen(
     _sees(semantic_map, "apple", AT)
     assert _only(semantic_map) == "object/1"
     assert semantic_map.objects()[0].existence == 0.0
-
-
-def test_a_retracted_correction_counts_no_more(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
-    assert semantic_map.assertions.retract("object/1", "position", by="ann")
-    _sees(semantic_map, "apple", AT)
-    assert _only(semantic_map) == "object/1"
-    assert semantic_map.objects()[0].p_map == pytest.approx(AT, abs=0.01)
-
-
-def test_a_retracted_correction_leaves_another_thing_another(semantic_map: SemanticMap) -> None:
-    assert semantic_map.assertions.add("object/1", "position", ELSEWHERE, by="ann")
-    assert semantic_map.assertions.retract("object/1", "position", by="ann")
-    _sees(semantic_map, "apple", ELSEWHERE)
-    assert len(semantic_map.objects("apple")) == 2
 
 
 def _during(act: Callable[[], object]) -> Callable[[Event], None]:

@@ -36,8 +36,8 @@ def _well_made(semantic_map: SemanticMap) -> bool:
 def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
     semantic_map: SemanticMap,
 ) -> None:
+    before = semantic_map.sequence
     outcome = run(semantic_map, "apple", objects=[APPLE], chatter=True)
-
     assert outcome.state == "found"
     (record,) = semantic_map.searches.all()
     assert (record.state, record.words, record.left) == ("found", ("apple",), 0.0)
@@ -50,11 +50,6 @@ def test_what_is_found_is_in_the_map_with_every_look_that_led_there(
     assert looks[-1].found == (apple.iri,)
     assert not any(look.found for look in looks[:-1])
     assert _well_made(semantic_map)
-
-
-def test_each_look_is_one_transaction_on_the_searchs_account(semantic_map: SemanticMap) -> None:
-    before = semantic_map.sequence
-    outcome = run(semantic_map, "apple", objects=[APPLE])
     causes = [change.cause for change in semantic_map.history.changes(before)]
     assert {(cause.kind, cause.by) for cause in causes} == {("search", "search/1")}
     assert len([c for c in causes if c.note.startswith("look ")]) == outcome.looks
@@ -97,17 +92,13 @@ def test_a_time_budget_ends_the_search(semantic_map: SemanticMap) -> None:
 
 
 def test_all_that_is_wanted_is_searched_for(semantic_map: SemanticMap) -> None:
-    outcome = run(semantic_map, "apple", "bed", objects=[APPLE, ["bed", 6.0, 6.5, 0.4, 0.8]])
+    things = [["cup", 6.0, 2.0, 0.8, 0.9], ["bed", 6.0, 6.5, 0.4, 0.8]]
+    outcome = run(semantic_map, "something to drink from", "bed", objects=things)
     assert outcome.state == "found"
-    assert len(outcome.found) == 2
-    last = semantic_map.searches.looks(outcome.search)[-1]
-    assert len(last.categories) == 1  # one of them was found before
-
-
-def test_a_need_is_found_by_whatever_serves_it(semantic_map: SemanticMap) -> None:
-    outcome = run(semantic_map, "something to drink from", objects=[["cup", 6.0, 2.0, 0.8, 0.9]])
-    assert outcome.state == "found"
-    assert semantic_map.objects("cup")[0].iri in outcome.found
+    cup, bed = semantic_map.objects("cup")[0].iri, semantic_map.objects("bed")[0].iri
+    assert {cup, bed} == set(outcome.found)
+    looks = semantic_map.searches.looks(outcome.search)
+    assert len(looks[-1].categories) < len(looks[0].categories)  # one was found before
 
 
 def test_a_doubtful_detection_is_looked_at_again_and_let_go(semantic_map: SemanticMap) -> None:
@@ -116,11 +107,6 @@ def test_a_doubtful_detection_is_looked_at_again_and_let_go(semantic_map: Semant
     assert outcome.state == "given up"
     assert any(e.kind == "surprise" and "perhaps apple" in e.text for e in events)
     assert all(record.existence < 0.5 for record in semantic_map.objects("apple"))
-
-
-def test_a_doubtful_detection_that_is_seen_again_is_believed(semantic_map: SemanticMap) -> None:
-    outcome = run(semantic_map, "apple", objects=[["apple", 6.0, 2.0, 0.8, 0.4]])
-    assert outcome.state == "found"
 
 
 def test_what_is_found_exists_rather_than_not(semantic_map: SemanticMap) -> None:

@@ -39,24 +39,11 @@ def views(semantic_map: SemanticMap) -> dict[str, str]:
     return {one.place_label: one.value for one in status(semantic_map, "cup").places}
 
 
-def test_after_a_search_in_vain_status_says_that_it_was_looked_for() -> None:
-    with in_memory_map() as semantic_map:
-        ring(semantic_map)
-        semantic_map.apply(MapUpdate(floor=floor()))
-        assert set(views(semantic_map).values()) == {"never looked"}
-        outcome = run(semantic_map, "apple")
-        assert outcome.state == "given up"
-        assert set(views(semantic_map).values()) == {"looked, none seen"}
-        viewed = [place.viewed for place in semantic_map.places()]
-        assert all(one is not None and one.close_share < one.share for one in viewed)
-        assert {one.last for one in viewed if one} == {START + 60}
-        assert not check_map(semantic_map.store.native)
-
-
-def test_only_where_it_looked_and_again_after_a_restart(tmp_path: Path) -> None:
+def test_after_a_search_in_vain_status_says_where_it_was_looked_for(tmp_path: Path) -> None:
     with create_map(tmp_path / "cut.map") as semantic_map:
         ring(semantic_map)
         semantic_map.apply(MapUpdate(floor=floor()))
+        assert set(views(semantic_map).values()) == {"never looked"}
         outcome = run(semantic_map, "apple", budget=12.0)
         assert outcome.state == "given up"
         first = views(semantic_map)
@@ -66,16 +53,18 @@ def test_only_where_it_looked_and_again_after_a_restart(tmp_path: Path) -> None:
         assert views(semantic_map) == first
         run(semantic_map, "apple", resume=True)
         assert set(views(semantic_map).values()) == {"looked, none seen"}
+        viewed = [place.viewed for place in semantic_map.places()]
+        assert all(one is not None and one.close_share < one.share for one in viewed)
+        assert {one.last for one in viewed if one} == {START + 60}
+        assert not check_map(semantic_map.store.native)
 
 
 def test_floor_that_no_depth_has_shown_does_not_count() -> None:
     with in_memory_map() as semantic_map:
         ring(semantic_map)
-        run(semantic_map, "apple")
+        run(semantic_map, "apple", budget=12.0)
         assert semantic_map.floor() == ()
         assert all(place.viewed is None for place in semantic_map.places())
-    with in_memory_map() as semantic_map:
-        ring(semantic_map)
         semantic_map.apply(MapUpdate(floor=floor(known=3.0)))
         run(semantic_map, "apple")
         found = views(semantic_map)

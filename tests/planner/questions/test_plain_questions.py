@@ -6,7 +6,7 @@ import json
 import re
 import shutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from datetime import datetime
 from functools import partial
@@ -16,7 +16,9 @@ import pytest
 
 from benchmarks.plain_questions.__main__ import PARTS, scored
 from hereabouts.cli import main
-from kg.model.errors import UnknownCategoryError, UnknownQueryError
+from kg.history.timestamps import moment
+from kg.maps.semantic_map import SemanticMap
+from kg.model.errors import HereaboutsError, UnknownCategoryError, UnknownQueryError
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.questions.answers import answer_box, answer_question
@@ -33,6 +35,20 @@ def shared_flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with create_map(path, title="flat") as semantic_map:
         fill(semantic_map)
     return path
+
+
+@pytest.fixture(scope="module")
+def opened(shared_flat: Path) -> Iterator[SemanticMap]:
+    with open_map(shared_flat, read_only=True) as semantic_map:
+        yield semantic_map
+
+
+def told(semantic_map: SemanticMap, question: str) -> str:
+    """The answer as it is printed, or why there is none."""
+    try:
+        return "\n".join(answer_question(semantic_map, question).lines)
+    except HereaboutsError as error:
+        return f"error: {error}"
 
 
 @pytest.fixture
@@ -73,43 +89,24 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("cup 2", "Probably no longer in the kitchen: cup 2 was seen there 4 times"),
         ("the red cup", "The map does not keep what is red, so this is about all of them"),
         ("what is in the kitchen", "2 objects in the kitchen: a banana, a cup"),
-        ("what's in the bedroom?", "1 object in the bedroom: a bed"),
         ("is there a banana", "It was there, and has probably been moved since:"),
-        ("is there a mug?", "'mug' means cup\nIt was there, and has probably been moved since:"),
         ("is there a free cup", "The map does not keep what is free, so this is about all of"),
         ("how many places are there", " places: "),
         ("is the cup in the bedroom?", "Unknown: the robot viewed 0% of the bedroom"),
         ("is cup 2 in the bedroom?", "No: cup 2 is in the kitchen"),
-        ("how many cups are there in the kitchen", "cup: 1 in the kitchen"),
         ("how many giraffes", "giraffe: 0"),
         ("is there a cup near the banana?", "No cup is known within 2 m of banana"),
         ("something to sit on", "bed 3 was seen there"),
         ("what is next to the cup", "Within 2 m of cup 2: nothing"),
         ("what is on the bed", "Nothing is known to be on or in bed 3"),
-        ("is there anything on the bed", "Nothing is known to be on or in bed 3"),
-        ("how many things are on the bed?", "Nothing is known to be on or in bed 3"),
-        ("what is nearest to the cup", "Within 2 m of cup 2: nothing"),
-        ("where did you last see the bed?", "bed 3 was seen there"),
-        ("which room did you see the bed in", "exit 1: error"),
-        ("I can't find my bed", "bed 3 was seen there"),
-        ("where do we keep the cups?", "cup 2 was seen there"),
-        ("Whats in the kitchen", "2 objects in the kitchen"),
-        ("tell me everything that's in the kitchen", "2 objects in the kitchen"),
+        ("which room did you see the bed in", "error: "),
         ("what size is the bed?", "bed 3"),
-        ("where's the cup gone?", "cup 2 was seen there"),
-        ("has the robot ever seen a bed?", "bed 3"),
-        ("tell me about cup 2", "cup 2 was seen there"),
-        ("how many cups did you see in the kitchen", "cup: 1 in the kitchen"),
-        ("where is the second cup", "exit 1: error: not understood"),
-        ("are there two chairs and a cup", "exit 1: error: not understood"),
-        ("stop sign", "No stop sign is in the map"),
+        ("where is the second cup", "error: not understood"),
+        ("are there two chairs and a cup", "error: not understood"),
         ("water bottle", "'water bottle' means bottle"),
-        ("bring me the cup", "exit 1: error: not understood: this answers questions and moves no"),
-        ("what did you see last in the bowl", "exit 1: error: last sightings are listed by place"),
+        ("bring me the cup", "error: not understood: this answers questions and moves no"),
+        ("what did you see last in the bowl", "error: last sightings are listed by place"),
         ("where can I sit in the kitchen?", "Nothing to sit is known to be in the kitchen"),
-        ("wieviele Betten gibt es", "bed: 1"),
-        ("wie gross ist das Bett?", "bed 3"),
-        ("ist das Bett noch da?", "bed 3 was seen there"),
         ("wie weit ist das Bett von der Tasse?", " m from cup 2"),
         ("when did you last see the cup?", "years ago: cup 2 in the kitchen, at 1970-01-01"),
         ("which rooms are there", "3 places: place 1 (kitchen), place 2 (bedroom), place 3"),
@@ -119,115 +116,58 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("what changed since yesterday", "Appeared: banana 1, cup 2, bed 3"),
         ("where are my keys?", "No detector here can see things called 'keys'. They are usually"),
         ("Wo ist die Tasse?", "'tasse' means cup\nProbably no longer in the kitchen: cup 2"),
-        (
-            "gibt es eine Banane in der K\u00fcche?",
-            "It was there, and has probably been moved since:",
-        ),
+        ("gibt es eine Banane in der K\u00fcche?", "It was there, and has probably been moved"),
         ("ist das Bett im Schlafzimmer", "It was there, and has probably been moved since:"),
         ("wie viele Tassen sind in der K\u00fcche", "cup: 1 in the kitchen"),
-        ("was liegt auf dem Bett", "Nothing is known to be on or in bed 3"),
-        ("was steht neben der Tasse?", "Within 2 m of cup 2: nothing"),
-        ("wann hast du die Tasse zuletzt gesehen?", "years ago: cup 2 in the kitchen"),
-        ("was hat sich seit gestern ge\u00e4ndert?", "Appeared: banana 1, cup 2, bed 3"),
-        ("Wo bist du?", "The robot is in the bedroom at (6.0, 1.0), as of "),
-        ("was fehlt", "Nothing is known to be gone"),
-        ("suche mir bitte eine Banane", "'banane' means banana"),
-        ("how many things are in the kitchen", "2 objects in the kitchen: a banana, a"),
-        ("how many objects are there?", "The map has 3 objects: a banana, a cup, a bed"),
         ("is there a cup on the bed", "No cup is known to be on bed 3\nProbably no longer"),
         ("how many cups are on the bed?", "cup: 0 on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
         ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
         ("how far is the cup from the kitchen", "From the kitchen to cup 2: 1.4 m, in the same"),
-        ("wie weit weg ist die K\u00fcche", "From the robot to the kitchen: "),
-        (
-            "are all the beds in the kitchen?",
-            "No: bed: 0 of 1 in the kitchen\nProbably no longer in",
-        ),
-        ("are the beds in the bedroom?", "Yes: bed: 1 of 1 in the bedroom"),
+        ("are all the beds in the kitchen?", "No: bed: 0 of 1 in the kitchen\nProbably no longer"),
         ("Sind alle Betten im Schlafzimmer", "Yes: bed: 1 of 1 in the bedroom"),
-        ("is every cup in the bedroom", "No: cup: 0 of 1 in the bedroom"),
         ("is there more than one cup", "No: cup: 1"),
-        ("gibt es mehr als ein Bett?", "No: bed: 1"),
         ("how large is the flat", "The 3 places of the map have "),
-        ("was ist Objekt 2?", "cup 2 was seen there"),
         ("how often did you see the bed", "bed 3 in the bedroom: it exists with"),
-        ("is there a cup around?", "It was there, and has probably been moved since:"),
-        ("I can't find my bed, help!", "bed 3 was seen there"),
         ("is there anything new in the kitchen", "Appeared: banana 1, cup 2"),
-        (
-            "how big is the kitchen",
-            "Place 1 is believed to be a kitchen (probability 0.90): at (2.0, 2.0), 16",
-        ),
+        ("how big is the kitchen", "Place 1 is believed to be a kitchen (probability 0.90): at"),
         ("how tall is the bed", "The size of bed 3 is not known"),
         ("where are the cup and the bed?", "cup 2 was seen there 4 times"),
         ("where are the cup and the bed?", "bed 3 was seen there 4 times"),
         ("where is my cup and my keys", "No detector here can see things called 'keys'"),
-        ("is there somewhere I can sit?", "bed 3 was seen there"),
         ("was there ever a cup?", "years ago: cup 2 in the kitchen"),
-        ("are you sure there is a banana", "It was there, and has probably been moved since:"),
-        ("isn't there a banana?", "It was there, and has probably been moved since:"),
         ("wher is teh banana", "This is read as 'where is the banana'"),
-        ("what room are you in", "The robot is in the bedroom"),
         ("where was the cup yesterday?", "the past before "),
-        ("mugs", "'mugs' means cup"),
-        (
-            "where am I?",
-            "The map knows where the robot is, not where you are\nThe robot is in the bedroom",
-        ),
-        ("hello", "where is the banana?\nwhat is next to the banana?"),
+        ("where am I?", "The map knows where the robot is, not where you are\nThe robot is in the"),
         ("Danke", "is there a cup in the kitchen?"),
-        ("what can I ask you?", "which rooms are there?"),
-        ("thanks, where is the cup?", "Probably no longer in the kitchen: cup 2"),
         ("has anyone moved the cup?", "No cup is known to have moved or gone\nSince 2"),
-        ("has the bed been moved", "No bed is known to have moved or gone\nSince 2"),
-        ("is anything missing?", "Nothing is known to be gone"),
-        ("do you own a banana", "It was there, and has probably been moved since:"),
-        ("where can I sleep?", "bed 3 was seen there"),
         ("what animals are there?", "No animal is in the map, but nobody looked: the robot viewed"),
         ("which cups are in the kitchen", "Probably no longer in the kitchen: cup 2"),
         ("where is the cup in the bedroom", "No cup is known to be in the bedroom\nProbably"),
-        ("number of cups", "cup: 1"),
-        ("how many beds are in the house?", "bed: 1"),
-        ("how many beds does the kitchen have", "bed: 0 in the kitchen"),
         ("which room has the most cups?", "Most are in the kitchen: 1 of 1"),
-        ("where can I find the most", "exit 1: error: not understood"),
-        (
-            "which room has the most things",
-            "Most are in the kitchen: 2 of 3\nOthers: 1 in the bed",
-        ),
+        ("where can I find the most", "error: not understood"),
+        ("which room has the most things", "Most are in the kitchen: 2 of 3\nOthers: 1 in the bed"),
         ("where is the doggy", "'doggy' is a kind of dog"),
         ("gibt es im Schlafzimmer ein Bett?", "It was there, and has probably been moved since:"),
-        ("wo ist die Tasse in der K\u00fcche", "Probably no longer in the kitchen: cup 2"),
-        ("wie viele Tassen hat die K\u00fcche?", "cup: 1 in the kitchen"),
         ("welche Tiere gibt es", "'tiere' means animal\nNo animal is in the map"),
-        ("what moved today?", "Nothing is known to have moved"),
         ("wo sind meine Schl\u00fcssel", "see things called 'schl\u00fcssel' (keys)"),
         ("what changed in the kitchen?", "Appeared: banana 1, cup 2\nNew rooms: kitchen\nSince"),
-        ("what is new in the bedroom since yesterday", "Appeared: bed 3\nSince"),
-        ("Was ist neu in der K\u00fcche?", "Appeared: banana 1, cup 2\nSince"),
-        ("where is object 2?", "cup 2 was seen there"),
-        ("Where is my can opener?", "No detector here can see things called 'can opener'"),
         ("are there two cups?", "No: cup: 1"),
-        ("is there one cup?", "Yes: cup: 1"),
         ("do we have two bedrooms", "No: bedroom: 1, the bedroom"),
         ("are there 2 rooms?", "Yes: room: 3"),
-        ("gibt es zwei Tassen", "No: cup: 1"),
         ("what was the last thing you saw?", "years ago: banana 1 in the kitchen\n"),
         ("what did you see last in the bedroom", "years ago: bed 3 in the bedroom"),
         ("which room is the largest?", "The largest is the kitchen (16.0 m2); then the bedroom"),
         ("how do I get to the kitchen?", "From the robot to the kitchen: "),
-        ("Wie komme ich in die K\u00fcche?", "the kitchen; the robot needs "),
         ("what is between the cup and the bed?", "From cup 2 to bed 3: nothing is known to be"),
         ("how sure are you that there is a cup?", "cup 2 in the kitchen: it exists with probabi"),
         ("how sure are you that the cup is in the bedroom", "No cup is known to be in the bedroom"),
         ("which rooms have you never been in?", "Never viewed: "),
-        ("welche R\u00e4ume hast du noch nie gesehen", "Never viewed: "),
         ("why do you think there is a cup?", "cup 2 has no observation in the map"),
     ],
 )
-def test_a_question_has_its_answer(answers: Says, question: str, answer: str) -> None:
-    assert answer in answers("ask", question)
+def test_a_question_has_its_answer(opened: SemanticMap, question: str, answer: str) -> None:
+    assert answer in told(opened, question)
 
 
 def test_a_thing_seen_just_now_is_there() -> None:
@@ -264,85 +204,56 @@ def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
     ("text", "says_so"),
     [
         ("", "not understood: an empty text"),
-        ("the of and", "not understood"),
         ("where " * 2000, "questions of at most 300 characters that are: "),
         ("<script>alert('cup')</script> <b>?</b>", "not understood: "),
         ("who ate my cake?", "where is the banana?"),
         ("which room has the fewest cups", "not understood"),
-        ("who moved the cup", "not understood"),
         ("where is the pepsi", "no category 'pepsi'"),
-        ("where is the nearest place", "no category 'place'"),
         ("is there a cup that is not red", "not understood"),
         ("are there more chairs than cups", "not understood"),
-        ("are there fewer cups than chairs", "not understood"),
-        ("are there as many cups as bananas", "not understood"),
         ("are there exactly two cups", "not understood"),
-        ("are there twenty cups", "not understood"),
-        ("do we have a dozen cups in the kitchen", "not understood"),
-        ("do we have more than three cups", "not understood"),
         ("is there a second cup", "not understood"),
-        ("are three cups in the kitchen", "not understood"),
-        ("any two cups", "not understood"),
         ("clean the bed", "not understood"),
-        ("move my bed", "not understood"),
         ("where is the cup and what is on the bed", "not understood"),
         ("is there a cup on the moon", "no category 'moon'"),
         ("is the cup on the floor", "no detector here can see floor, so nothing is known to be on"),
         ("what is there besides the bed", "not understood"),
         ("are there around five cups", "not understood"),
-        ("gibt es etwa f\u00fcnf Tassen", "not understood"),
-        ("gibt es h\u00f6chstens zwei Tassen", "not understood"),
         ("are the cup and the bed in the same room", "not understood"),
-        ("does every room have a chair", "not understood"),
         ("is the cup near the kitchen", "'kitchen' is a place; 'what is in the kitchen'"),
         ("how far is the cup from the cellar", "no place is called 'cellar'"),
-        ("how many cups were in the kitchen in 1999", "not understood"),
         ("how many cups were in the kitchen a week ago", "the past before "),
         ("gibt es keine Tasse", "not understood"),
         ("where is the bananna", "nothing is called 'bananna'; did you mean banana?"),
-        ("bring me the cup", "this answers questions and moves no robot; ask where the cup is"),
         ("hol mir die Tasse", "moves no robot; ask where die tasse is"),
         ("what changed in the bed?", "changes are listed by place, and 'bed' is none"),
         ("how do I get to the cellar", "no place is called 'cellar'; there are: place 1"),
-        ("how do i get rid of ants", "not understood"),
         ("stell die Tasse in die K\u00fcche", "not understood"),
-        ("when was the bed made", "not understood"),
-        ("gibt es genau zwei Tassen", "not understood"),
-        ("gibt es mehr Tassen als Betten", "not understood"),
-        ("wer hat meinen Kuchen gegessen", "not understood"),
         ("is there a book about cups", "no category 'book about cups'"),
-        ("what is in the cellar", "no place is called 'cellar'; there are: place 1"),
         ("where is the qwertzy", "no category"),
         ("where is cup 99", "nothing has the label 'cup 99'; there are: cup 2"),
         ("is chair 7 in the kitchen", "'chair 7'; no chair is in the map"),
         ("what changed since the flood", "yesterday, today, an hour ago"),
-        ("SELECT ?x WHERE { ?x a here:Cup", "does not parse at line 1"),
-        ("select ?x where", "does not parse"),
-        ("placesof", "no query 'placesof'"),
     ],
 )
-def test_what_is_not_understood_is_one_line(answers: Says, text: str, says_so: str) -> None:
-    told = answers("ask", text)
-    assert told.startswith("exit 1: error: ")
-    assert says_so in told
-    assert told.count("\n") == 1 and len(told) < 1000
+def test_what_is_not_understood_is_one_line(opened: SemanticMap, text: str, says_so: str) -> None:
+    line = told(opened, text)
+    assert line.startswith("error: ")
+    assert says_so in line
+    assert "\n" not in line and len(line) < 1000
 
 
 def test_sparql_and_names_of_queries_are_what_they_were(answers: Says) -> None:
+    for text, says_so in (
+        ("SELECT ?x WHERE { ?x a here:Cup", "does not parse at line 1"),
+        ("placesof", "no query 'placesof'"),
+        ("", "not understood: an empty text"),
+    ):
+        refused = answers("ask", text)
+        assert refused.startswith("exit 1: error: ") and says_so in refused
+        assert refused.count("\n") == 1
     assert "cup 2" in answers("ask", "objects")
     assert "0.90" in answers("ask", "SELECT ?e WHERE { ?o a here:Cup ; here:existence ?e }")
-
-
-def test_printed_labels_are_names(says: Says) -> None:
-    assert "object/2 (cup 2)" in says("why", "cup 2")
-    assert says("status", "cup 2").startswith("cup 2: present")
-    assert says("assert", "cup 2", "category", "bowl", "--by", "ann") == ""
-    assert '"category": "bowl"' in says("ask", "objects", "--json")
-    assert says("retract", "bowl 2", "category", "--by", "ann") == ""
-    assert says("name", "cup 2", "my blue mug", "--by", "ann") == ""
-    assert says("ask", "where is my blue mug?").startswith("Probably")
-    for command in (["why", "cup 99"], ["assert", "cup 99", "category", "bowl", "--by", "ann"]):
-        assert says(*command).startswith("exit 1: error: nothing has the label 'cup 99'")
 
 
 def test_what_changed_counts_from_where_the_kept_history_begins(says: Says, flat: Path) -> None:
@@ -352,18 +263,7 @@ def test_what_changed_counts_from_where_the_kept_history_begins(says: Says, flat
     assert "Relabelled: bowl 2" in says("ask", "what changed since yesterday")
 
 
-def test_one_thing_is_found_by_each_of_its_names(answers: Says) -> None:
-    for name in ("cup 2", "object/2"):
-        assert "cup 2 was seen there" in answers("find", name)
-        assert "cup 2" in answers("ask", "whereabouts", "-p", f"object={name}")
-    assert "'object/99' is not in the map now" in answers("find", "object/99")
-    assert "nothing has the label 'cups 99'; there are: cup 2" in answers("find", "cups 99")
-    assert "'bathroom' is a kind of place" in answers("find", "bathroom")
-
-
 def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
-    from kg.serving.opening import open_map
-
     with open_map(flat, read_only=True) as semantic_map:
         for text in ("bring me the cup", "put the cup on the bed", "where is the bananna"):
             with pytest.raises((UnknownQueryError, UnknownCategoryError)) as refused:
@@ -401,20 +301,6 @@ def test_an_answer_says_which_things_it_is_about(
         assert len({one["iri"] for one in about}) == len(about)
 
 
-def test_questions_and_commands_take_the_same_moments(says: Says) -> None:
-    for words in ("yesterday", "2h", "an hour ago", "the last 3 days", "Monday", "2020-01-01"):
-        told = says("diff", words, "now")
-        assert "appeared" in told and "object/2" in told
-        assert "Appeared: banana 1, cup 2" in says("ask", f"what changed since {words}")
-        assert "cup" in says("diff", words, "now", "--facts")
-        assert "the past before " in says("ask", "objects", "--at", words)
-        assert "the past before " in says("restore", "--to", words, "--by", "ann")
-    assert "cup 2" in says("ask", "objects", "--at", "now")
-    for command in (["diff", "noon", "now"], ["ask", "objects", "--at", "noon"]):
-        assert "no moment 'noon'; now, yesterday, today, an hour ago" in says(*command)
-    assert "no transaction #99 is kept" in says("diff", "#99", "now")
-
-
 def test_a_moment_of_the_past_has_the_answer_of_then(flat: Path) -> None:
     with open_map(flat) as semantic_map:
         asked = "where was the cup a minute ago?"
@@ -427,31 +313,16 @@ def test_a_moment_of_the_past_has_the_answer_of_then(flat: Path) -> None:
         assert later.lines[1].startswith("No cup is in the map")
 
 
-@pytest.mark.parametrize(
-    ("words", "hour"),
-    [("yesterday", 24), ("last night", 24), ("today", 36), ("this morning", 36), ("sunday", 0)],
-)
-def test_a_day_of_the_past_is_asked_for_as_it_ended(words: str, hour: int) -> None:
-    noon = datetime(2026, 11, 24, 12, 0).timestamp()  # a Tuesday
-    midnight = datetime(2026, 11, 23).timestamp()
-    assert past(words, noon) == midnight + 3600.0 * hour
-
-
-def test_days_begin_at_midnight() -> None:
+def test_days_begin_at_midnight_and_spans_count_back_from_now() -> None:
     noon = datetime(2026, 11, 24, 12, 0, 0, 500).timestamp()  # a Tuesday
     for words, day in (("today", 24), ("yesterday", 23), ("since sunday", 22), ("tuesday", 17)):
         begun = datetime.fromisoformat(since(words, noon)).timestamp()
         assert begun == datetime(2026, 11, day).timestamp()
-
-
-@pytest.mark.parametrize(
-    ("words", "seconds"),
-    [("in the last hour", 3600), ("since 2 days ago", 172800), ("over the past week", 604800)],
-)
-def test_moments_count_back_from_now(words: str, seconds: float) -> None:
-    from kg.history.timestamps import moment
-
-    assert moment(since(words, 1e9)) == pytest.approx(1e9 - seconds)
+    for words, seconds in (("in the last hour", 3600), ("over the past week", 604800)):
+        assert moment(since(words, 1e9)) == pytest.approx(1e9 - seconds)
+    midnight = datetime(2026, 11, 23).timestamp()  # a day of the past is asked for as it ended
+    for words, hour in (("yesterday", 24), ("last night", 24), ("today", 36), ("sunday", 0)):
+        assert past(words, noon) == pytest.approx(midnight + 3600.0 * hour, abs=0.001)
 
 
 def test_a_language_limits_how_a_question_is_read(answers: Says) -> None:

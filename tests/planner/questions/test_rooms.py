@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from kg.model.records import FREE, FloorTile, MapUpdate, PlaceViews, Relation
 from kg.model.room_edit import RoomEdit
 from kg.serving.opening import in_memory_map
 from planner.questions.answers import answer_box, answer_question
-from planner.questions.counts import counted_unnamed, sized
+from planner.questions.named_things import counted_unnamed, sized
 from tests.planner.flat import fill, thing, with_unnamed
 
 
@@ -38,53 +39,25 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
 @pytest.mark.parametrize(
     ("question", "answer"),
     [
-        (
-            "where is the kitchen?",
-            ["Place 1 is believed to be a kitchen (probability 0.90): at (2.0, 2.0), "],
-        ),
-        ("kitchen", ["Place 1 is believed to be a kitchen (probability 0.90)"]),
+        ("where is the kitchen?", ["Place 1 is believed to be a kitchen (probability 0.90): at"]),
         ("wheres Ann's room", ["Ann's room is believed to be a bedroom (probability 0.90)"]),
-        ("where is place 3", ["Place 3 is believed to be a bedroom (probability 0.50)"]),
         ("what is place 3?", ["Place 3 is believed to be a bedroom (probability 0.50)"]),
         ("is there a kitchen?", ["Yes: place 1 is believed to be a kitchen (probability 0.90)"]),
-        (
-            "do we have a K\u00fcche",
-            ["Yes: place 1 is believed to be a kitchen (probability 0.90)"],
-        ),
         ("are there any bedrooms", ["Yes:", "Ann's room is", "Place 3 is"]),
-        ("is there a room", ["Yes:", "Place 1 is", "Ann's room is", "Place 3 is"]),
         ("is there a bathroom", ["Perhaps a bathroom: place 3 (probability 0.30)"]),
-        ("is there a pantry", ["No place of this map is believed to be a pantry; the map has pla"]),
-        (
-            "do we have a garage",
-            ["No place of this map is believed to be a garage; the map has place"],
-        ),
+        ("do we have a garage", ["No place of this map is believed to be a garage; the map has"]),
         ("is place 1 a kitchen", ["Yes: place 1 is believed to be a kitchen (probability 0.90)"]),
-        ("is place 1 a bedroom", ["No: place 1 is believed to be a kitchen (probability 0.90)"]),
         (
             "is place 3 a bathroom",
             ["No: place 3 is believed to be a bedroom (probability 0.50), and a bath"],
         ),
         ("how many kitchens are there", ["kitchen: 1, the kitchen"]),
-        (
-            "how many bathrooms do we have",
-            ["bathroom: 0", "Perhaps a bathroom: place 3 (probability 0.30)"],
-        ),
-        (
-            "when did you last see the kitchen",
-            ["90 s ago: the kitchen, at 1970-01-01T00:16:40"],
-        ),
+        ("how many bathrooms do we have", ["bathroom: 0", "Perhaps a bathroom: place 3"]),
+        ("when did you last see the kitchen", ["90 s ago: the kitchen, at 1970-01-01T00:16:40"]),
         ("when did you last see the bedroom", ["It is not kept when bedroom was last viewed"]),
         ("what is next to the kitchen", ["Next to the kitchen: Ann's room (bedroom)"]),
-        (
-            "is there a bedroom next to the kitchen",
-            ["Yes: Ann's room (bedroom) is next to the kitchen"],
-        ),
+        ("is there a bedroom next to the kitchen", ["Yes: Ann's room (bedroom) is next to the"]),
         ("is there a pantry next to the kitchen", ["No place of this map is believed to be a pan"]),
-        (
-            "is the bedroom next to the kitchen?",
-            ["Yes: Ann's room (bedroom) is next to the kitchen"],
-        ),
         (
             "which rooms are next to Ann's room",
             [
@@ -92,23 +65,11 @@ def flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
                 "Next to Ann's room (bedroom), with no known door: place 3",
             ],
         ),
-        (
-            "is the kitchen next to place 3",
-            ["Not as far as the map knows", "Next to place 3 (bedroom), with no known door: Ann"],
-        ),
+        ("is the kitchen next to place 3", ["Not as far as the map knows", "Next to place 3 (bed"]),
         ("is the kitchen bigger than Ann's room", ["The kitchen has 16.0 m2, Ann's room"]),
         ("how many doors are there", ["1 door"]),
-        (
-            "is there a door in the kitchen",
-            ["Yes, 1 door of place 1:", "Between place 1 and Ann's"],
-        ),
-        ("where is the door", ["Between place 1 and Ann's room, at (4.0, 2.0), 0.8 m"]),
-        ("what is in the K\u00fcche", ["2 objects in the kitchen: a banana, a cup"]),
-        ("gibt es ein Badezimmer?", ["Perhaps a bathroom: place 3 (probability 0.30)"]),
+        ("is there a door in the kitchen", ["Yes, 1 door of place 1:", "Between place 1 and"]),
         ("Wo ist die Kueche", ["Place 1 is believed to be a kitchen (probability 0.90)"]),
-        ("was ist in der K\u00fcche?", ["2 objects in the kitchen: a banana, a cup"]),
-        ("welche R\u00e4ume gibt es", ["3 places: place 1 (kitchen)"]),
-        ("which rooms are there", ["3 places: place 1 (kitchen), Ann's room (bedroom), place 3"]),
     ],
 )
 def test_rooms_are_things_to_ask_for(flat: SemanticMap, question: str, answer: list[str]) -> None:
@@ -128,21 +89,11 @@ def test_rooms_are_things_to_ask_for(flat: SemanticMap, question: str, answer: l
     ],
 )
 def test_a_room_that_is_none_is_told(flat: SemanticMap, question: str, says: str) -> None:
-    with pytest.raises(QueryParameterError) as refused:
+    with pytest.raises(QueryParameterError, match=re.escape(says)):
         answer_question(flat, question)
-    assert says in str(refused.value)
-
-
-def test_a_map_without_doors_says_so(flat: SemanticMap) -> None:
-    (line,) = answer_question(flat, "how many doors are there").lines
-    assert line.startswith("Doors are not known")
-
-
-def test_the_box_of_the_page_answers_for_rooms(flat: SemanticMap) -> None:
-    told = answer_box(flat, ["where is the kitchen?"])
-    assert str(told["answer"]).startswith(
-        "['Place 1 is believed to be a kitchen (probability 0.90)"
-    )
+    assert answer_question(flat, "how many doors are there").lines[0].startswith("Doors are not")
+    told = answer_box(flat, ["where is the kitchen?"])["answer"]
+    assert str(told).startswith("['Place 1 is believed to be a kitchen (probability 0.90)")
 
 
 def test_they_are_counted_by_place() -> None:
@@ -159,23 +110,17 @@ def test_they_are_counted_by_place() -> None:
 @pytest.mark.parametrize(
     ("question", "line"),
     [
-        (
-            "what is in the kitchen?",
-            "2 objects in the kitchen: a banana, a cup, and 2 things without a name",
-        ),
+        ("what is in the kitchen?", "2 objects in the kitchen: a banana, a cup, and 2 things"),
         ("what is in the bedroom?", "1 object in the bedroom: a bed"),
         ("what is in place 3?", "0 objects in place 3 by name, and 1 thing without a name"),
-        (
-            "list all objects",
-            "The map has 3 objects: a banana, a cup, a bed, and 3 things without a name "
-            "(2 in place 1, 1 in place 3)",
-        ),
+        ("list all objects", "The map has 3 objects: a banana, a cup, a bed, and 3 things without"),
         ("how many cups are there?", "cup: 1"),
     ],
 )
 def test_answers_count_them_beside_the_objects(question: str, line: str) -> None:
     with in_memory_map() as flat:
-        assert answer_question(with_unnamed(flat), question).lines == (line,)
+        (said,) = answer_question(with_unnamed(flat), question).lines
+        assert said.startswith(line)
 
 
 def test_a_size_has_its_longer_side_first() -> None:
@@ -210,11 +155,7 @@ def measured_flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
 @pytest.mark.parametrize(
     ("question", "answer"),
     [
-        (
-            "how high is the table?",
-            ["The top of dining table 4 is 0.72 m above the floor; the par"],
-        ),
-        ("what is the height of the ball", ["The top of sports ball 6 is 0.20 m above the floor;"]),
+        ("how high is the table?", ["The top of dining table 4 is 0.72 m above the floor; the"]),
         (
             "is the table bigger than the book?",
             [
@@ -239,35 +180,12 @@ def measured_flat(semantic_map: SemanticMap) -> Iterator[SemanticMap]:
                 "Neither of the parts that were seen is big",
             ],
         ),
-        (
-            "which is smaller, the table or the book",
-            [
-                "The top of dining",
-                "The top of book 5",
-                "So the part of book 5 that was seen is sma",
-            ],
-        ),
-        (
-            "what is under the table?",
-            ["Under the part of dining table 4 that was seen: sports ball"],
-        ),
-        (
-            "is there anything below the ball",
-            ["Under the part of sports ball 6 that was seen: not"],
-        ),
-        (
-            "is anything under the bed",
-            ["The size of bed 3 is not known, so nor is what is under it"],
-        ),
+        ("what is under the table?", ["Under the part of dining table 4 that was seen: sports"]),
+        ("is there anything below the ball", ["Under the part of sports ball 6 that was seen:"]),
+        ("is anything under the bed", ["The size of bed 3 is not known, so nor is what is under"]),
         ("where is the nearest cup?", ["cup 2, 3.0 m from the robot, in the kitchen"]),
-        ("what is the closest bed to me", ["bed 3, 1.4 m from the robot, in the bedroom"]),
-        ("how far is the bed", ["bed 3, 1.4 m from the robot"]),
         ("how far apart are the cup and the bed?", ["cup 2, 4.1 m from bed 3"]),
-        ("what is the distance between the cup and the bed", ["cup 2, 4.1 m from bed 3"]),
-        (
-            "is the cup next to the banana",
-            ["No cup is known within 2 m of banana", "The nearest is"],
-        ),
+        ("is the cup next to the banana", ["No cup is known within 2 m of", "The nearest is"]),
         ("is the book beside the table", ["book 5, 0.0 m from dining table 4"]),
         ("what is near me?", ["Within 2 m of the robot: bed 3 (1.4 m)"]),
     ],

@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from kg.model.areas import Area
 from planner.freespace.floor_plan import free_space
-from planner.freespace.grid import FreeSpace, Room
+from planner.freespace.grid import FreeSpace
 from planner.freespace.planning_map import PlanningMap
 from planner.search.belief import CellBelief, TargetBelief, build_target_belief, site_weights
 from planner.search.goals.candidate_queries import Candidate
@@ -22,7 +23,7 @@ ROOMS = ("kitchen", "hall")
 
 @cache
 def home() -> FreeSpace:
-    return free_space([Room(0, 4, 0, 4), Room(4, 8, 0, 4)])
+    return free_space([Area(0, 4, 0, 4), Area(4, 8, 0, 4)])
 
 
 def ground(seen: np.ndarray | None = None) -> PlanningMap:
@@ -36,6 +37,13 @@ def candidate(kind: str, probability: float, **fields: object) -> Candidate:
 
 def belief(*candidates: Candidate, settings: BeliefSettings = SETTINGS) -> TargetBelief:
     return build_target_belief(ground(), home().inside(), candidates, settings)
+
+
+def apart(cells: np.ndarray, weight: np.ndarray, target: np.ndarray) -> TargetBelief:
+    """Belief of instances that do not learn from each other."""
+    count = len(weight)
+    alike = np.zeros((count, count), np.bool_)
+    return TargetBelief(cells, weight, target, (), alike, np.zeros(count))
 
 
 def of_room(weight: np.ndarray, room: int) -> float:
@@ -53,14 +61,9 @@ def test_a_site_is_a_gaussian_about_its_position(sigma: float, spread: float) ->
         aside = int(np.argmin(np.hypot(*(middles - middles[middle] - (steps * space.cell, 0)).T)))
         expected = math.exp(-((steps * space.cell / spread) ** 2) / 2)
         assert weight[aside] / weight[middle] == pytest.approx(expected)
-
-
-def test_a_site_off_the_floor_falls_to_the_nearest_cells() -> None:
-    space, cells = home(), home().inside()
-    weight = site_weights(space, cells, (-30.0, 2.0), 0.1)
-    middles = space.centres(cells)
-    assert weight.sum() == pytest.approx(1.0)
-    assert weight @ middles[:, 0] == pytest.approx(middles[:, 0].min(), abs=0.05)
+    off = site_weights(space, cells, (-30.0, 2.0), 0.1)  # off the floor: the nearest cells
+    assert off.sum() == pytest.approx(1.0)
+    assert off @ middles[:, 0] == pytest.approx(middles[:, 0].min(), abs=0.05)
 
 
 def test_weights_must_sum_to_one_with_what_is_absent() -> None:
@@ -111,21 +114,15 @@ def test_a_target_is_less_likely_on_floor_where_it_would_have_been_noticed() -> 
     weight = made.weight[0, inside]
     assert weight[was_seen] == pytest.approx(weight[~was_seen][0] / 4)
     assert weight.sum() == pytest.approx(0.4)
-
-
-def test_a_share_is_spread_over_the_whole_floor() -> None:
-    made = belief(
-        candidate("place", 0.5, iri="kitchen", place="kitchen"),
-        settings=replace(SETTINGS, uniform_share=0.1),
-    )
-    assert made.weight.sum() == pytest.approx(0.5)
-    assert made.weight.min() == pytest.approx(0.05 / len(made.cells))
+    spread = belief(room, settings=replace(SETTINGS, uniform_share=0.1))
+    assert spread.weight.sum() == pytest.approx(0.4)
+    assert spread.weight.min() == pytest.approx(0.04 / len(spread.cells))
 
 
 def test_views_in_vain_lower_what_is_left_of_the_targets_together() -> None:
     cells = home().inside()[:4]
     weight = np.array([[0.5, 0.0, 0.0, 0.0], [0.0, 0.2, 0.2, 0.0], [0.0, 0.0, 0.0, 0.6]])
-    made = TargetBelief.apart(cells, weight, np.array([0, 0, 1]))
+    made = apart(cells, weight, np.array([0, 0, 1]))
     unseen = np.array([0.5, 1.0, 0.0, 1.0])
     assert made.present(unseen) == pytest.approx([1 / 0.75, 1 / 0.8, 1.0])
     assert made.still_missing(unseen, 3) == pytest.approx([0.6, 1.0, 1.0])
@@ -140,7 +137,7 @@ def test_views_in_vain_lower_what_is_left_of_the_targets_together() -> None:
 
 def bedrooms(*kinds: str, rooms: float = 4.0, p: float = 0.5) -> TargetBelief:
     """One candidate in each room of a home with rooms of `kinds`."""
-    space = free_space([Room(4.0 * i, 4.0 * i + 3, 0, 3) for i in range(len(kinds))])
+    space = free_space([Area(4.0 * i, 4.0 * i + 3, 0, 3) for i in range(len(kinds))])
     names = tuple(f"room {i}" for i in range(len(kinds)))
     candidates = [
         replace(candidate("place", p, iri=name, place=name), room_kind=kind, rooms=rooms, facts=())

@@ -26,16 +26,13 @@ from planner.simulation.houses.house import (
     furnished_house,
 )
 from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around, turn
+from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
 from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 from planner.simulation.sensing.sensors import (
-    CLUTTER_TAKEN_FOR,
     LOOKS_LIKE,
     MISTAKEN_FOR,
-    SENSES,
     DetectorFaults,
-    SceneFaults,
     SimulatedDetector,
     SimulatedSceneClassifier,
 )
@@ -84,7 +81,6 @@ def test_every_thing_stands_in_a_room_and_above_the_floor() -> None:
 
 def test_every_label_is_a_category_of_the_ontology_by_that_very_name(catalogue: Catalogue) -> None:
     mistaken = {label for labels in MISTAKEN_FOR.values() for label in labels}
-    mistaken |= {label for labels in CLUTTER_TAKEN_FOR.values() for label in labels}
     for label in {*OBJECTS, *MISTAKEN_FOR, *mistaken}:
         assert catalogue.find(label, "object").label == label
     alike = {label for labels in LOOKS_LIKE.values() for label in labels}
@@ -92,11 +88,8 @@ def test_every_label_is_a_category_of_the_ontology_by_that_very_name(catalogue: 
         assert catalogue.find(label, "place").label == label
 
 
-def test_what_is_taken_for_something_exists() -> None:
-    assert set(MISTAKEN_FOR) <= set(OBJECTS) and set(CLUTTER_TAKEN_FOR) <= set(FURNISHINGS)
-
-
-def test_objects_and_furnishings_do_not_share_names() -> None:
+def test_what_is_taken_for_something_exists_under_a_name_of_its_own() -> None:
+    assert set(MISTAKEN_FOR) <= set(OBJECTS)
     assert not set(OBJECTS) & set(FURNISHINGS)
 
 
@@ -105,26 +98,6 @@ def test_doorways_are_open_up_to_the_lintel() -> None:
     assert wall.pieces() == [(0, 2), (3, 10)]
     in_doorway = [s for s in wall.solids() if s.lo[0] <= 2.5 <= s.hi[0]]
     assert [s.lo[2] for s in in_doorway] == [2.05]
-
-
-def test_a_guest_does_not_renumber_the_others() -> None:
-    house = furnished_house()
-    changed = house.with_objects([Item("apple", 1, 1)])
-    assert changed.objects[: len(house.objects)] == house.objects
-
-
-@given(metres, metres, sizes, sizes, sizes, metres, metres)
-def test_turning_a_thing_keeps_its_size_and_its_distance(
-    x: float, y: float, width: float, depth: float, height: float, at_x: float, at_y: float
-) -> None:
-    part = SolidPart(x, y, 0.1, width, depth, height, (1, 1, 1))
-    north = part.placed((at_x, at_y, 0.5), "north")
-    for facing in ("west", "south", "east"):
-        turned = part.placed((at_x, at_y, 0.5), facing)
-        assert np.prod(turned.hi - turned.lo) == pytest.approx(width * depth * height)
-        centre = (turned.lo + turned.hi)[:2] / 2 - (at_x, at_y)
-        assert np.linalg.norm(centre) == pytest.approx(np.hypot(x, y), abs=1e-9)
-        assert turned.lo[2] == north.lo[2] == pytest.approx(0.6)
 
 
 def test_a_front_looks_where_it_is_turned_to() -> None:
@@ -164,17 +137,6 @@ def test_rays_end_on_the_surface_they_hit(x: float, y: float, z: float, size: fl
         else:
             distance = np.maximum(np.linalg.norm(offset[:, :2], axis=1), np.abs(offset[:, 2]))
         assert np.allclose(distance, 1, atol=2e-3)
-
-
-def test_depth_is_measured_along_the_optical_axis() -> None:
-    t, _ = view_of(Solid("box", np.array([3.0, -5, -5]), np.array([4.0, 5, 5]), (1, 1, 1)))
-    assert np.allclose(t, 3.0, atol=1e-5)
-
-
-def test_what_lies_behind_the_camera_is_not_seen() -> None:
-    for shape in ("box", "cylinder", "ellipsoid"):
-        t, _ = view_of(Solid(shape, np.array([-3.0, -1, -1]), np.array([-2.0, 1, 1]), (1, 1, 1)))
-        assert np.all(t == FAR)
 
 
 # the camera
@@ -234,18 +196,16 @@ def test_depth_noise_grows_with_distance_and_far_walls_give_none() -> None:
 
 
 def test_the_same_frame_looks_the_same_again(camera: SimulatedCamera) -> None:
-    first = frame_at(camera, 2.3, 3.0, 0.5)
-    frame_at(camera, 6.7, 2.4, 0.1)
-    again = frame_at(camera, 2.3, 3.0, 0.5)
-    other = frame_at(camera, 2.3, 3.0, 0.5, name="g")
+    detector = SimulatedDetector(camera)
+    first = frame_at(camera, 5.7, 6.1, 1.4)
+    seen = detector.detect(first)
+    detector.detect(frame_at(camera, 6.7, 2.4, 0.1))
+    again, other = frame_at(camera, 5.7, 6.1, 1.4), frame_at(camera, 5.7, 6.1, 1.4, name="g")
     assert np.array_equal(first.rgb, again.rgb)
     assert np.array_equal(first.depth, again.depth, equal_nan=True)
     assert not np.array_equal(first.depth, other.depth, equal_nan=True)
-
-
-def test_pictures_have_light_and_shade(camera: SimulatedCamera) -> None:
-    rgb = frame_at(camera, 1.9, 6.7, 2.6).rgb.astype(int)
-    assert rgb.std() > 20 and rgb.max() > 200 and rgb.min() < 80
+    twice = detector.detect(again)
+    assert seen.label == twice.label and np.array_equal(seen.xyxy, twice.xyxy)
 
 
 # the senses
@@ -272,10 +232,6 @@ def test_recall_falls_with_distance_and_with_occlusion(
     assert chance(visible, visible * hidden) <= chance(visible * more, visible * hidden * more)
     assert chance(visible, visible * hidden) >= chance(visible, visible * hidden * more)
     assert 0 <= chance(visible, visible) <= DetectorFaults().recall
-
-
-def test_a_thing_mostly_hidden_is_mostly_missed(camera: SimulatedCamera) -> None:
-    chance = SimulatedDetector(camera).chance
     assert chance(900, 4500) < 0.1 < 0.8 < chance(900, 900)
 
 
@@ -297,66 +253,6 @@ def test_a_careless_detector_gives_wrong_names_and_sees_ghosts() -> None:
     assert sum(len(dreaming.detect(frame)) for frame in frames) > 40
 
 
-def test_recall_falls_for_what_the_border_cuts() -> None:
-    camera = SimulatedCamera(one_room(Item("couch", 3.0, 3.2)))
-    view = camera.view(camera.model.pose(3.0, 0.8, pi / 2))
-    aside = camera.view(camera.model.pose(3.0, 0.8, pi / 2 + 0.75))
-    assert view.inside[0] > 0.95 and 0.01 < aside.inside[0] < 0.35
-    chance = SimulatedDetector(camera, SENSES["hard"]).chance
-    assert chance(4000, 4000, 0.05) < 0.1 < 0.6 < chance(4000, 4000, 1.0)
-
-
-def test_clutter_is_taken_for_the_same_thing_again_and_again_from_one_side() -> None:
-    house = replace(one_room(), furnishings=(Item("waste bin", 3.0, 3.0, name="bin"),))
-    camera = SimulatedCamera(house)
-    faults = DetectorFaults(recall=0, false_alarms=0, clutter=1.0, clutter_recall=1.0)
-    detector = SimulatedDetector(camera, replace(faults, threshold=0.25))
-    found = []
-    for k, angle in enumerate(np.linspace(-pi, pi, 24, endpoint=False)):
-        x, y = 3 - 2 * np.cos(angle), 3 - 2 * np.sin(angle)
-        found.append(detector.detect(frame_at(camera, x, y, angle, f"f{k}")).label)
-    seen = {label for labels in found for label in labels}
-    assert len(seen) == 1 and seen <= set(CLUTTER_TAKEN_FOR["waste bin"])
-    assert 4 <= sum(map(len, found)) <= 9
-    assert not any(SimulatedDetector(camera).detect(frame_at(camera, 3, 1, pi / 2)).label)
-
-
-def test_scores_of_hard_senses_tell_true_from_false_only_in_part() -> None:
-    camera = SimulatedCamera(one_room(Item("chair", 3.0, 3.2)))
-    detector = SimulatedDetector(camera, SENSES["hard"])
-    frames = [frame_at(camera, 3.0, 0.8, pi / 2, f"f{k}") for k in range(300)]
-    true, false = list[float](), list[float]()
-    for detections in map(detector.detect, frames):
-        for label, score in zip(detections.label, detections.score, strict=True):
-            (true if label == "chair" else false).append(float(score))
-    assert all(0.25 <= score <= 1 for score in true + false)
-    assert 0.55 < len(true) / len(frames) < 0.8
-    assert 0.2 < len(false) / len(frames) < 0.55
-    assert np.median(true) > np.median(false) + 0.1 and max(false) > min(true)
-
-
-def test_larger_images_do_not_make_the_detector_better() -> None:
-    found = []
-    for width, height in ((320, 240), (640, 480)):
-        camera = SimulatedCamera(
-            one_room(Item("book", 3.0, 4.6)), CameraModel(width, height, 0.875 * width)
-        )
-        frames = [frame_at(camera, 3.0, 0.8, pi / 2, f"f{k}") for k in range(150)]
-        found.append(sum(len(SimulatedDetector(camera).detect(f)) for f in frames) / len(frames))
-    assert found[0] == pytest.approx(found[1], abs=0.15)
-
-
-def test_detections_depend_on_the_frame_not_on_what_was_asked_before(
-    camera: SimulatedCamera,
-) -> None:
-    detector = SimulatedDetector(camera)
-    frame = frame_at(camera, 5.7, 6.1, 1.4)
-    first = detector.detect(frame)
-    detector.detect(frame_at(camera, 6.7, 2.4, 0.1))
-    again = detector.detect(frame)
-    assert first.label == again.label and np.array_equal(first.xyxy, again.xyxy)
-
-
 def test_scenes_mostly_tell_the_room_in_view(camera: SimulatedCamera, catalogue: Catalogue) -> None:
     labels = [c.label for c in catalogue.categories if c.kind == "place"]
     classifier = SimulatedSceneClassifier(camera, labels)
@@ -370,9 +266,7 @@ def test_scenes_mostly_tell_the_room_in_view(camera: SimulatedCamera, catalogue:
 
 
 def test_a_scene_through_a_doorway_is_that_of_the_room_behind(camera: SimulatedCamera) -> None:
-    classifier = SimulatedSceneClassifier(
-        camera, [room.category for room in camera.house.rooms], SceneFaults(confusion=0)
-    )
+    classifier = SimulatedSceneClassifier(camera, [room.category for room in camera.house.rooms])
     looking_in = classifier.room_seen(frame_at(camera, 5.65, 5.0, pi / 2))
     assert looking_in is not None and looking_in.name == "dining room"
 
@@ -408,10 +302,6 @@ def test_looking_around_ends_where_it_began(heading: float) -> None:
     assert poses[-1].heading == pytest.approx(heading, abs=1e-9)
     assert poses[-1].seconds == pytest.approx(5 + 2 * pi / 0.8)
     assert len({round(pose.heading, 6) for pose in poses}) == 12
-
-
-def test_a_turn_by_nothing_takes_no_picture() -> None:
-    assert list(turn(TimedPose(0, 0, 0, 0), 0.0, MotionLimits())) == []
 
 
 def test_the_way_between_rooms_leads_through_doorways() -> None:
@@ -472,9 +362,6 @@ def test_a_tour_can_be_read_again_from_any_frame(tour: SimulatedTour) -> None:
     assert np.array_equal(late[-1].depth, again.depth, equal_nan=True)
     assert late[0].stamp < late[1].stamp == START + tour.poses[-1].seconds
     assert 250 <= len(tour) <= 350
-
-
-def test_a_tour_has_no_frames_beyond_its_end(tour: SimulatedTour) -> None:
     assert list(tour.frames(len(tour))) == []
     with pytest.raises(RecordingError, match="not 9999"):
         next(tour.frames(9999))

@@ -22,7 +22,7 @@ from perception.frames import Detections, Frame
 from planner.simulation.houses.house import House
 from planner.simulation.robot.house_robot import SimulatedTour
 from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SENSES, SimulatedDetector
+from planner.simulation.sensing.sensors import SimulatedDetector
 
 FOCAL, WIDTH, HEIGHT = 500.0, 640, 480
 VOXEL = 0.025
@@ -145,7 +145,7 @@ def test_the_table_below_a_book_is_no_part_of_it() -> None:
 def drive() -> tuple[House, tuple[tuple[Frame, Detections], ...]]:
     """The first frames of a drive through a house that stands turned in the map."""
     camera = SimulatedCamera(random_house(11), seed=11)
-    detector = SimulatedDetector(camera, SENSES["demo"])
+    detector = SimulatedDetector(camera)
     c, s = math.cos(TURN), math.sin(TURN)
     T = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     frames = []

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 from benchmarks.search.orange_network import orange_network
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import LayoutError, RobotError
+from kg.model.errors import LayoutError
 from kg.serving.opening import in_memory_map
 from perception.inference.detector import load_detector
 from perception.sources.live import stream
@@ -25,7 +25,6 @@ from perception.sources.live.topic_detector import BOXES, TopicDetector
 from perception.sources.ros.message_maker import MessageMaker
 from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
-from planner.execution.transports import navigation
 from planner.execution.transports.navigation import Nav2Services, Nav2Topics, Navigation
 from planner.execution.transports.ros_robot import RosRobot
 from planner.simulation.houses.house import furnished_house
@@ -154,25 +153,3 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
             until(lambda: len(made._goals) > 1 and made._goals[0].text == "another goal came")
             until(lambda: made._active is None)
             assert abs(made._goals[-1].way[-1].x - made.pose.x) < 0.2
-
-
-@pytest.mark.parametrize("wire", ["dds", "bridge"])
-def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
-    wire: str, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(navigation, "GONE", 2.0)
-    made = node(wire, "slow")
-    with running(made):
-        driven = robot(made, tmp_path)
-
-        def kill() -> bool:
-            if made._active is not None:
-                made._publisher.close()  # and nothing is published any more
-                made._publisher.publish = lambda *_: None
-            return False
-
-        with pytest.raises(RobotError, match="is gone, with a goal under way"):
-            search(semantic_map, ["orange"], driven, SearchOptions(stopping=kill))
-    (record,) = semantic_map.searches.all()
-    assert record.state == "stopped"
-    assert not semantic_map.searches.obstacles(record.iri)

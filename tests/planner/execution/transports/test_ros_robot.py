@@ -127,15 +127,6 @@ def test_why_a_goal_failed_is_said(
     assert surprise == said
 
 
-def test_where_all_goals_are_aborted_nothing_could_be_reached(
-    master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path
-) -> None:
-    with running(NoWay(master.address, furnished_house(), START)):
-        outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path))
-    assert (outcome.state, outcome.looks) == ("given up", 0)
-    assert outcome.reason == "nothing could be reached (navigation aborted: the door is closed)"
-
-
 def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
     master: FakeMaster, semantic_map: SemanticMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -139,57 +139,28 @@ def test_a_thing_that_is_doubted_is_gone_only_if_its_place_was_viewed_since(
     assert found[3].proof.startswith("in no place, existence 0.40")
 
 
-def test_a_thing_that_left_its_spot_is_gone_with_spot_and_times(semantic_map: SemanticMap) -> None:
-    hall = semantic_map.places()[1]
-    cup = thing(semantic_map, hall)
-    semantic_map.apply(MapUpdate(objects=(cup,)))
-    left = DepartedRecord(
-        iri=cup.iri,
-        category=cup.category,
-        p_map=cup.p_map,
-        peak=0.9,
-        observations=5,
-        first_seen=SEEN - 9,
-        last_seen=SEEN,
-        found_gone=SEEN + 60,
-    )
-    semantic_map.apply(MapUpdate(removed=(cup.iri,), departed=(left,)))
-    found = status(semantic_map, cup.iri)
-    assert found.value == "gone"
-    assert found.proof == (
-        "left (11.00, 1.00) in hall: last seen 2023-11-14 22:13:20, found gone 2023-11-14 22:14:20"
-    )
-
-
 @pytest.mark.parametrize(
     ("peak", "seen", "after", "value"),
     [
         (0.9, 5, 60, "gone"),
-        (0.7, 5, 60, None),
-        (0.9, 2, 60, None),
-        (0.9, 5, 5, None),  # believed a few times, and refuted at the next look
+        (0.7, 5, 60, "looked, none seen"),
+        (0.9, 2, 60, "looked, none seen"),
+        (0.9, 5, 5, "looked, none seen"),  # believed a few times, and refuted at the next look
         (0.9, 12, 5, "gone"),
     ],
 )
 def test_a_place_has_lost_only_what_was_really_there(
-    semantic_map: SemanticMap, peak: float, seen: int, after: int, value: str | None
+    semantic_map: SemanticMap, peak: float, seen: int, after: int, value: str
 ) -> None:
-    bottle = semantic_map.catalogue.find("bottle", "object").iri
-    left = DepartedRecord(
-        iri=semantic_map.new_object_iri(),
-        category=bottle,
-        p_map=np.array([1.0, 1.0, 0.8]),
-        peak=peak,
-        observations=seen,
-        first_seen=SEEN - 9,
-        last_seen=SEEN + 60 - after,
-        found_gone=SEEN + 60,
-    )
-    semantic_map.apply(MapUpdate(departed=(left,), removed=(left.iri,)))
-    expected = value or "looked, none seen"
-    assert values(semantic_map, "bottle")["kitchen"] == expected
-    assert status(semantic_map, left.iri).value == expected
-    found = status(semantic_map, "bottle")
+    bottle, iri = semantic_map.catalogue.find("bottle").iri, semantic_map.new_object_iri()
+    spot, last = np.array([1.0, 1.0, 0.8]), SEEN + 60 - after
+    left = DepartedRecord(iri, bottle, spot, peak, seen, SEEN - 9, last, SEEN + 60)
+    semantic_map.apply(MapUpdate(departed=(left,), removed=(iri,)))
+    assert values(semantic_map, "bottle")["kitchen"] == value
+    own, found = status(semantic_map, iri), status(semantic_map, "bottle")
+    assert own.value == value
+    assert own.proof.startswith("left (1.00, 1.00) in the kitchen: last seen 2023-11-14 22:1")
+    assert own.proof.endswith("found gone 2023-11-14 22:14:20")
     assert (found.value == "gone") == (value == "gone")
     assert ("its spot was seen empty at 2023-11-14 22:14:20" in found.proof) == (value == "gone")
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model.areas import Area
 from kg.model.records import MapUpdate
 from kg.serving.opening import create_map, in_memory_map
 from mapping.objects.extents.box_fit import NUMBERS
@@ -17,7 +18,6 @@ from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import RunState, TrackStore, seen_from
 from mapping.objects.tracks import Track
 from planner.freespace.floor_plan import free_space
-from planner.freespace.grid import Room
 from planner.search.goals.candidate_queries import existence_of
 from planner.search.goals.targets import resolve
 from planner.search.plans.answer_sentences import find_sentences
@@ -38,6 +38,7 @@ def test_the_first_look_shows_a_known_thing(flat: SemanticMap, word: str) -> Non
     for start in ((6.0, 1.0), (11.0, 3.5), (1.0, 1.0)):
         state = build_search(flat, [word], start=start)
         assert state is not None
+        assert state.space.nearest(start) in state.views.viewpoints
         first = plan(state, start, time_limit=math.inf).steps[0]
         assert first.why[0].candidate.kind == "known"
         assert first.probability > 0.5
@@ -55,14 +56,6 @@ def test_an_exact_position_is_found_at_once(flat: SemanticMap) -> None:
     assert chances[1] > 2 * chances[0]
 
 
-def test_the_robot_can_look_from_where_it_stands(flat: SemanticMap) -> None:
-    for start in ((3.5, 2.5), None):
-        state = build_search(flat, ["cup"], start=start)
-        assert state is not None
-        here = state.space.nearest((6.0, 1.0) if start is None else start)
-        assert here in state.views.viewpoints
-
-
 def test_a_find_is_known_as_found_until_it_is_missed() -> None:
     row = {"existence": 0.62, "foundBy": "search/1", "own": None}
     assert existence_of(row, BELIEF) == BELIEF.found
@@ -70,16 +63,21 @@ def test_a_find_is_known_as_found_until_it_is_missed() -> None:
     assert existence_of({**row, "foundBy": None}, BELIEF) == 0.62
 
 
-def test_a_camera_proves_what_a_wall_of_the_plan_hides(tmp_path: Path) -> None:
+def seen_by_a_camera(folder: Path, sequence: int, iri: str, p_map: np.ndarray) -> None:
+    """Keep in a map's folder that a camera at (1.5, 1.0) m showed an object."""
     row = np.zeros(NUMBERS, np.float32)
-    row[3], row[7] = 1.5, 1.0  # the camera's x and y
-    track = Track(np.zeros(3), 0.1, ObjectSettings(), iri="cup", views={(0,): row})
-    store = TrackStore(tmp_path)
-    store.load(0, ObjectSettings())
-    store.save([track], RunState(), 1)
+    row[3], row[7] = 1.5, 1.0
+    store = TrackStore(folder)
+    store.load(sequence, ObjectSettings())
+    track = Track(p_map, 0.1, ObjectSettings(), iri=iri, views={(0,): row})
+    store.save([track], RunState(), sequence)
     store.close()
+
+
+def test_a_camera_proves_what_a_wall_of_the_plan_hides(tmp_path: Path) -> None:
+    seen_by_a_camera(tmp_path, 0, "cup", np.zeros(3))
     (pose,) = seen_from(tmp_path, ["cup", "bowl"])["cup"]
-    space = free_space([Room(0, 3, 0, 3), Room(3, 6, 0, 3)], doors=())
+    space = free_space([Area(0, 3, 0, 3), Area(3, 6, 0, 3)], doors=())
     stand, hidden = space.nearest(pose[:2, 3]), space.nearest((4.0, 1.0))
     viewpoints = np.array([stand], np.intp)
     for pairs, chance in ((None, 0.0), (np.array([[stand, hidden]]), 0.7)):
@@ -101,13 +99,7 @@ def test_a_memory_that_is_too_old_to_count_shows_no_cell(tmp_path: Path) -> None
     folder = tmp_path / "flat.map"
     with fill(create_map(folder, title="flat")) as flat:
         (cup,) = flat.objects("cup")
-        row = np.zeros(NUMBERS, np.float32)
-        row[3], row[7] = 1.5, 1.0  # the camera's x and y
-        track = Track(cup.p_map, 0.1, ObjectSettings(), iri=cup.iri, views={(0,): row})
-        store = TrackStore(folder)
-        store.load(flat.sequence, ObjectSettings())
-        store.save([track], RunState(), flat.sequence)
-        store.close()
+        seen_by_a_camera(folder, flat.sequence, cup.iri, cup.p_map)
         fresh, old = (build_search(flat, ["cup"], at=cup.last_seen + later) for later in (1, 1e12))
     assert fresh is not None and len(fresh.views.proven) > 0
     assert old is not None and len(old.views.proven) == 0

@@ -10,10 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.search.room_beliefs import belief_from, room_weights
+from kg.model.areas import Area
 from planner.freespace.floor_plan import free_space
-from planner.freespace.grid import FreeSpace, Room, visible_cells
-from planner.search.viewpoints import next_best_view
+from planner.freespace.grid import FreeSpace
 from planner.search.viewpoints.candidate_views import (
     CandidateViews,
     Motion,
@@ -26,7 +25,6 @@ from planner.search.viewpoints.candidate_views import (
     sweep_chance,
     sweep_over,
 )
-from planner.search.viewpoints.covering_viewpoints import room_viewpoints
 from planner.search.viewpoints.next_best_view import NextBestView, RevisitModel, RobotState
 
 quick = settings(max_examples=30, deadline=None)
@@ -35,7 +33,7 @@ angles = st.floats(-10.0, 10.0)
 
 @cache
 def home() -> FreeSpace:
-    return free_space([Room(0, 5, 0, 4), Room(5, 8, 0, 4), Room(0, 8, 4, 5.4)])
+    return free_space([Area(0, 5, 0, 4), Area(5, 8, 0, 4), Area(0, 8, 4, 5.4)])
 
 
 @cache
@@ -46,44 +44,6 @@ def views() -> CandidateViews:
 weights = st.integers(0, 10**6).map(
     lambda seed: np.random.default_rng(seed).random(len(views().cells)) ** 4
 )
-
-
-def test_what_looks_show_is_in_range_in_view_and_behind_no_wall() -> None:
-    centres = home().centres(views().cells)
-    for number in range(0, len(views().viewpoint), 7):
-        shown = views().chance[number] > 0
-        viewpoint = home().centres([views().viewpoints[views().viewpoint[number]]])[0]
-        metres = np.linalg.norm(centres[shown] - viewpoint, axis=1)
-        assert ((metres >= 0.8 - 1e-9) & (metres <= 3.0 + 1e-9)).all()
-    shut = free_space([Room(0, 4, 0, 4), Room(4, 8, 0, 4)], doors=[])
-    blocked = candidate_views(shut, Sensor(), viewpoints=np.array([shut.nearest((2, 2), 0)]))
-    rooms = shut.room.reshape(-1)[blocked.cells]
-    assert not blocked.chance.any()[rooms == 1].any()
-    assert blocked.chance.any()[rooms == 0].any()
-
-
-def test_a_picture_on_the_way_is_a_look_from_there() -> None:
-    viewpoint, kind = int(views().viewpoints[0]), int(np.flatnonzero(views().viewpoint == 0)[0])
-    heading, extent = float(views().heading[kind]), float(views().extent[kind])
-    told = sweep_chance(views(), viewpoint, heading, extent)
-    assert np.array_equal(told, views().chance[kind])
-
-
-@settings(max_examples=8, deadline=None)
-@given(st.sampled_from([1.5, 3.0, 4.6]), st.floats(0.5, 0.99))
-def test_covers_cover_and_more_is_no_less(far: float, share: float) -> None:
-    few = room_viewpoints(home(), far, cover=share)
-    many = room_viewpoints(home(), far, cover=1.0)
-    for room, viewpoints in few.items():
-        floor = home().floor(room)
-        # looks from the lattice may not show every corner, but no cover shows more than they do
-        assert _seen(viewpoints, floor, far) >= min(share, _seen(many[room], floor, far)) - 1e-9
-        assert _seen(many[room], floor, far) >= _seen(viewpoints, floor, far) - 1e-9
-
-
-def _seen(viewpoints: np.ndarray, floor: np.ndarray, far: float) -> float:
-    seen = [visible_cells(home(), int(viewpoint), far)[0] for viewpoint in viewpoints]
-    return float(np.isin(floor, np.concatenate(seen)).mean())
 
 
 def test_a_second_look_from_the_same_place_is_worth_less() -> None:
@@ -118,17 +78,6 @@ def test_no_room_with_a_better_walk_is_left_out(weight: np.ndarray, cell: int, l
     assert one.best(at, weight) == max(walks, key=lambda v: (walks[v], v == best))
 
 
-def test_the_first_look_goes_where_it_most_likely_is() -> None:
-    cells = views().cells
-    for room in (0, 1):
-        belief = belief_from(cells, room_weights(home(), cells, {room: 1.0}), 0.0, everywhere=0.0)
-        start = home().nearest((6.5, 2.0) if room == 0 else (1.0, 2.0))
-        view = NextBestView(views()).best(RobotState(start), belief.weight)
-        assert view is not None
-        shown = home().room.reshape(-1)[cells[views().chance[view] > 0]]
-        assert (shown == room).any()
-
-
 @pytest.mark.parametrize("wrong", [{"near": 5.0}, {"recall": 0.0}, {"rho": 1.5}])
 def test_what_no_camera_can_be_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=r"must lie|needs"):
@@ -159,7 +108,7 @@ MOTION = Motion(speed=0.5, turn_rate=0.8, picture=2.0)
 
 @cache
 def den() -> FreeSpace:
-    return free_space([Room(0, 6, 0, 4), Room(6, 9, 0, 4)])
+    return free_space([Area(0, 6, 0, 4), Area(6, 9, 0, 4)])
 
 
 @cache
@@ -191,10 +140,16 @@ def test_a_view_detects_what_its_sweep_shows() -> None:
         assert sorted(map(tuple, found.round(6).tolist())) == sorted(
             map(tuple, shown.p_map.round(6).tolist())
         )
+        told = sweep_chance(shots(), at, heading, extent)
+        assert np.array_equal(told, shots().chance[number])
+    shut = free_space([Area(0, 4, 0, 4), Area(4, 8, 0, 4)], doors=[])
+    blocked = candidate_views(shut, Sensor(), viewpoints=np.array([shut.nearest((2, 2), 0)]))
+    rooms = shut.room.reshape(-1)[blocked.cells]
+    assert not blocked.chance.any()[rooms == 1].any() and blocked.chance.any()[rooms == 0].any()
 
 
 def test_a_belief_of_few_cells_has_some_in_every_room() -> None:
-    space = free_space([Room(0, 20, 0, 20), Room(20, 20.7, 0, 0.7)])
+    space = free_space([Area(0, 20, 0, 20), Area(20, 20.7, 0, 0.7)])
     few = belief_cells(space)
     assert len(space.inside()) / 5 < len(few) < len(space.inside()) / 3
     assert set(space.room.reshape(-1)[few].tolist()) == {0, 1}
@@ -237,27 +192,6 @@ def test_a_view_costs_the_way_the_turn_and_the_sweep() -> None:
     swept = best.after(at, number(1, wide))
     assert swept.cell == spots[1]
     assert swept.heading == pytest.approx(heading + side)  # the sweep ends at its far side
-
-
-def test_without_a_view_ahead_the_next_one_gains_most_for_its_time(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(next_best_view, "_AHEAD", 0)
-    rng = np.random.default_rng(7)
-    myopic = NextBestView(shots())
-    for spot in ((1.0, 1.0), (7.5, 3.0)):
-        at = RobotState(den().nearest(spot))
-        weight = rng.random(len(shots().cells)) ** 8
-        rate = (shots().chance @ weight) / myopic.costs(at, np.arange(len(shots().heading)))
-        view = myopic.best(at, weight / weight.sum())
-        assert view is not None
-        assert rate[view] == pytest.approx(rate.max(), rel=1e-4)
-        for room in myopic._rooms:
-            first = int(room.rows[np.argmax(rate[room.rows])])
-            revisits = next_best_view.RevisitModel(shots())
-            ahead = myopic._lookahead_rate(at, weight, room, first, revisits)
-            assert ahead == pytest.approx(rate[first], rel=1e-4)
-    assert myopic.best(at, np.zeros(len(shots().cells))) is None
 
 
 def test_views_from_further_viewpoints_are_those_made_anew() -> None:
