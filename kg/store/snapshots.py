@@ -66,7 +66,7 @@ class Snapshots:
     @property
     def readable(self) -> list[Path]:
         """Folders that the readers of snapshots and of the history open."""
-        folders = (*self._store.folders, self.home)
+        folders = dict.fromkeys((self._store.path, self._store.files, self.home))
         return [folder.resolve() for folder in folders if folder is not None]
 
     @property

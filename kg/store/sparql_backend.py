@@ -13,13 +13,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean, Store
 
 from kg.model import vocabulary as v
-from kg.model.errors import QueryError, RemoteError
+from kg.model.errors import GraphError, QueryError, RemoteError
 from kg.rdf.quad_store import Functions, Object, QuadStore, Subject
 from kg.rdf.sparql.parameters import has_relative, has_word
 from kg.store.sparql_client import Answer, Solutions, SparqlClient
+from kg.store.transaction_quads import stored_sequence
+from kg.store.transactional import TransactionalStore
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
@@ -120,7 +122,6 @@ class SparqlBackend:
         named_graphs: Sequence[str],
         *,
         base: str | None = None,
-        at: str | None = None,
         seconds: float,
         max_bytes: int,
     ) -> tuple[str, bytes]:
@@ -131,7 +132,6 @@ class SparqlBackend:
             default_graphs: IRIs of other default graphs.
             named_graphs: IRIs of other named graphs.
             base: base of relative IRIs.
-            at: a past moment, for servers with a history.
             seconds: time limit [s].
             max_bytes: limit of the body.
         """
@@ -140,8 +140,7 @@ class SparqlBackend:
             declared += f" BASE <{base}>"
         graphs = [("default-graph-uri", iri) for iri in default_graphs]
         graphs += [("named-graph-uri", iri) for iri in named_graphs]
-        united = () if has_word(query, "from") else self._union
-        parameters = [*(graphs or united), *([] if at is None else [("at", at)])]
+        parameters = graphs or (() if has_word(query, "from") else self._union)
         try:
             return self.endpoint.fetch(
                 f"{declared} {query}", parameters, seconds=seconds, max_bytes=max_bytes
@@ -209,6 +208,43 @@ class SparqlBackend:
             f"SELECT ?s ?p ?o ?g WHERE {{ GRAPH {g} {{ {s} {p} {o} }} {bound} }}"
         )
         return iter(_quads(answer, self.where))
+
+
+class ServerStore(TransactionalStore):
+    """The store on the SPARQL 1.1 server at `url`; raises RemoteError if none answers.
+
+    It is read there: `commit` refuses, and only the server of a `RemoteMap` writes.
+    """
+
+    def __init__(self, url: str, *, read_only: bool = False) -> None:
+        self._backend = SparqlBackend(url)
+        where = self._backend.where
+        super().__init__(self._backend, where=where, read_only=read_only, lock=None)
+
+    @property
+    def shared(self) -> bool:
+        """True: the server's other clients may write."""
+        return True
+
+    @property
+    def native(self) -> Store:
+        """Refused: there is no embedded store."""
+        raise GraphError(
+            f"the map at {self.where} is on a server; open the folder of a map for this"
+        )
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction, or published one; of several maps the sum."""
+        if number := stored_sequence(self.engine):
+            return number
+        marks = self.engine.quads_for_pattern(None, NamedNode(v.SEQUENCE), None, v.PUBLISHED_GRAPH)
+        return sum(int(q.object.value) for q in marks if isinstance(q.object, Literal))
+
+    def close(self) -> None:
+        """Close the connections; idempotent."""
+        super().close()
+        self._backend.close()
 
 
 @contextmanager

@@ -96,12 +96,6 @@ def stored_sequence(engine: QuadStore) -> int:
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
 
 
-def published_sequence(engine: QuadStore) -> int:
-    """The number of the last published transaction; of several maps the sum, which grows too."""
-    marks = engine.quads_for_pattern(None, NamedNode(v.SEQUENCE), None, v.PUBLISHED_GRAPH)
-    return sum(int(q.object.value) for q in marks if isinstance(q.object, Literal))
-
-
 class Journal(Protocol):
     """Write-ahead log: each transaction is recorded here before the store applies it."""
 

@@ -15,8 +15,7 @@ from typing import Final, Literal
 
 from kg.history.replay.map_state import Categories, Row, State, state_after
 from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import iso
-from kg.model.iris import whole_number
+from kg.history.timestamps import iso, natural_order
 from kg.rdf.wkt import area_of_polygon
 
 PRESENT: Final = 0.5  # existence from which on an object counts as present
@@ -114,10 +113,12 @@ def compare(
         *(one for iri in old.keys() & new.keys() for one in _kept(old[iri], new[iri], categories)),
     ]
     found = [one for one in changes if one.kind != "moved" or (one.metres or 0.0) >= far]
-    found.sort(key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), _natural(one.iri)))
+    found.sort(
+        key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), natural_order(one.iri))
+    )
     floors = _floor_area(first), _floor_area(second)
     times = iso(log.time_of(before)), iso(log.time_of(after))
-    rooms = sorted(_room_changes(first, second), key=lambda one: (one.kind, _natural(one.iri)))
+    rooms = sorted(_room_changes(first, second), key=lambda one: (one.kind, natural_order(one.iri)))
     return Comparison(before, after, times, floors, tuple(found), rooms=tuple(rooms))
 
 
@@ -175,12 +176,6 @@ def _point(row: Row) -> Point:
 
 def _at(point: Point | None) -> str:
     return "" if point is None else ", ".join(f"{value:.2f}" for value in point)
-
-
-def _natural(iri: str) -> tuple[str, int]:
-    head, _, number = iri.rpartition("/")
-    found = whole_number(number)
-    return (iri, 0) if found is None else (head, found)
 
 
 def _floor_area(state: State) -> float:

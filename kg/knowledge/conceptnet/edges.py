@@ -142,10 +142,7 @@ def _edge5(
     relation = parse_relation(uri)
     if relation is None:
         return None
-    nodes = parse_node(start), parse_node(end)
-    if nodes[0] is None or nodes[1] is None:
-        raise MalformedEdgeError("no concept's URI")
-    (start_language, start_node), (end_language, end_node) = nodes
+    (start_language, start_node), (end_language, end_node) = _node(start), _node(end)
     name, negated = relation
     if (start_language, end_language) != (language, language) or not wanted(
         name, start_node.term, end_node.term
@@ -196,11 +193,11 @@ def _positive(value: object, what: str) -> float:
     return float(number)
 
 
-def parse_node(uri: str) -> tuple[str, Node] | None:
-    """Language and node of a concept's URI; None for other texts."""
+def _node(uri: str) -> tuple[str, Node]:
+    """Language and node of a concept's URI."""
     parts = uri.split("/")
     if len(parts) < 4 or parts[:2] != ["", "c"] or not parts[2] or not parts[3]:
-        return None
+        raise MalformedEdgeError("no concept's URI")
     term = clean(unquote(parts[3]).replace("_", " "))
     speech = parts[4] if len(parts) > 4 else ""
     sense = parts[6] if len(parts) > 6 and parts[5] == "wn" else ""

@@ -7,16 +7,16 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.ontology.import_digest import as_imported, mark_of
-from kg.knowledge.ontology.relations import Key, Notes, annotated_key
+from kg.knowledge.ontology.relations import Key, Notes, annotated_key, as_imported, mark_of
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError, OntologyError
 from kg.rdf.parsing import parse_file
+from kg.rdf.skolem import StableNodes
 
 ATTRIBUTION: Final = (
     "This work includes data from ConceptNet 5, compiled by the Commonsense Computing Initiative"
@@ -160,8 +160,6 @@ _OF_HEADER: Final = (
 )
 _IMPORTS: Final = (NamedNode(v.OBJECTS_ONTOLOGY), NamedNode(v.PLACES_ONTOLOGY))
 
-_Term = TypeVar("_Term")
-
 
 @dataclass(frozen=True, slots=True)
 class RelationChange:
@@ -216,17 +214,6 @@ def _parsed(path: Path) -> list[Triple]:
         raise ConceptNetError(str(error)) from None
 
 
-def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[Triple]:
-    """The triples with blank nodes named in order of occurrence, so that output is stable."""
-
-    def stable(term: _Term) -> _Term | BlankNode:
-        if not isinstance(term, BlankNode):
-            return term
-        return names.setdefault(term, BlankNode(f"p{len(names)}"))
-
-    return [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
-
-
 def _classified(triples: list[Triple]) -> ImportedFile:
     file = ImportedFile()
     notes: dict[object, Notes] = defaultdict(list)
@@ -246,9 +233,11 @@ def _classified(triples: list[Triple]) -> ImportedFile:
     file.edited_by_people = stated - set(file.imported)
     for t in triples:
         _assign(t, file, imported)
-    names: dict[object, BlankNode] = {}
-    file.header = _renamed(file.header, names)
-    file.people = _renamed(file.people, names)
+    stable = StableNodes("p")  # in order of occurrence, so that the output is stable
+    file.header, file.people = (
+        [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
+        for triples in (file.header, file.people)
+    )
     return file
 
 

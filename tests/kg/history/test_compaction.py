@@ -62,13 +62,8 @@ def test_the_past_before_the_edge_goes_and_the_rest_stays(
         assert set(semantic_map.engine) == now
         for number, facts in later.items():
             assert set(semantic_map.at(number).engine) == facts
-        assert [change.sequence for change in semantic_map.history.changes(20)] == [
-            21,
-            22,
-            23,
-            24,
-            25,
-        ]
+        kept = [change.sequence for change in semantic_map.history.changes(20)]
+        assert kept == [*range(21, 26)]
         with pytest.raises(HistoryError, match="there are #20 to #25"):
             semantic_map.at(19)
         assert (
@@ -215,7 +210,7 @@ def test_killed_at_any_moment_a_map_that_forgets_loses_nothing_else(
 ) -> None:
     written(1).close()
     path, rng = tmp_path / "flat.map", random.Random(11)
-    for _ in range(3):
+    for _ in range(2):
         process = subprocess.Popen(
             [sys.executable, "-c", _CHURN, str(path)],
             env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -257,63 +252,3 @@ def test_several_that_flush_at_once_while_the_map_is_written(
                 assert set(now.engine) == set(semantic_map.engine)
         for thread in threads:
             thread.join()
-
-
-ROUNDS = 4
-OBJECTS = 10
-WRITER = f"""
-import sys
-import numpy as np
-from kg.model.records import MapUpdate, ObjectRecord, RecordingRecord
-from kg.serving.opening import open_or_create_map
-
-chart = open_or_create_map(sys.argv[1])
-chair = chart.catalogue.find("chair").iri
-frame = int(sys.argv[2])
-while True:
-    frame += 1
-    objects = tuple(
-        ObjectRecord(f"{{chart.base}}object/{{n}}", chair, np.array([frame % 97, n, 1.0]),
-                     1.0, 0.5, frame, 0.0, float(frame))
-        for n in range(1, {OBJECTS} + 1)
-    )
-    recording = RecordingRecord("run", frame, str(frame), np.eye(4))
-    chart.apply(MapUpdate(objects=objects, recording=recording))
-    print(frame, flush=True)
-"""
-
-
-def write_until_killed(path: Path, start: int, seconds: float) -> int:
-    """The last frame that the killed child acknowledged."""
-    child = subprocess.Popen(
-        [sys.executable, "-c", WRITER, str(path), str(start)],
-        cwd=ROOT,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert child.stdout is not None
-    first = child.stdout.readline()
-    time.sleep(seconds)
-    child.kill()
-    rest = child.stdout.read()
-    child.wait()
-    child.stdout.close()
-    whole = [line for line in (first + rest).splitlines(keepends=True) if line.endswith("\n")]
-    return int(whole[-1])
-
-
-def test_killed_writers_lose_nothing_they_acknowledged(tmp_path: Path) -> None:
-    path, frame = tmp_path / "map", 0
-    chance = random.Random(7)
-    for _ in range(ROUNDS):
-        acknowledged = write_until_killed(path, frame, chance.uniform(0.02, 0.3))
-        with open_map(path, read_only=True) as chart:
-            objects = chart.objects()
-            (recording,) = chart.recordings()
-        assert len(objects) == OBJECTS
-        markers = {(o.observations, o.last_seen, o.p_map[0]) for o in objects}
-        frame = recording.frames_applied
-        assert markers == {(frame, float(frame), float(frame % 97))}
-        # one more than was printed may have been written, never one less
-        assert acknowledged <= frame <= acknowledged + 1
-    assert frame > ROUNDS

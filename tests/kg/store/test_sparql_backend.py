@@ -6,7 +6,6 @@ import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -230,58 +229,6 @@ def chatty() -> Iterator[str]:
 def test_a_web_page_is_no_map(chatty: str) -> None:
     with pytest.raises(RemoteError, match="does not speak SPARQL"):
         open_map(chatty)
-
-
-@pytest.fixture
-def forgetful() -> Iterator[tuple[str, list[bytes]]]:
-    """A server that answers once on each connection, and hangs up when asked again on it."""
-    listener = socket.create_server(("127.0.0.1", 0))
-    body, heard = b'{"head":{},"boolean":true}', []
-    head = f"Content-Type: application/sparql-results+json\r\nContent-Length: {len(body)}\r\n"
-    reply = b"HTTP/1.1 200 OK\r\n" + head.encode() + b"\r\n" + body
-
-    def hear(connection: socket.socket) -> None:
-        data = b""
-        while b"\r\n\r\n" not in data or len(data.partition(b"\r\n\r\n")[2]) < int(
-            data.lower().partition(b"content-length: ")[2].split()[0]
-        ):
-            data += (part := connection.recv(4096))
-            if not part:
-                return
-        heard.append(data.partition(b"\r\n\r\n")[2])
-
-    def serve() -> None:
-        while True:
-            try:
-                connection, _ = listener.accept()
-            except OSError:
-                return
-            with connection, suppress(OSError):
-                connection.settimeout(120)
-                hear(connection)
-                connection.sendall(reply)
-                hear(connection)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    yield f"http://127.0.0.1:{listener.getsockname()[1]}", heard
-    listener.shutdown(socket.SHUT_RDWR)
-    listener.close()
-    thread.join()
-
-
-def test_a_query_is_asked_again_where_its_kept_connection_ends_and_an_update_is_not(
-    forgetful: tuple[str, list[bytes]],
-) -> None:
-    url, heard = forgetful
-    endpoint = SparqlClient(url, f"{url}/query", f"{url}/update")
-    for _ in range(3):
-        assert endpoint.ask("ASK {}")
-    assert len(heard) == 5
-    with pytest.raises(UnreachableError):
-        endpoint.update("INSERT DATA {}")
-    assert sum(said.startswith(b"update=") for said in heard) == 1
-    endpoint.close()
 
 
 RDFS_LABEL = NamedNode(v.RDFS_LABEL)

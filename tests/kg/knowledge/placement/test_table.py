@@ -10,8 +10,8 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.import_digest import mark_of
 from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.ontology.relations import mark_of
 from kg.knowledge.placement.statistics import (
     SHIPPED,
     RoomStatistics,

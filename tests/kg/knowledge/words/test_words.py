@@ -12,11 +12,12 @@ from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.knowledge.words.classes import class_iri, sense_of_label, vocabulary_turtle
 from kg.knowledge.words.meaning import Meaning, understand
-from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, all_rows, word_table
+from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, word_table
 from kg.knowledge.words.usual_places import usual_places
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, UnknownCategoryError
+from kg.model.resources import table_rows
 
 CATALOGUE = shipped_ontology().catalogue
 WORDS = ["keys", "kettle", "rocking chair", "coffee mug", "desk"]
@@ -226,7 +227,7 @@ def test_names_of_a_map_come_before_words() -> None:
 
 def test_every_german_name_is_known_and_every_object_has_one() -> None:
     table = word_table()
-    names = all_rows(DATA / "names_de.csv")
+    names = table_rows(DATA / "names_de.csv")
     for row in names:
         means = name_key(row["means"])
         assert means in table.senses or CATALOGUE.get(row["means"]) is not None, row
@@ -261,7 +262,7 @@ def test_counts_are_smoothed_toward_the_rate_of_all_rooms() -> None:
     assert found is not None
     kitchen = found.places[0]
     assert (found.source, kitchen.label, kitchen.count, kitchen.total) == ("homes", "kitchen", 7, 7)
-    rows = all_rows(DATA / "places.csv")
+    rows = table_rows(DATA / "places.csv")
     rooms = sum(int(r["with"]) for r in rows if (r["synset"], r["source"]) == ("*", "homes"))
     assert kitchen.probability == pytest.approx((7 + 5 * 7 / rooms) / (7 + 5), abs=1e-3)
 
@@ -293,7 +294,7 @@ def test_one_count_names_no_place_beside_others() -> None:
 def test_everyday_words_are_in_fitting_rooms() -> None:
     """Forty words, with rooms that were listed before the answers were seen."""
     first = named = fitting = 0
-    for row in all_rows(Path(__file__).with_name("everyday_places.csv")):
+    for row in table_rows(Path(__file__).with_name("everyday_places.csv")):
         sense = word_table().senses[name_key(row["word"])]
         found = usual_places(sense.synset)
         labels = [] if found is None else [place.label for place in found.places]
@@ -310,6 +311,6 @@ def test_nothing_is_known_of_an_unknown_sense() -> None:
 
 
 def test_every_stated_word_is_known() -> None:
-    for row in all_rows(DATA / "stated_places.csv"):
+    for row in table_rows(DATA / "stated_places.csv"):
         for word in filter(None, (row["word"], row["like"])):
             assert name_key(word) in word_table().senses, word
