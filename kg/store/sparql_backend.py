@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -103,9 +103,7 @@ class SparqlBackend:
         The server does not have our extension functions: math:sqrt is rewritten in standard SPARQL,
         others fail.
         """
-        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in (prefixes or {}).items())
-        if base_iri is not None and has_relative(query):
-            declared += f" BASE <{base_iri}>"
+        declared = _prologue(query, prefixes or {}, base_iri)
         united = use_default_graph_as_union and not has_word(query, "from")
         # Virtuoso nests the steps of Newton's method and doubles the expression with each
         root = r"BIND(bif:sqrt(\1) AS \2)" if self.endpoint.virtuoso else _newton
@@ -135,9 +133,7 @@ class SparqlBackend:
             seconds: time limit [s].
             max_bytes: limit of the body.
         """
-        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in v.PREFIXES.items())
-        if base is not None and has_relative(query):
-            declared += f" BASE <{base}>"
+        declared = _prologue(query, v.PREFIXES, base)
         graphs = [("default-graph-uri", iri) for iri in default_graphs]
         graphs += [("named-graph-uri", iri) for iri in named_graphs]
         parameters = graphs or (() if has_word(query, "from") else self._union)
@@ -270,6 +266,11 @@ def _quads(answer: Answer, where: str) -> list[Quad]:
         return [Quad(row["s"], row["p"], row["o"], row["g"]) for row in answer.rows]
     kind = "a boolean" if isinstance(answer, QueryBoolean) else "triples"
     raise RemoteError(f"{where} answered a SELECT with {kind}; it is no SPARQL 1.1 server")
+
+
+def _prologue(query: str, prefixes: Mapping[str, str], base: str | None) -> str:
+    declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in prefixes.items())
+    return f"{declared} BASE <{base}>" if base is not None and has_relative(query) else declared
 
 
 def _moved(message: str, columns: int) -> str:

@@ -12,9 +12,8 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import threading
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
@@ -22,13 +21,14 @@ from typing import Final, Self
 from pyoxigraph import Quad, Store
 
 from kg.model.errors import GraphError
-from kg.model.transactions import Cause, ChangeSet, Listener
+from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
 from kg.store.flushing import Flusher
 from kg.store.folder import check_is_map, check_vacant, locked, new_folder
 from kg.store.transaction_quads import (
+    CommitListeners,
     Journal,
     check_blank_nodes,
     check_texts,
@@ -42,7 +42,7 @@ from kg.store.write_limit import check_facts
 LOADED: Final = 5000  # facts from which on they are loaded before the rest of a transaction
 
 
-class TransactionalStore:
+class TransactionalStore(CommitListeners):
     """An open store, also as a context manager.
 
     `engine` is for reading, `commit` writes. A `journal` records each transaction before the store
@@ -58,6 +58,7 @@ class TransactionalStore:
         lock: int | None,
         on_disk: bool = True,
     ) -> None:
+        super().__init__()
         self._engine: QuadStore | None = engine
         self.where = where
         self.read_only = read_only
@@ -65,8 +66,6 @@ class TransactionalStore:
         self._sequence: int | None = None
         self._failed = False  # whether a write failed: the engine then refuses all further ones
         self._loaded: ChangeSet | None = None  # whose facts were loaded, while it is not complete
-        self._listeners: list[Listener] = []
-        self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
         self._on_disk = on_disk
         self._copy: Path | None = None  # private folder with the files that are read instead
@@ -273,27 +272,6 @@ class TransactionalStore:
                     raise self._unwritable(error) from error
                 self._unload()
                 self._failed = False
-
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener` after each commit; returns a function that removes it."""
-        with self._committing:  # a commit that has begun is not one of those after
-            self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener)
-
-    @contextlib.contextmanager
-    def watched(self) -> Iterator[list[ChangeSet]]:
-        """A list that gets each transaction that is committed within the block."""
-        changes: list[ChangeSet] = []
-        stop = self.listen(changes.append)
-        try:
-            yield changes
-        finally:
-            stop()
-
-    def notify(self, change: ChangeSet) -> None:
-        """Call the listeners with a stored transaction."""
-        for listener in tuple(self._listeners):
-            listener(change)
 
     def replay(self, change: ChangeSet) -> None:
         """Apply a transaction of the journal, without notification."""

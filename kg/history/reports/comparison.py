@@ -9,7 +9,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Literal
 
@@ -224,12 +224,8 @@ def timeline(log: HistoryLog, base: str, there: Collection[str]) -> Timeline:
     `there` has the IRIs of the present objects; the last write of another object is its end.
     """
     with log.lock:
-        times = [log.floor_time] + [
-            time
-            for (time,) in log.db.execute(
-                "SELECT time FROM commits WHERE sequence > ? ORDER BY time", (log.floor,)
-            )
-        ]
+        select = "SELECT time FROM commits WHERE sequence > ? ORDER BY time"
+        times = [log.floor_time, *(time for (time,) in log.db.execute(select, (log.floor,)))]
         marks = _marks(log, base, there)
     ends = (log.floor, log.floor_time), (log.last, log.last_time)
     return Timeline(*ends, _spans(times), _joined(marks))
@@ -277,11 +273,10 @@ def _joined(marks: list[Mark]) -> tuple[Mark, ...]:
     size = -(-len(marks) // MAX_MARKS)
     groups = [marks[at : at + size] for at in range(0, len(marks), size or 1)]
     return tuple(
-        Mark(
-            group[-1].sequence,
-            group[-1].time,
-            sum(mark.objects for mark in group),
-            sum(mark.edits for mark in group),
+        replace(
+            group[-1],
+            objects=sum(mark.objects for mark in group),
+            edits=sum(mark.edits for mark in group),
         )
         for group in groups
     )

@@ -69,12 +69,16 @@ def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -
     """
     if not folder.is_dir():
         raise OntologyError(f"no ontologies in {folder}: it is not a folder")
-    files = ontology_files(folder)
-    if without is not None:
-        files = [path for path in files if path.resolve() != without.resolve()]
+    return read_files(given_files(folder, without))
+
+
+def given_files(folder: Path, without: Path | None = None) -> list[Path]:
+    """`ontology_files` but for one file; raises OntologyError where there are none."""
+    left_out = without and without.resolve()
+    files = [path for path in ontology_files(folder) if path.resolve() != left_out]
     if not files:
         raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(ENDINGS)}")
-    return read_files(files)
+    return files
 
 
 def ontology_files(folder: Path) -> list[Path]:

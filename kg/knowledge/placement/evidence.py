@@ -32,14 +32,6 @@ SOURCE: Final = "ConceptNet 4 (CC BY-SA 4.0)"
 
 
 @dataclass(frozen=True, slots=True)
-class StatedRelation:
-    """A stated relation, in words for a reason."""
-
-    source: str
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
 class PlacementEvidence:
     """Placement evidence of one ontology, with the indices of objects and places."""
 
@@ -47,7 +39,8 @@ class PlacementEvidence:
     places: Mapping[str, int]  # IRI -> column
     above: Mapping[str, tuple[str, ...]]  # IRI -> itself and all its superclasses
     evidence: EvidenceArrays
-    stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
+    #: by row and column: the source of each stated relation, and the relation in words
+    stated_relations: Mapping[tuple[int, int], tuple[tuple[str, str], ...]]
     near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
@@ -111,7 +104,7 @@ class _Builder:
         shape = (len(objects), len(places))
         self.listed, self.weight = np.zeros(shape), np.zeros(shape)
         self.stated, self.statements = np.zeros(shape), np.zeros(shape)
-        self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
+        self.stated_relations: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
 
     def add(self, relation: CategoryRelation) -> None:
         """Add a here:locatedAt; other relations are ignored."""
@@ -134,7 +127,7 @@ class _Builder:
                 text = f"stated, {evidence.probability:g}"
             for row in self._rows[relation.subject]:
                 for column in self._columns[relation.target]:
-                    self.stated_relations[row, column].append(StatedRelation(source, text))
+                    self.stated_relations[row, column].append((source, text))
 
 
 def _below(

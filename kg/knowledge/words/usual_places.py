@@ -61,7 +61,7 @@ class UsualPlaces:
 
 def usual_places(synset: str) -> UsualPlaces | None:
     """Usual places of things of a sense (`kg.knowledge.words.meaning`); None if not known."""
-    for one in filter(None, (synset, _like(synset))):
+    for one in filter(None, (synset, _alike().get(synset))):
         labels, stated = _stated().get(one, ((), ()))
         supports = stated or _supports().get(one, ())
         for source, least in _preference(one):
@@ -154,13 +154,9 @@ def _stated() -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
 
 @lru_cache(maxsize=1)
 def _alike() -> Mapping[str, str]:
+    """Synset -> another whose things are in the same places."""
     rows = [row for row in table_rows(DATA / "stated_places.csv") if row["like"]]
     return {_synset(row["word"]): _synset(row["like"]) for row in rows}
-
-
-def _like(synset: str) -> str:
-    """A sense whose things are in the same places, or ""."""
-    return _alike().get(synset, "")
 
 
 def _synset(word: str) -> str:

@@ -106,25 +106,18 @@ def labels(meaning: Meaning) -> list[str]:
     [
         ("cup", "label", "same", ["cup"]),
         ("sofa", "label", "same", ["couch"]),
-        ("knifes", "label", "same", ["knife"]),
         ("coffee mug", "word", "same", ["cup"]),
         ("Coffee-Mugs", "folded", "same", ["cup"]),
         ("the blue mug", "head", "narrower", ["cup"]),
         ("rocking chair", "word", "narrower", ["chair"]),
-        ("cup of tea", "label", "same", ["cup"]),
         ("pair of scissors", "word", "same", ["scissors"]),
         ("desk", "word", "may", ["dining table"]),
         ("cutlery", "word", "broader", ["fork", "knife", "spoon"]),
         ("bannana", "spelling", "same", ["banana"]),
         ("tabel", "spelling", "same", ["dining table"]),
-        ("microave oven", "spelling", "same", ["microwave"]),
-        ("remotae control", "spelling", "same", ["remote"]),
-        ("telivision", "spelling", "same", ["tv"]),
-        ("food", "label", "same", ["food"]),
         ("Tasse", "word", "same", ["cup"]),
         ("die Tassen", "word", "same", ["cup"]),
         ("Teetasse", "head", "narrower", ["cup"]),
-        ("Kühlschrank", "word", "same", ["refrigerator"]),
         ("Kuehlschrank", "word", "same", ["refrigerator"]),
         ("Kuhlschrank", "word", "same", ["refrigerator"]),
         ("Stuehle", "word", "same", ["chair"]),
@@ -142,12 +135,9 @@ def test_a_name_leads_to_the_categories_that_include_such_things(
     ("text", "word"),
     [
         ("keys", "keys"),
-        ("my keys", "keys"),
         ("bunch of keys", "keys"),
-        ("wallet", "wallet"),
         ("kettel", "kettle"),
         ("glasses", "glasses"),  # to see, not to drink from
-        ("gloves", "gloves"),  # not for baseball
         ("toy car", "toy car"),
         ("Schlüssel", "Schlüssel"),
     ],
@@ -164,17 +154,7 @@ def test_a_part_names_what_it_is_a_part_of() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "cable tie",
-        "baby monitor",
-        "fake banana",
-        "xyzzy",
-        "Anna",
-        "<b>cup</b>",
-        "'; DROP",
-        "sofx",
-        "cup; keys",
-    ],
+    ["cable tie", "fake banana", "xyzzy", "Anna", "<b>cup</b>", "sofx", "cup; keys"],
 )
 def test_a_name_that_only_resembles_a_category_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(UnknownCategoryError, match="no category") as refused:
@@ -205,14 +185,12 @@ def test_a_long_name_is_refused_without_being_repeated() -> None:
     ("text", "note"),
     [
         ("cup", ""),
-        ("cups", ""),
         ("coffee mug", "'coffee mug' means cup"),
         ("rocking chair", "'rocking chair' is a kind of chair"),
         ("desk", "'desk' may be detected as dining table"),
         ("cutlery", "'cutlery' means fork, knife or spoon"),
         ("bannana", "'bannana' is read as banana"),
         ("telivision", "'telivision' is read as television, and television means tv"),
-        ("kettel", "'kettel' is read as kettle"),
     ],
 )
 def test_a_meaning_says_how_the_name_was_understood(text: str, note: str) -> None:
@@ -281,6 +259,7 @@ def test_a_room_of_a_home_comes_before_the_yard() -> None:
     rake = usual_places("rake.n.03")
     assert rake is not None and rake.places[0].label == "yard"  # no room is counted
     assert usual_places("bagel.n.01") is None  # two activities in a yard: too few
+    assert usual_places("unicorn.n.01") is usual_places("") is None
 
 
 def test_one_count_names_no_place_beside_others() -> None:
@@ -303,11 +282,6 @@ def test_everyday_words_are_in_fitting_rooms() -> None:
         named, fitting = named + len(good), fitting + sum(good)
     assert first >= 37  # 35 without these rules
     assert fitting / named >= 0.9  # 63 of 74 without them
-
-
-def test_nothing_is_known_of_an_unknown_sense() -> None:
-    assert usual_places("") is None
-    assert usual_places("unicorn.n.01") is None
 
 
 def test_every_stated_word_is_known() -> None:
