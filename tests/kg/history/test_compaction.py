@@ -57,6 +57,7 @@ def test_the_past_before_the_edge_goes_and_the_rest_stays(
         now = set(semantic_map.engine)
         before, after = (change.time for change in list(semantic_map.history.changes())[19:21])
         done = semantic_map.history.compact(keep=time.time() - (before + after) / 2)
+        assert semantic_map.history.state_of(semantic_map.base + "object/2", 25) == ()
         assert (done.floor, done.dropped) == (20, 20)
         assert done.bytes_after < done.bytes_before
         assert set(semantic_map.engine) == now
@@ -70,15 +71,6 @@ def test_the_past_before_the_edge_goes_and_the_rest_stays(
             "before the history begins"
             in semantic_map.history.explain("object/1 here:firstSeen")[0].because[-1].text
         )
-
-
-def test_things_that_left_before_the_edge_are_forgotten(written: Written) -> None:
-    with written(3) as semantic_map:
-        semantic_map.apply(MapUpdate(removed=(semantic_map.base + "object/2",)))
-        semantic_map.history.compact(keep=0.0)
-        assert semantic_map.history.state_of(semantic_map.base + "object/2", 4) == ()
-        with semantic_map.at(4) as then:
-            assert len(then.objects("chair")) == 1
 
 
 def test_a_compacted_map_goes_on(written: Written, frame: Callable[..., MapUpdate]) -> None:

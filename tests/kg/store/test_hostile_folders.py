@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sqlite3
 import struct
 from contextlib import closing
 from pathlib import Path
@@ -250,16 +249,3 @@ def test_no_output_is_written_into_a_map(path: Path) -> None:
             save_picture(Figure(), output)
         assert main(["export", str(path), "-o", str(output), "--format", "turtle"]) == 1
     assert files(path) == before
-
-
-def test_the_engine_of_sqlite_deletes_what_a_journal_names(tmp_path: Path) -> None:
-    """The attack is real: without the check the file is gone."""
-    victim, database = tmp_path / "thesis.tex", tmp_path / "x.sqlite"
-    victim.write_text("years of work")
-    with closing(sqlite3.connect(database)) as file:
-        file.execute("PRAGMA page_size = 1024")
-        file.execute("CREATE TABLE one (a)")
-    super_journal(database, victim)
-    with closing(sqlite3.connect(database)) as file:
-        file.execute("SELECT * FROM sqlite_master").fetchall()
-    assert not victim.exists()

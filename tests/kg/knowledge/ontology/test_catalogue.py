@@ -23,7 +23,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import in_memory_map
 
 QUADS = load_ontologies().quads
 CATALOGUE = Catalogue.from_quads(QUADS)
@@ -183,17 +183,6 @@ def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
     assert any(MODEL in text for text in texts)
     with home.at(home.sequence - 1) as then:
         assert then.catalogue.by_iri(iri) is None
-
-
-def test_it_is_there_when_the_map_is_opened_again(tmp_path: Path) -> None:
-    with create_map(tmp_path / "home.map") as semantic_map:
-        stand(
-            semantic_map,
-            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
-        )
-    with open_map(tmp_path / "home.map") as semantic_map:
-        assert len(semantic_map.objects("teawhisk")) == 1
-        assert semantic_map.catalogue.find("teawhisk").provisional
 
 
 def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
