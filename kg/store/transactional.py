@@ -25,7 +25,7 @@ from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import transaction_time
 from kg.rdf.quad_store import QuadStore
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
-from kg.store.flushing import Flusher
+from kg.store.flushing import keep_flushing
 from kg.store.folder import check_is_map, check_vacant, locked, new_folder
 from kg.store.transaction_quads import (
     CommitListeners,
@@ -69,7 +69,8 @@ class TransactionalStore(CommitListeners):
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
         self._on_disk = on_disk
         self._copy: Path | None = None  # private folder with the files that are read instead
-        self._flusher = Flusher(self) if lock is not None and not read_only else None
+        flushed = lock is not None and not read_only
+        self._stop_flushing = keep_flushing(self) if flushed else None
 
     @classmethod
     def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
@@ -364,8 +365,8 @@ class TransactionalStore(CommitListeners):
 
         Raises GraphError, after the release, if the flush fails.
         """
-        if self._flusher is not None:
-            self._flusher.stop()
+        if self._stop_flushing is not None:
+            self._stop_flushing()
         try:
             self.flush()
         finally:
