@@ -198,6 +198,13 @@ def short(term: Term, base: str) -> str:
     return text.removeprefix(v.GRAPH).removeprefix(v.CELL)
 
 
+def natural_order(name: str) -> tuple[str, int]:
+    """Sort key of a compact name, by which object/9 comes before object/10."""
+    head, _, number = name.rpartition("/")
+    found = whole_number(number)
+    return (name, 0) if found is None else (head, found)
+
+
 def brief(value: Term, base: str) -> str:
     """A term for people in one line; for packed bytes, the number of characters."""
     if isinstance(value, Literal) and value.datatype == v.XSD_BASE64:

@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from hashlib import blake2s
+from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
@@ -56,6 +57,23 @@ def named(quads: Iterable[Quad]) -> tuple[Quad, ...]:
         above = (f"{names.get(q.subject, q.subject)} {q.predicate}" for q in pointing[node])
         names[node] = NamedNode(v.GENID + _digest([content[node], *sorted(above)]))
     return tuple(dict.fromkeys(with_names(quads, names)))
+
+
+_Node = TypeVar("_Node")
+
+
+class StableNodes:
+    """Names blank nodes ``prefix0``, ``prefix1``, ... in the order in which they are given."""
+
+    def __init__(self, prefix: str) -> None:
+        self._prefix = prefix
+        self._names: dict[object, BlankNode] = {}
+
+    def __call__(self, term: _Node) -> _Node | BlankNode:
+        """The new name of a blank node; other terms are themselves."""
+        if not isinstance(term, BlankNode):
+            return term
+        return self._names.setdefault(term, BlankNode(f"{self._prefix}{len(self._names)}"))
 
 
 def with_names(quads: Iterable[Quad], names: Mapping[object, NamedNode]) -> Iterator[Quad]:
@@ -153,17 +171,11 @@ def with_sorted_sets(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     members are left alone.
     """
     quads = tuple(quads)
-    first: dict[Subject, Object] = {
-        q.subject: q.object for q in quads if q.predicate.value == v.RDF_FIRST
-    }
-    rest: dict[Subject, Object] = {
-        q.subject: q.object for q in quads if q.predicate.value == v.RDF_REST
-    }
-    placed: dict[Subject, Object] = {}
+    members_of = ListMembers(quads)
+    placed: dict[Object, Object] = {}
     for quad in quads:
         if quad.predicate.value in _SET_PROPERTIES and isinstance(quad.object, BlankNode):
-            nodes = list(_nodes(quad.object, rest))
-            members = [first.get(node) for node in nodes]
+            nodes, members = members_of(quad.object)
             if all(isinstance(member, NamedNode) for member in members):
                 placed.update(zip(nodes, sorted(members, key=str), strict=True))
     return tuple(
@@ -174,9 +186,22 @@ def with_sorted_sets(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     )
 
 
-def _nodes(head: Object, rest: dict[Subject, Object]) -> Iterator[BlankNode]:
-    visited: set[object] = set()
-    while isinstance(head, BlankNode) and head not in visited:
-        visited.add(head)
-        yield head
-        head = rest.get(head)
+class ListMembers:
+    """The RDF lists in quads: ``members(head)`` has the nodes of a list, and its members."""
+
+    def __init__(self, quads: Iterable[Quad]) -> None:
+        self._first: dict[Object, Object] = {}
+        self._rest: dict[Object, Object] = {}
+        for quad in quads:
+            if quad.predicate.value == v.RDF_FIRST:
+                self._first[quad.subject] = quad.object
+            elif quad.predicate.value == v.RDF_REST:
+                self._rest[quad.subject] = quad.object
+
+    def __call__(self, head: Object) -> tuple[list[Object], list[Object]]:
+        """Nodes and members up to the end, or the node where a list goes round in a circle."""
+        nodes: dict[Object, None] = {}
+        while head in self._first and head not in nodes:
+            nodes[head] = None
+            head = self._rest.get(head)
+        return [*nodes], [self._first[node] for node in nodes]

@@ -39,20 +39,22 @@ def standard_quads(base: str, subjects: Mapping[str, Properties]) -> Iterator[Qu
             facts.update(dict.fromkeys(_of_observation(base, iri, properties)))
         if v.SEARCH in types:
             facts.update(dict.fromkeys(_of_search(base, iri)))
+    return _quads(facts)
+
+
+def _quads(facts: Iterable[_Fact]) -> Iterator[Quad]:
     for subject, predicate, value in facts:
         yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
 
 
 def sensor_quads(base: str, iri: str) -> Iterator[Quad]:
     """Type, label and observed property of a sensor: a detection network."""
-    for subject, predicate, value in _of_sensor(iri, unquote(iri.removeprefix(base + SENSOR))):
-        yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
+    return _quads(_of_sensor(iri, unquote(iri.removeprefix(base + SENSOR))))
 
 
 def program_quads(base: str) -> Iterator[Quad]:
     """Types and label of the agent that carries out searches."""
-    for subject, predicate, value in _of_program(base):
-        yield Quad(NamedNode(subject), NamedNode(predicate), value, v.MAP_GRAPH)
+    return _quads(_of_program(base))
 
 
 def _of_observation(base: str, iri: str, properties: Properties) -> Iterator[_Fact]:
@@ -124,23 +126,24 @@ def geometry_quads(
 
 def crs_quads(base: str) -> Iterator[Quad]:
     """The coordinate reference system of the map with IRI `base`, which graph:dataset names."""
-    crs = NamedNode(base + CRS)
     comment = "Local frame of this map: metres, z up, the floor about z = 0; not geographic."
-    yield Quad(crs, NamedNode(v.RDFS_LABEL), Literal("map frame"), v.MAP_GRAPH)
-    yield Quad(crs, NamedNode(v.RDFS_COMMENT), Literal(comment), v.MAP_GRAPH)
+    texts = {v.RDFS_LABEL: "map frame", v.RDFS_COMMENT: comment}
+    return _quads((base + CRS, predicate, Literal(text)) for predicate, text in texts.items())
 
 
 def _geometry(iri: str, wkt: str) -> Iterator[Quad]:
-    yield Quad(NamedNode(iri), v.RDF_TYPE, NamedNode(v.GEO_FEATURE), v.MAP_GRAPH)
+    yield from _quads([(iri, v.RDF_TYPE.value, NamedNode(v.GEO_FEATURE))])
     yield from _shape(iri, v.GEO_HAS_GEOMETRY, GEOMETRY, wkt)
 
 
 def _shape(iri: str, predicate: str, suffix: str, wkt: str) -> Iterator[Quad]:
-    geometry = NamedNode(iri + suffix)
-    yield Quad(NamedNode(iri), NamedNode(predicate), geometry, v.MAP_GRAPH)
-    yield Quad(geometry, v.RDF_TYPE, NamedNode(v.GEO_GEOMETRY), v.MAP_GRAPH)
-    yield Quad(
-        geometry, NamedNode(v.GEO_AS_WKT), Literal(wkt, datatype=v.GEO_WKT_LITERAL), v.MAP_GRAPH
+    geometry = iri + suffix
+    return _quads(
+        [
+            (iri, predicate, NamedNode(geometry)),
+            (geometry, v.RDF_TYPE.value, NamedNode(v.GEO_GEOMETRY)),
+            (geometry, v.GEO_AS_WKT, Literal(wkt, datatype=v.GEO_WKT_LITERAL)),
+        ]
     )
 
 

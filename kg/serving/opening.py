@@ -19,6 +19,7 @@ from kg.maps.stored_map import StoredMap
 from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import has_log
 from kg.store.folder import check_is_map
+from kg.store.sparql_backend import ServerStore
 from kg.store.sparql_client import is_url, without_secrets
 from kg.store.transactional import TransactionalStore
 
@@ -81,7 +82,7 @@ def open_map(
     - GraphError: a server that is not a `hereabouts serve` is opened for writing
     """
     if is_url(path):
-        return _on_server(TransactionalStore.connect(str(path), read_only=read_only))
+        return _on_server(ServerStore(str(path), read_only=read_only))
     path, until = Path(path), time.monotonic() + PATIENCE
     while True:
         try:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import os
 import uuid
-from contextlib import suppress
 from pathlib import Path
 
 from kg.model.errors import GraphError
-from kg.model.platforms import open_folder
-from kg.store.folder import check_outside_maps
+from kg.store.folder import check_outside_maps, sync_folder
 
 
 def write_atomically(path: Path, text: str | bytes, *, in_map: bool = False) -> None:
@@ -42,18 +40,3 @@ def write_atomically(path: Path, text: str | bytes, *, in_map: bool = False) -> 
         raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
     finally:
         beside.unlink(missing_ok=True)
-
-
-def sync_folder(folder: Path) -> None:
-    """Let the names in `folder` survive a power cut: new, renamed and removed ones.
-
-    Does nothing where the file system cannot sync a folder.
-    """
-    with suppress(OSError):
-        descriptor = open_folder(folder)
-        if descriptor is None:
-            return
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

@@ -6,47 +6,37 @@ import contextlib
 import threading
 import time
 import weakref
-from typing import Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from kg.model.errors import GraphError
 from kg.store.process_memory import TRIM_EVERY, trim_heap
 
+if TYPE_CHECKING:
+    from kg.store.transactional import TransactionalStore
+
 FLUSH_EVERY = 3.0  # [s]
 
 
-class Flushable(Protocol):
-    """A store that can be flushed."""
+def keep_flushing(store: TransactionalStore) -> Callable[[], None]:
+    """Flush a store every few seconds, in a thread; returns a function that ends the thread.
 
-    @property
-    def sequence(self) -> int:
-        """The number of the last transaction."""
-
-    def flush(self) -> None:
-        """Write everything to disk; raises GraphError on failure."""
-
-
-class Flusher:
-    """Flushes a store until it is stopped, or until nobody holds the store any more.
-
-    It also returns free memory to the system while the store is written.
+    The thread also ends when nobody holds the store any more. It returns free memory to the system
+    while the store is written.
     """
+    # a weak reference, so that an unreferenced store is freed although never closed
+    reference, stop = weakref.ref(store), threading.Event()
+    thread = threading.Thread(target=_flush_until, args=(reference, stop), daemon=True)
+    thread.start()
 
-    def __init__(self, store: Flushable) -> None:
-        self._stop = threading.Event()
-        # a weak reference, so that an unreferenced store is freed although never closed
-        reference = weakref.ref(store)
-        self._thread = threading.Thread(
-            target=_keep_flushing, args=(reference, self._stop), daemon=True
-        )
-        self._thread.start()
+    def end() -> None:
+        stop.set()
+        thread.join()
 
-    def stop(self) -> None:
-        """End the thread; idempotent."""
-        self._stop.set()
-        self._thread.join()
+    return end
 
 
-def _keep_flushing(reference: weakref.ref[Flushable], stop: threading.Event) -> None:
+def _flush_until(reference: weakref.ref[TransactionalStore], stop: threading.Event) -> None:
     trimmed, written = time.monotonic(), 0
     while not stop.wait(FLUSH_EVERY):
         store = reference()

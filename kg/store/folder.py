@@ -7,6 +7,8 @@ import errno
 import glob
 import os
 import shutil
+import uuid
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
@@ -164,11 +166,44 @@ def copy_files(path: Path, to: Path) -> None:
             copy_regular(file, to / file.name)
 
 
-def made_folder(folder: Path) -> list[Path]:
-    """Create a folder and its parents; returns the folders that contain a new one."""
-    new = [at for at in (folder, *folder.parents) if not at.exists()]
-    folder.mkdir(parents=True, exist_ok=True)
-    return [at.parent for at in new]
+@contextlib.contextmanager
+def new_folder(path: Path) -> Iterator[tuple[Path, int]]:
+    """A folder that becomes `path` after the block, and the descriptor of its lock.
+
+    It is made beside `path` and then renamed, so that a killed process leaves no incomplete map,
+    and its name is on the disk. Nothing is left after a failure. Raises OSError.
+    """
+    above = [at.parent for at in (path.parent, *path.parent.parents) if not at.exists()]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    remove_abandoned(path)
+    building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
+    building.mkdir()
+    descriptor = locked(building / "lock", path, shared=False)
+    try:
+        yield building, descriptor
+        sync_folder(building)
+        building.rename(path)
+        for folder in (path.parent, *above):
+            sync_folder(folder)
+    except BaseException:
+        os.close(descriptor)
+        shutil.rmtree(building, ignore_errors=True)
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """Let the names in `folder` survive a power cut: new, renamed and removed ones.
+
+    Does nothing where the file system cannot sync a folder.
+    """
+    with contextlib.suppress(OSError):
+        descriptor = open_folder(folder)
+        if descriptor is None:
+            return
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
 
 
 def remove_abandoned(path: Path, kind: str = "new") -> None:

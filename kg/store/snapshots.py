@@ -66,7 +66,7 @@ class Snapshots:
     @property
     def readable(self) -> list[Path]:
         """Folders that the readers of snapshots and of the history open."""
-        folders = (*self._store.folders, self.home)
+        folders = dict.fromkeys((self._store.path, self._store.files, self.home))
         return [folder.resolve() for folder in folders if folder is not None]
 
     @property
@@ -94,7 +94,8 @@ class Snapshots:
             try:
                 self.refresh(at_least)
             except GraphError:
-                if not self._has(at_least):
+                current = self._current
+                if current is None or current.sequence < at_least:
                     raise
             refreshed = True
 
@@ -109,7 +110,11 @@ class Snapshots:
                 return
             if time.monotonic() < self._next_attempt:
                 raise disk_full(self._store.where)
-            made = self._make_or_wait()
+            try:
+                made = self._make()
+            except DiskFullError:
+                self._next_attempt = time.monotonic() + self._refresh
+                raise
             with self._guard:
                 self._current = made
                 self._remove_unread()
@@ -163,17 +168,6 @@ class Snapshots:
 
     def _is_as_good(self, held: Snapshot, at_least: int) -> bool:
         return held in self._readers and held.sequence >= at_least and not self._is_old(held)
-
-    def _has(self, at_least: int) -> bool:
-        with self._guard:
-            return self._current is not None and self._current.sequence >= at_least
-
-    def _make_or_wait(self) -> Snapshot:
-        try:
-            return self._make()
-        except DiskFullError:
-            self._next_attempt = time.monotonic() + self._refresh
-            raise
 
     def _make(self) -> Snapshot:
         # read before the backup, so that the snapshot holds at least this transaction

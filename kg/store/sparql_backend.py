@@ -9,17 +9,19 @@ from __future__ import annotations
 
 import re
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean
+from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryBoolean, Store
 
 from kg.model import vocabulary as v
-from kg.model.errors import QueryError, RemoteError
+from kg.model.errors import GraphError, QueryError, RemoteError
 from kg.rdf.quad_store import Functions, Object, QuadStore, Subject
 from kg.rdf.sparql.parameters import has_relative, has_word
 from kg.store.sparql_client import Answer, Solutions, SparqlClient
+from kg.store.transaction_quads import stored_sequence
+from kg.store.transactional import TransactionalStore
 
 ROOT_STEPS = 24  # of Newton's method: exact to a double above 1e-6, within 1e-7 below
 
@@ -101,9 +103,7 @@ class SparqlBackend:
         The server does not have our extension functions: math:sqrt is rewritten in standard SPARQL,
         others fail.
         """
-        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in (prefixes or {}).items())
-        if base_iri is not None and has_relative(query):
-            declared += f" BASE <{base_iri}>"
+        declared = _prologue(query, prefixes or {}, base_iri)
         united = use_default_graph_as_union and not has_word(query, "from")
         # Virtuoso nests the steps of Newton's method and doubles the expression with each
         root = r"BIND(bif:sqrt(\1) AS \2)" if self.endpoint.virtuoso else _newton
@@ -120,7 +120,6 @@ class SparqlBackend:
         named_graphs: Sequence[str],
         *,
         base: str | None = None,
-        at: str | None = None,
         seconds: float,
         max_bytes: int,
     ) -> tuple[str, bytes]:
@@ -131,17 +130,13 @@ class SparqlBackend:
             default_graphs: IRIs of other default graphs.
             named_graphs: IRIs of other named graphs.
             base: base of relative IRIs.
-            at: a past moment, for servers with a history.
             seconds: time limit [s].
             max_bytes: limit of the body.
         """
-        declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in v.PREFIXES.items())
-        if base is not None and has_relative(query):
-            declared += f" BASE <{base}>"
+        declared = _prologue(query, v.PREFIXES, base)
         graphs = [("default-graph-uri", iri) for iri in default_graphs]
         graphs += [("named-graph-uri", iri) for iri in named_graphs]
-        united = () if has_word(query, "from") else self._union
-        parameters = [*(graphs or united), *([] if at is None else [("at", at)])]
+        parameters = graphs or (() if has_word(query, "from") else self._union)
         try:
             return self.endpoint.fetch(
                 f"{declared} {query}", parameters, seconds=seconds, max_bytes=max_bytes
@@ -211,6 +206,43 @@ class SparqlBackend:
         return iter(_quads(answer, self.where))
 
 
+class ServerStore(TransactionalStore):
+    """The store on the SPARQL 1.1 server at `url`; raises RemoteError if none answers.
+
+    It is read there: `commit` refuses, and only the server of a `RemoteMap` writes.
+    """
+
+    def __init__(self, url: str, *, read_only: bool = False) -> None:
+        self._backend = SparqlBackend(url)
+        where = self._backend.where
+        super().__init__(self._backend, where=where, read_only=read_only, lock=None)
+
+    @property
+    def shared(self) -> bool:
+        """True: the server's other clients may write."""
+        return True
+
+    @property
+    def native(self) -> Store:
+        """Refused: there is no embedded store."""
+        raise GraphError(
+            f"the map at {self.where} is on a server; open the folder of a map for this"
+        )
+
+    @property
+    def sequence(self) -> int:
+        """The number of the last transaction, or published one; of several maps the sum."""
+        if number := stored_sequence(self.engine):
+            return number
+        marks = self.engine.quads_for_pattern(None, NamedNode(v.SEQUENCE), None, v.PUBLISHED_GRAPH)
+        return sum(int(q.object.value) for q in marks if isinstance(q.object, Literal))
+
+    def close(self) -> None:
+        """Close the connections; idempotent."""
+        super().close()
+        self._backend.close()
+
+
 @contextmanager
 def reading_ahead(engine: QuadStore, subjects: Iterable[NamedNode]) -> Iterator[None]:
     """`SparqlBackend.reading_ahead` for an engine on a server; nothing for an embedded one."""
@@ -234,6 +266,11 @@ def _quads(answer: Answer, where: str) -> list[Quad]:
         return [Quad(row["s"], row["p"], row["o"], row["g"]) for row in answer.rows]
     kind = "a boolean" if isinstance(answer, QueryBoolean) else "triples"
     raise RemoteError(f"{where} answered a SELECT with {kind}; it is no SPARQL 1.1 server")
+
+
+def _prologue(query: str, prefixes: Mapping[str, str], base: str | None) -> str:
+    declared = " ".join(f"PREFIX {name}: <{iri}>" for name, iri in prefixes.items())
+    return f"{declared} BASE <{base}>" if base is not None and has_relative(query) else declared
 
 
 def _moved(message: str, columns: int) -> str:

@@ -1,15 +1,17 @@
-"""Quads of a transaction: checks before they are written, the quad with its number, the journal."""
+"""Parts of a transaction: checks of its quads, the quad with its number, listeners, the journal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from typing import Final, Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.transactions import ChangeSet
+from kg.model.transactions import ChangeSet, Listener
 from kg.rdf.literals import unwritable
 from kg.rdf.quad_store import QuadStore
 
@@ -96,10 +98,33 @@ def stored_sequence(engine: QuadStore) -> int:
     return max((int(q.object.value) for q in quads if isinstance(q.object, Literal)), default=0)
 
 
-def published_sequence(engine: QuadStore) -> int:
-    """The number of the last published transaction; of several maps the sum, which grows too."""
-    marks = engine.quads_for_pattern(None, NamedNode(v.SEQUENCE), None, v.PUBLISHED_GRAPH)
-    return sum(int(q.object.value) for q in marks if isinstance(q.object, Literal))
+class CommitListeners:
+    """Callables that get each transaction after its commit."""
+
+    def __init__(self) -> None:
+        self._listeners: list[Listener] = []
+        self._committing = threading.RLock()  # held by a commit
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Call `listener` after each commit; returns a function that removes it."""
+        with self._committing:  # a commit that has begun is not one of those after
+            self._listeners.append(listener)
+        return lambda: self._listeners.remove(listener)
+
+    @contextmanager
+    def watched(self) -> Iterator[list[ChangeSet]]:
+        """A list that gets each transaction that is committed within the block."""
+        changes: list[ChangeSet] = []
+        stop = self.listen(changes.append)
+        try:
+            yield changes
+        finally:
+            stop()
+
+    def notify(self, change: ChangeSet) -> None:
+        """Call the listeners with a stored transaction."""
+        for listener in tuple(self._listeners):
+            listener(change)
 
 
 class Journal(Protocol):

@@ -12,41 +12,37 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
-import threading
-import uuid
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from pyoxigraph import NamedNode, Quad, Store
+from pyoxigraph import Quad, Store
 
 from kg.model.errors import GraphError
-from kg.model.transactions import Cause, ChangeSet, Listener
+from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import transaction_time
 from kg.rdf.quad_store import QuadStore
-from kg.store.atomic_file import sync_folder
 from kg.store.disk_space import disk_full, has_room, reopened, write_error
-from kg.store.flushing import Flusher
-from kg.store.folder import check_is_map, check_vacant, locked, made_folder, remove_abandoned
-from kg.store.sparql_backend import SparqlBackend
+from kg.store.flushing import keep_flushing
+from kg.store.folder import check_is_map, check_vacant, locked, new_folder
 from kg.store.transaction_quads import (
+    CommitListeners,
     Journal,
     check_blank_nodes,
     check_texts,
-    published_sequence,
     sequence_quad,
     stored_sequence,
     update_text,
 )
-from kg.store.type_inference import complete_types, inferred_changes, is_inferred
+from kg.store.type_inference import complete_types, inferred_changes, is_inferred, with_types
 from kg.store.write_limit import check_facts
 
 LOADED: Final = 5000  # facts from which on they are loaded before the rest of a transaction
 
 
-class TransactionalStore:
+class TransactionalStore(CommitListeners):
     """An open store, also as a context manager.
 
     `engine` is for reading, `commit` writes. A `journal` records each transaction before the store
@@ -62,6 +58,7 @@ class TransactionalStore:
         lock: int | None,
         on_disk: bool = True,
     ) -> None:
+        super().__init__()
         self._engine: QuadStore | None = engine
         self.where = where
         self.read_only = read_only
@@ -69,17 +66,16 @@ class TransactionalStore:
         self._sequence: int | None = None
         self._failed = False  # whether a write failed: the engine then refuses all further ones
         self._loaded: ChangeSet | None = None  # whose facts were loaded, while it is not complete
-        self._listeners: list[Listener] = []
-        self._committing = threading.RLock()
         self._unlock = weakref.finalize(self, os.close, lock) if lock is not None else None
         self._on_disk = on_disk
         self._copy: Path | None = None  # private folder with the files that are read instead
-        self._flusher = Flusher(self) if lock is not None and not read_only else None
+        flushed = lock is not None and not read_only
+        self._stop_flushing = keep_flushing(self) if flushed else None
 
     @classmethod
     def in_memory(cls, quads: Iterable[Quad], *, read_only: bool = False) -> Self:
         """A store in memory; closing deletes it."""
-        return cls(_copy_with_types(quads), where="memory", read_only=read_only, lock=None)
+        return cls(with_types(quads), where="memory", read_only=read_only, lock=None)
 
     @classmethod
     def create(cls, path: Path, quads: Iterable[Quad]) -> Self:
@@ -89,30 +85,21 @@ class TransactionalStore:
         incomplete map, and its name is on the disk. Raises GraphError if `path` exists.
         """
         check_vacant(path)
-        building = path.parent / f".{path.name}.new-{uuid.uuid4().hex}"
         try:
-            above = made_folder(path.parent)
-            remove_abandoned(path)
-            building.mkdir()
-            lock = locked(building / "lock", path, shared=False)
-            try:
+            with new_folder(path) as (building, lock):
                 engine = Store(str(building / "store"))
                 engine.bulk_extend(quads)
                 complete_types(engine)
                 engine.flush()
                 del engine  # releases its files
-                sync_folder(building)
-                building.rename(path)
-                for folder in (path.parent, *above):
-                    sync_folder(folder)
+            try:
                 engine = Store(str(path / "store"))
-                return cls(engine, where=str(path), read_only=False, lock=lock)
             except BaseException:
                 os.close(lock)
-                shutil.rmtree(building, ignore_errors=True)
                 raise
         except OSError as error:
             raise write_error(error, path, f"cannot create a map at {path}") from error
+        return cls(engine, where=str(path), read_only=False, lock=lock)
 
     @classmethod
     def open(cls, path: Path, *, read_only: bool = False) -> Self:
@@ -130,7 +117,7 @@ class TransactionalStore:
             engine = Store.read_only(folder) if read_only else Store(folder)
             inferred = is_inferred(engine)
             if not inferred and read_only:
-                engine = _copy_with_types(engine)  # since the folder cannot be written
+                engine = with_types(engine)  # since the folder cannot be written
             elif not inferred:
                 complete_types(engine)
         except (OSError, RuntimeError) as error:  # RuntimeError: RocksDB finds damaged files
@@ -138,15 +125,6 @@ class TransactionalStore:
             raise write_error(error, path, f"cannot open the map at {path}") from error
         on_disk = inferred or not read_only
         return cls(engine, where=str(path), read_only=read_only, lock=lock, on_disk=on_disk)
-
-    @classmethod
-    def connect(cls, url: str, *, read_only: bool = False) -> Self:
-        """The store on the SPARQL 1.1 server at `url`; raises RemoteError if none answers.
-
-        It is read there: `commit` refuses, and only the server of a `RemoteMap` writes.
-        """
-        engine = SparqlBackend(url)
-        return cls(engine, where=engine.where, read_only=read_only, lock=None)
 
     @property
     def engine(self) -> QuadStore:
@@ -175,11 +153,6 @@ class TransactionalStore:
         return self._copy or self.path
 
     @property
-    def folders(self) -> tuple[Path, ...]:
-        """Folders that readers of the store and of the history open."""
-        return tuple(folder for folder in (self.path, self._copy) if folder is not None)
-
-    @property
     def live(self) -> bool:
         """Whether the files beside the store are written meanwhile."""
         return not self.read_only
@@ -193,16 +166,14 @@ class TransactionalStore:
     @property
     def shared(self) -> bool:
         """Whether other processes may write the store without a notification."""
-        return isinstance(self.engine, SparqlBackend)
+        return False
 
     @property
     def native(self) -> Store:
         """The live embedded store; raises GraphError for a store on a server."""
-        if not isinstance(self.engine, Store):
-            raise GraphError(
-                f"the map at {self.where} is on a server; open the folder of a map for this"
-            )
-        return self.engine
+        engine = self.engine
+        assert isinstance(engine, Store)
+        return engine
 
     def commit(
         self,
@@ -240,7 +211,9 @@ class TransactionalStore:
             check_facts(len(added) + len(removed))
             check_blank_nodes((*added, *removed))
             check_texts(added)
-            change = ChangeSet(self.sequence + 1, self._now(), cause, added, removed)
+            # after the clock was set back, a transaction must not precede the previous one
+            time = max(transaction_time(), self.journal.last_time if self.journal else 0.0)
+            change = ChangeSet(self.sequence + 1, time, cause, added, removed)
             self._record(change)
             self._sequence = change.sequence
             self.notify(change)
@@ -249,10 +222,8 @@ class TransactionalStore:
     @property
     def sequence(self) -> int:
         """The number of the last transaction; 0 before the first."""
-        if self._sequence is None or self.shared:
+        if self._sequence is None:
             self._sequence = stored_sequence(self.engine)
-            if self.shared and not self._sequence:
-                self._sequence = published_sequence(self.engine)
         return self._sequence
 
     @contextlib.contextmanager
@@ -278,10 +249,11 @@ class TransactionalStore:
     def backup(self, folder: Path) -> None:
         """Copy the store to a new folder, by hard links; raises GraphError, as of a full disk."""
         try:
-            self.native.backup(str(folder))
-        except (OSError, RuntimeError) as error:
+            with self._writing():
+                self.native.backup(str(folder))
+        except GraphError:
             shutil.rmtree(folder, ignore_errors=True)
-            raise self._unwritable(error) from error
+            raise
 
     def recover(self) -> None:
         """After a failed write, open the store again as soon as its disk has space.
@@ -302,27 +274,6 @@ class TransactionalStore:
                 self._unload()
                 self._failed = False
 
-    def listen(self, listener: Listener) -> Callable[[], None]:
-        """Call `listener` after each commit; returns a function that removes it."""
-        with self._committing:  # a commit that has begun is not one of those after
-            self._listeners.append(listener)
-        return lambda: self._listeners.remove(listener)
-
-    @contextlib.contextmanager
-    def watched(self) -> Iterator[list[ChangeSet]]:
-        """A list that gets each transaction that is committed within the block."""
-        changes: list[ChangeSet] = []
-        stop = self.listen(changes.append)
-        try:
-            yield changes
-        finally:
-            stop()
-
-    def notify(self, change: ChangeSet) -> None:
-        """Call the listeners with a stored transaction."""
-        for listener in tuple(self._listeners):
-            listener(change)
-
     def replay(self, change: ChangeSet) -> None:
         """Apply a transaction of the journal, without notification."""
         self.check_writable()
@@ -330,28 +281,21 @@ class TransactionalStore:
             self._write(change)
             self._sequence = change.sequence
 
-    def rewrite_graph(self, graph: NamedNode, quads: Iterable[Quad]) -> None:
-        """Replace the quads of a graph by equivalent ones without blank nodes; no transaction.
-
-        For maps whose ontology was stored with blank nodes.
-        """
-        self.check_writable()
-        with self._committing:
-            self._update(f"CLEAR GRAPH {graph};\n{update_text((), quads)}")
-
     def _update(self, sparql: str) -> None:
-        try:
+        with self._writing():
             self.native.update(sparql)
+
+    @contextlib.contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Raise an error of the engine within the block as a GraphError, and note the failure."""
+        try:
+            yield
         except (OSError, RuntimeError) as error:
             raise self._unwritable(error) from error
 
     def _unwritable(self, error: OSError | RuntimeError) -> GraphError:
         self._failed = True
         return write_error(error, self.where, f"cannot write the map at {self.where}")
-
-    def _now(self) -> float:
-        # after the clock was set back, a transaction must not precede the previous one
-        return max(transaction_time(), self.journal.last_time if self.journal else 0.0)
 
     def _record(self, change: ChangeSet) -> None:
         if self.journal is None:
@@ -387,10 +331,8 @@ class TransactionalStore:
         A process that ends before the rest is written finds `change` in the journal and completes
         it. Readers see the facts a few milliseconds before the rest.
         """
-        try:
+        with self._writing():
             self.native.bulk_extend(change.added)
-        except (OSError, RuntimeError) as error:
-            raise self._unwritable(error) from error
         self._loaded = change
 
     def _unload(self) -> None:
@@ -413,10 +355,8 @@ class TransactionalStore:
         """
         self.recover()
         if self._engine is not None and self._unlock is not None and not self.read_only:
-            try:
+            with self._writing():
                 self.native.flush()
-            except (OSError, RuntimeError) as error:
-                raise self._unwritable(error) from error
             if self.journal is not None:
                 self.journal.flush()
 
@@ -425,16 +365,14 @@ class TransactionalStore:
 
         Raises GraphError, after the release, if the flush fails.
         """
-        if self._flusher is not None:
-            self._flusher.stop()
+        if self._stop_flushing is not None:
+            self._stop_flushing()
         try:
             self.flush()
         finally:
             if self.journal is not None:
                 self.journal.close()
                 self.journal = None
-            if isinstance(self._engine, SparqlBackend):
-                self._engine.close()
             self._engine = None
             if self._unlock is not None:
                 self._unlock()
@@ -446,11 +384,3 @@ class TransactionalStore:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def _copy_with_types(quads: Iterable[Quad]) -> Store:
-    """A store in memory of the quads and of the types that follow from them."""
-    copy = Store()
-    copy.bulk_extend(quads)
-    complete_types(copy)
-    return copy

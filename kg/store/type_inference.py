@@ -19,7 +19,6 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Store, Triple
 
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore, Term
-from kg.store.sparql_backend import reading_ahead
 
 _IS_A: Final = NamedNode(v.IS_A)
 _Node = NamedNode | BlankNode | Triple
@@ -60,6 +59,14 @@ def complete_types(engine: Store) -> None:
         engine.extend(missing)
 
 
+def with_types(quads: Iterable[Quad]) -> Store:
+    """A store in memory of the quads and of the types that follow from them."""
+    copy = Store()
+    copy.bulk_extend(quads)
+    complete_types(copy)
+    return copy
+
+
 def inferred_changes(
     engine: QuadStore, removed: Iterable[Quad], added: Iterable[Quad]
 ) -> tuple[list[Quad], list[Quad]]:
@@ -98,17 +105,14 @@ class _Inference:
 
     def changes(self) -> tuple[list[Quad], list[Quad]]:
         """Quads to delete and to insert."""
-        subjects = dict.fromkeys(self._concerned())
-        named = [subject for subject in subjects if isinstance(subject, NamedNode)]
         delete, insert = list[Quad](), list[Quad]()
-        with reading_ahead(self._engine, named):
-            for subject in subjects:
-                stated, before = self._types(subject)
-                wanted = set[Term]().union(*map(self._superclasses, stated)) - stated
-                if self._superclasses(subject):  # a class
-                    wanted = set()
-                delete += (_inferred(subject, cls) for cls in before - wanted)
-                insert += (_inferred(subject, cls) for cls in wanted - before)
+        for subject in dict.fromkeys(self._concerned()):
+            stated, before = self._types(subject)
+            wanted = set[Term]().union(*map(self._superclasses, stated)) - stated
+            if self._superclasses(subject):  # a class
+                wanted = set()
+            delete += (_inferred(subject, cls) for cls in before - wanted)
+            insert += (_inferred(subject, cls) for cls in wanted - before)
         return delete, insert
 
     def _concerned(self) -> Iterator[_Node]:

@@ -17,8 +17,7 @@ from typing import Final
 
 import numpy as np
 
-from kg.knowledge.ontology.catalogue import name_key
-from kg.knowledge.ontology.provisional_classes import NAMED
+from kg.knowledge.ontology.catalogue import NAMED, name_key
 from kg.maps.object_pictures import MAX_BYTES, ObjectPictures
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.thing_names import category_of_name, checked_name, marked_categories

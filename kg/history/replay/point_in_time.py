@@ -12,9 +12,8 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, Store
 
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.storage.log_reader import net, quads_of
-from kg.history.timestamps import brief, short, word
+from kg.history.timestamps import brief, natural_order, short, word
 from kg.model.errors import HistoryError
-from kg.model.iris import whole_number
 from kg.rdf.quad_store import QuadStore
 from kg.store.transaction_quads import sequence_quad, stored_sequence
 from kg.store.transactional import TransactionalStore
@@ -46,7 +45,7 @@ class Difference:
         for (subject, what), (before, after) in sides.items():
             sign = "~" if before and after else "+" if after else "-"
             rows.append((sign, subject, what, ", ".join(sorted(before)), ", ".join(sorted(after))))
-        return sorted(rows, key=lambda row: (_natural(row[1]), row[2]))
+        return sorted(rows, key=lambda row: (natural_order(row[1]), row[2]))
 
 
 def state_of(log: HistoryLog, iri: str, sequence: int) -> tuple[Quad, ...]:
@@ -72,12 +71,6 @@ def difference(log: HistoryLog, before: int, after: int) -> Difference:
         tuple(quads_of(background.added + added)),
         tuple(quads_of(background.removed + removed)),
     )
-
-
-def _natural(text: str) -> tuple[str, int, str]:
-    head, _, number = text.rpartition("/")
-    found = whole_number(number)
-    return (text, 0, text) if found is None else (head, found, "")
 
 
 def subject_line(iri: str) -> bytes:

@@ -9,14 +9,13 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Literal
 
 from kg.history.replay.map_state import Categories, Row, State, state_after
 from kg.history.storage.log import HistoryLog
-from kg.history.timestamps import iso
-from kg.model.iris import whole_number
+from kg.history.timestamps import iso, natural_order
 from kg.rdf.wkt import area_of_polygon
 
 PRESENT: Final = 0.5  # existence from which on an object counts as present
@@ -114,10 +113,12 @@ def compare(
         *(one for iri in old.keys() & new.keys() for one in _kept(old[iri], new[iri], categories)),
     ]
     found = [one for one in changes if one.kind != "moved" or (one.metres or 0.0) >= far]
-    found.sort(key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), _natural(one.iri)))
+    found.sort(
+        key=lambda one: (_ORDER.index(one.kind), -(one.metres or 0.0), natural_order(one.iri))
+    )
     floors = _floor_area(first), _floor_area(second)
     times = iso(log.time_of(before)), iso(log.time_of(after))
-    rooms = sorted(_room_changes(first, second), key=lambda one: (one.kind, _natural(one.iri)))
+    rooms = sorted(_room_changes(first, second), key=lambda one: (one.kind, natural_order(one.iri)))
     return Comparison(before, after, times, floors, tuple(found), rooms=tuple(rooms))
 
 
@@ -177,12 +178,6 @@ def _at(point: Point | None) -> str:
     return "" if point is None else ", ".join(f"{value:.2f}" for value in point)
 
 
-def _natural(iri: str) -> tuple[str, int]:
-    head, _, number = iri.rpartition("/")
-    found = whole_number(number)
-    return (iri, 0) if found is None else (head, found)
-
-
 def _floor_area(state: State) -> float:
     """[m^2] of the cells that have been seen."""
     area: float = sum(_known_cells(row["cells"]) * row["size"] ** 2 for row in state["floor"])
@@ -229,12 +224,8 @@ def timeline(log: HistoryLog, base: str, there: Collection[str]) -> Timeline:
     `there` has the IRIs of the present objects; the last write of another object is its end.
     """
     with log.lock:
-        times = [log.floor_time] + [
-            time
-            for (time,) in log.db.execute(
-                "SELECT time FROM commits WHERE sequence > ? ORDER BY time", (log.floor,)
-            )
-        ]
+        select = "SELECT time FROM commits WHERE sequence > ? ORDER BY time"
+        times = [log.floor_time, *(time for (time,) in log.db.execute(select, (log.floor,)))]
         marks = _marks(log, base, there)
     ends = (log.floor, log.floor_time), (log.last, log.last_time)
     return Timeline(*ends, _spans(times), _joined(marks))
@@ -282,11 +273,10 @@ def _joined(marks: list[Mark]) -> tuple[Mark, ...]:
     size = -(-len(marks) // MAX_MARKS)
     groups = [marks[at : at + size] for at in range(0, len(marks), size or 1)]
     return tuple(
-        Mark(
-            group[-1].sequence,
-            group[-1].time,
-            sum(mark.objects for mark in group),
-            sum(mark.edits for mark in group),
+        replace(
+            group[-1],
+            objects=sum(mark.objects for mark in group),
+            edits=sum(mark.edits for mark in group),
         )
         for group in groups
     )

@@ -6,7 +6,7 @@ An explanation is a tree: each step has the reasons behind it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal as Choice
 
@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.history.replay.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
-from kg.history.reports.explanation_rules import FactChanges, same
+from kg.history.reports.explanation_rules import FactChanges, FactReader, same
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.timestamps import iso, short, statement
 from kg.model import vocabulary as v
@@ -62,7 +62,7 @@ class Explanation:
             yield from reason.walk(depth + 1)
 
 
-class Explainer:
+class Explainer(FactReader):
     """Explains the facts of `engine` from the transactions of `log`.
 
     If the past is not `recorded`, `log` has only the present facts.
@@ -71,8 +71,8 @@ class Explainer:
     def __init__(
         self, engine: QuadStore, log: HistoryLog, base: str, *, recorded: bool = True
     ) -> None:
-        self._engine, self._log, self._base = engine, log, base
-        self._recorded = recorded
+        super().__init__(engine, base)
+        self._log, self._recorded = log, recorded
         self._changes = FactChanges(log)
 
     def thing(self, iri: NamedNode) -> Explanation:
@@ -80,7 +80,7 @@ class Explainer:
 
         Raises QueryParameterError if the map never held it.
         """
-        facts = [q for q in self._about(iri) if q.graph_name not in BACKGROUND]
+        facts = [q for q in self._quads(iri) if q.graph_name not in BACKGROUND]
         if not facts:
             return self._background_or_removed(iri)
         types = [q for q in facts if q.predicate == v.RDF_TYPE]
@@ -102,15 +102,12 @@ class Explainer:
             reasons += self._observation(iri)
         if not reasons:
             reasons = [self.fact(q) for q in facts]
+        if (note := self._assertion(iri, "note")) is not None:
+            reasons.append(self._asserted(note, "note"))
         return Explanation(
             *("thing", self._name(iri, facts), iri.value),
-            (*reasons, *self._note(iri), *self._last(facts)),
+            (*reasons, *self._last(facts)),
         )
-
-    def _note(self, thing: NamedNode) -> Iterator[Explanation]:
-        """What a person noted about a place."""
-        if (node := self._assertion(thing, "note")) is not None:
-            yield self._asserted(node, "note")
 
     def _alternatives(self, facts: list[Quad]) -> Iterator[Explanation]:
         """Alternative categories of an object."""
@@ -147,7 +144,7 @@ class Explainer:
 
         Raises QueryParameterError if the map never held one.
         """
-        present = [q for q in self._about(subject) if q.predicate == predicate]
+        present = [q for q in self._quads(subject) if q.predicate == predicate]
         matching = [q for q in present if value is None or same(q.object, value)]
         if matching:
             return tuple(map(self.fact, matching))
@@ -189,14 +186,10 @@ class Explainer:
     def _assertion_behind(self, quad: Quad) -> Explanation | None:
         """The assertion behind a fact whose transaction is not kept, or None."""
         prop = _ASSERTED_PROPERTIES.get(quad.predicate.value)
-        if (
-            prop is None
-            or quad.graph_name != v.MAP_GRAPH
-            or not isinstance(quad.subject, NamedNode)
-        ):
+        subject = quad.subject if quad.graph_name == v.MAP_GRAPH else None
+        if prop is None or not isinstance(subject, NamedNode):
             return None
-        node = self._assertion(quad.subject, prop)
-        if node is None:
+        if (node := self._assertion(subject, prop)) is None:
             return None
         (value,) = self._values(node, v.ASSERTED_VALUE)
         if isinstance(value, NamedNode) and value != quad.object:
@@ -216,17 +209,6 @@ class Explainer:
         )
         return Explanation("fact", text, node.value, people)
 
-    def _assertion(self, thing: NamedNode, prop: str) -> NamedNode | None:
-        """The assertion of a property of a thing."""
-        about = NamedNode(v.ASSERTED_OF)
-        for quad in self._engine.quads_for_pattern(None, about, thing, v.ASSERTIONS_GRAPH):
-            node = quad.subject
-            if isinstance(node, NamedNode) and Literal(prop) in self._values(
-                node, v.ASSERTED_PROPERTY
-            ):
-                return node
-        return None
-
     def _mapped(self, subject: NamedNode, predicate: str, value: Term) -> Iterator[Explanation]:
         """The mapper's rule for one of its facts, and the evidence for it."""
         kinds = {getattr(kind, "value", "") for kind in self._values(subject, v.RDF_TYPE.value)}
@@ -241,12 +223,6 @@ class Explainer:
             yield from self._sighting(subject)
         elif predicate in known.EVIDENT:
             yield from self._observation(subject)
-
-    def _in_surface(self, subject: NamedNode, kinds: set[str]) -> bool:
-        """Whether the surface, rather than a detector, shows a thing, or the thing of a view."""
-        views = [n for n in self._values(subject, v.EXPLAINED_BY) if isinstance(n, NamedNode)]
-        by_surface = [self._text(view, v.MODEL) == SURFACE for view in (subject, *views)]
-        return v.UNNAMED_THING in kinds or any(by_surface)
 
     def _ontology_reasons(self, quad: Quad) -> Iterator[Explanation]:
         """Reasons for a fact of the ontology: the relation with its source, or the ontology."""
@@ -327,7 +303,7 @@ class Explainer:
         return Explanation("view", text, place.value, behind)
 
     def _background_or_removed(self, iri: NamedNode) -> Explanation:
-        texts = self._texts(self._about(iri))
+        texts = self._texts(self._quads(iri))
         if v.RELATION_SUBJECT in texts:
             kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
             ends = texts[v.RELATION_SUBJECT], kind, texts[v.RELATION_TARGET]
@@ -409,37 +385,6 @@ class Explainer:
             for source in self._values(subject, v.DCT_SOURCE):
                 iri = source.value if isinstance(source, NamedNode) else None
                 yield Explanation("source", getattr(source, "value", str(source)), iri)
-
-    def _about(self, iri: NamedNode) -> list[Quad]:
-        return self._stated(self._engine.quads_for_pattern(iri, None, None, None))
-
-    def _quads(self, iri: NamedNode, predicate: str) -> list[Quad]:
-        found = self._engine.quads_for_pattern(iri, NamedNode(predicate), None, None)
-        return self._stated(found)
-
-    def _stated(self, quads: Iterable[Quad]) -> list[Quad]:
-        return sorted((quad for quad in quads if quad.graph_name != v.INFERRED_GRAPH), key=str)
-
-    def _values(self, iri: NamedNode, predicate: str) -> list[Term]:
-        return [q.object for q in self._quads(iri, predicate)]
-
-    def _text(self, iri: NamedNode, predicate: str) -> str:
-        return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
-
-    def _texts(self, quads: Iterable[Quad]) -> dict[str, str]:
-        return {q.predicate.value: short(q.object, self._base) for q in quads}
-
-    def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
-        texts = self._texts(facts)
-        label = f" ({texts[v.RDFS_LABEL]})" if v.RDFS_LABEL in texts else ""
-        where = f" at ({texts[v.X]}, {texts[v.Y]}) m" if v.X in texts and v.Y in texts else ""
-        related = "".join(
-            f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
-            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
-            for quad in facts
-            if quad.predicate.value == predicate and isinstance(quad.object, NamedNode)
-        )
-        return f"{short(iri, self._base)}{label}{where}{related}"
 
 
 def explain_fact(

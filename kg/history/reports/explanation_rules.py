@@ -1,4 +1,4 @@
-"""Rules and changes behind facts: the rule of each predicate, and the changes of single facts.
+"""What explains facts: the rule of each predicate, the facts of a map, and their changes.
 
 A rule is a sentence on how the mappers derive a fact. Equations and sections are of the thesis that
 the reference mapper implements; its parameters are in `mapping.reference.settings`.
@@ -6,14 +6,17 @@ the reference mapper implements; its parameters are in `mapping.reference.settin
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_of
+from kg.history.timestamps import short
 from kg.model import vocabulary as v
-from kg.rdf.quad_store import Term
+from kg.model.records import SURFACE
+from kg.rdf.quad_store import QuadStore, Term
 
 _POSITION: Final = (
     "mean over all sightings of the position in the map; each is the fullest bin of the "
@@ -149,6 +152,58 @@ def rule_of(predicate: str, kinds: set[str], in_surface: bool = False) -> str | 
     if predicate == v.RDF_TYPE.value and kinds & without_rule:
         return None
     return RULES.get(predicate)
+
+
+class FactReader:
+    """Reads the stated facts of a store, as terms and in words."""
+
+    def __init__(self, engine: QuadStore, base: str) -> None:
+        self._engine, self._base = engine, base
+
+    def _quads(self, iri: NamedNode, predicate: str | None = None) -> list[Quad]:
+        """The stated facts about a thing, sorted."""
+        node = None if predicate is None else NamedNode(predicate)
+        found = self._engine.quads_for_pattern(iri, node, None, None)
+        return sorted((quad for quad in found if quad.graph_name != v.INFERRED_GRAPH), key=str)
+
+    def _values(self, iri: NamedNode, predicate: str) -> list[Term]:
+        return [q.object for q in self._quads(iri, predicate)]
+
+    def _text(self, iri: NamedNode, predicate: str) -> str:
+        return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
+
+    def _texts(self, quads: Iterable[Quad]) -> dict[str, str]:
+        return {q.predicate.value: short(q.object, self._base) for q in quads}
+
+    def _assertion(self, thing: NamedNode, prop: str) -> NamedNode | None:
+        """The assertion of a property of a thing."""
+        about = NamedNode(v.ASSERTED_OF)
+        for quad in self._engine.quads_for_pattern(None, about, thing, v.ASSERTIONS_GRAPH):
+            node = quad.subject
+            if isinstance(node, NamedNode) and Literal(prop) in self._values(
+                node, v.ASSERTED_PROPERTY
+            ):
+                return node
+        return None
+
+    def _in_surface(self, subject: NamedNode, kinds: set[str]) -> bool:
+        """Whether the surface, rather than a detector, shows a thing, or the thing of a view."""
+        views = [n for n in self._values(subject, v.EXPLAINED_BY) if isinstance(n, NamedNode)]
+        by_surface = [self._text(view, v.MODEL) == SURFACE for view in (subject, *views)]
+        return v.UNNAMED_THING in kinds or any(by_surface)
+
+    def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
+        """A thing with its label, position, and what it is on or inside of."""
+        texts = self._texts(facts)
+        label = f" ({texts[v.RDFS_LABEL]})" if v.RDFS_LABEL in texts else ""
+        where = f" at ({texts[v.X]}, {texts[v.Y]}) m" if v.X in texts and v.Y in texts else ""
+        related = "".join(
+            f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
+            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
+            for quad in facts
+            if quad.predicate.value == predicate and isinstance(quad.object, NamedNode)
+        )
+        return f"{short(iri, self._base)}{label}{where}{related}"
 
 
 class FactChanges:

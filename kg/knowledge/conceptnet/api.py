@@ -18,9 +18,8 @@ from urllib.parse import urlencode, urljoin, urlsplit
 import requests
 
 from kg.knowledge.conceptnet.dump import DumpStatistics, Progress
-from kg.knowledge.conceptnet.edges import Edge, EdgeFilter, MalformedEdgeError
+from kg.knowledge.conceptnet.edges import Edge, EdgeFilter, MalformedEdgeError, parse_edge
 from kg.knowledge.conceptnet.names import TermMatcher
-from kg.knowledge.conceptnet.tables5 import parse_edge
 from kg.model.errors import ConceptNetError
 
 _INTERVAL: Final = 1.0  # [s] between requests; the service allows 120 a minute and 3,600 an hour

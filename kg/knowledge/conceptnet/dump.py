@@ -16,16 +16,24 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 from typing import IO, Final
 
-from kg.knowledge.conceptnet import graph4, tables5
-from kg.knowledge.conceptnet.edges import Edge, EdgeFilter, MalformedEdgeError
+from kg.knowledge.conceptnet.edges import (
+    Edge,
+    EdgeFilter,
+    MalformedEdgeError,
+    is_conceptnet4,
+    is_conceptnet5,
+    parse_line4,
+    parse_line5,
+)
 from kg.model.errors import ConceptNetError
 
 MAX_LINE: Final = 1 << 20  # bytes; far more than any line of the real files
 _CHUNK: Final = 1 << 20
+_REPORTED: Final = 10_000  # lines between two reports of progress
 _SNIFFED: Final = 1000  # lines read to detect the format
 _GZIP: Final = b"\x1f\x8b"
 
@@ -62,6 +70,10 @@ def read_dump(
 
 
 _Parse = Callable[[bytes, str, EdgeFilter], Edge | None]
+_FORMATS: Final[tuple[tuple[Callable[[bytes], bool], _Parse], ...]] = (
+    (is_conceptnet5, parse_line5),
+    (is_conceptnet4, parse_line4),
+)
 
 
 def _parsed(
@@ -105,37 +117,22 @@ def _report(raw: IO[bytes], path: Path, progress: Progress) -> Callable[[], None
 def _lines(
     file: IO[bytes], statistics: DumpStatistics, report: Callable[[], None]
 ) -> Iterator[bytes]:
-    """Lines without line ends; too long ones are counted and omitted."""
-    rest, too_long = b"", False
-    while chunk := file.read(_CHUNK):
-        report()
-        *whole, last = chunk.split(b"\n")
-        if whole:
-            if too_long:
-                too_long = False
-            else:
-                whole[0] = rest + whole[0]
-                yield from _short(whole[:1], statistics)
-            yield from _short(whole[1:], statistics)
-            rest = b""
-        if not too_long:
-            rest += last
-        if len(rest) > MAX_LINE:
-            too_long, rest = True, b""
-            statistics.lines += 1
-            statistics.skipped["line too long"] += 1
-    yield from _short([rest] if rest else [], statistics)
-
-
-def _short(lines: list[bytes], statistics: DumpStatistics) -> Iterator[bytes]:
-    for line in lines:
-        if len(line) > MAX_LINE:
-            statistics.skipped["line too long"] += 1
-        elif line and not line.isspace():
-            yield line
-        else:
+    """Lines without line ends; empty ones are omitted, and too long ones counted and omitted."""
+    for number in count():
+        if not number % _REPORTED:
+            report()
+        line = file.readline(MAX_LINE + 1)
+        if not line:
+            return
+        if line.isspace():
             continue
         statistics.lines += 1
+        if len(line) <= MAX_LINE or line.endswith(b"\n"):
+            yield line.removesuffix(b"\n")
+            continue
+        statistics.skipped["line too long"] += 1
+        while line and not line.endswith(b"\n"):
+            line = file.readline(MAX_LINE)
 
 
 def _sniff(
@@ -145,9 +142,9 @@ def _sniff(
     lines_read: list[bytes] = []
     for line in lines:
         lines_read.append(line)
-        for form in (tables5, graph4):
-            if form.looks_like(line):
-                return lines_read, form.parse
+        for has_form, parse in _FORMATS:
+            if has_form(line):
+                return lines_read, parse
         if len(lines_read) >= _SNIFFED:
             break
     what = (

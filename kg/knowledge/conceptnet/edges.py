@@ -1,11 +1,15 @@
-"""Edges of ConceptNet, independent of the file format, and the strength of their evidence.
+"""Edges of ConceptNet: their parsers, and the strength of their evidence.
 
-Votes and ConceptNet's weight give a probability.
+Lines of ConceptNet 5's assertions (TSV), edges of its web API, and lines of ConceptNet 4's graph
+become `Edge`s. Votes and ConceptNet's weight give a probability.
 """
 
 from __future__ import annotations
 
+import ast
+import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,6 +22,11 @@ RELATIONS: Final = frozenset({"AtLocation", "LocatedNear", "PartOf", "HasA", "Is
 #: (relation, start term, end term) -> whether such an edge may be relevant.
 EdgeFilter = Callable[[str, str, str], bool]
 MAX_TEXT_LENGTH: Final = 300  # characters of a term or a surface text that are kept
+
+_MAX_STRENGTH: Final = 1e6  # of a weight or of votes
+_BRACKETS: Final = re.compile(r"\[\[|\]\]")
+_RELATION4: Final = re.compile(rb"'rel': u?'(\w+)'")
+_MAX_LITERAL_LENGTH: Final = 1000  # bytes; bounds the nesting of hostile input
 
 
 class MalformedEdgeError(ValueError):
@@ -48,33 +57,147 @@ class Edge:
     adds: bool  # whether the votes of repeated assertions add up
 
 
-def columns_of(line: bytes, count: int) -> list[bytes]:
-    """The `count` tab-separated columns of a line; raises MalformedEdgeError otherwise."""
+def is_conceptnet5(line: bytes) -> bool:
+    """Whether a line has the form of an assertion of ConceptNet 5."""
+    return line.startswith(b"/a/") and line.count(b"\t") == 4
+
+
+def is_conceptnet4(line: bytes) -> bool:
+    """Whether a line has the form of an assertion of ConceptNet 4."""
+    columns = line.split(b"\t")
+    return len(columns) == 3 and columns[2].startswith(b"{") and b"'rel'" in columns[2]
+
+
+def parse_line5(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of a line of ConceptNet 5's TSV, or None if the filter rejects it.
+
+    Raises:
+        MalformedEdgeError: the line is no valid assertion.
+    """
+    _, relation, start, end, data = _columns(line, 5)
+    home = b"/c/" + language.encode() + b"/"
+    if parse_relation(relation.decode()) is None or not (
+        start.startswith(home) and end.startswith(home)
+    ):
+        return None
+    return _edge5(relation.decode(), start.decode(), end.decode(), data, language, wanted)
+
+
+def parse_edge(edge: object, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of an edge of the web API, or None if the filter rejects it.
+
+    Raises:
+        MalformedEdgeError: the edge is invalid.
+    """
+    try:
+        uris = [edge[part]["@id"] for part in ("rel", "start", "end")]  # type: ignore[index]
+    except (TypeError, KeyError):
+        raise MalformedEdgeError("no edge") from None
+    if not all(isinstance(uri, str) for uri in uris):
+        raise MalformedEdgeError("no edge")
+    return _edge5(uris[0], uris[1], uris[2], edge, language, wanted)
+
+
+def parse_line4(line: bytes, language: str, wanted: EdgeFilter) -> Edge | None:
+    """The assertion of a line of ConceptNet 4's graph, or None if the filter rejects it.
+
+    The columns are start, end and a Python dictionary of freq, score and rel; all terms are
+    English. An assertion with a frequency below 0 is negated.
+
+    Raises:
+        MalformedEdgeError: the line is no valid assertion.
+    """
+    first, second, literal = _columns(line.rstrip(b"\r"), 3)
+    named = _RELATION4.search(literal)
+    if language != "en" or (named and parse_relation(named[1].decode()) is None):
+        return None
+    start, end = clean(first.decode()), clean(second.decode())
+    if named and not wanted(named[1].decode().removeprefix("Not"), start, end):
+        return None  # before the dictionary is parsed, which takes longer
+    if len(literal) > _MAX_LITERAL_LENGTH:
+        raise MalformedEdgeError("no data in it")
+    data = _data(ast.literal_eval(literal.decode()))
+    relation = parse_relation(str(data.get("rel", "")))
+    if relation is None or not wanted(relation[0], start, end):
+        return None
+    name, negated = relation
+    message = "freq or score is no number"
+    freq, score = (_number(data.get(key), message) for key in ("freq", "score"))
+    return Edge(
+        name,
+        Node(start),
+        Node(end),
+        _positive(score, "score"),
+        negated != (freq < 0),
+        assertion_iri(name, start, end),
+        license_iri("cc:by-sa/4.0"),
+        f"{start} {'not ' if freq < 0 else ''}{name} {end}",
+        adds=True,
+    )
+
+
+def _edge5(
+    uri: str, start: str, end: str, data: object, language: str, wanted: EdgeFilter
+) -> Edge | None:
+    relation = parse_relation(uri)
+    if relation is None:
+        return None
+    (start_language, start_node), (end_language, end_node) = _node(start), _node(end)
+    name, negated = relation
+    if (start_language, end_language) != (language, language) or not wanted(
+        name, start_node.term, end_node.term
+    ):
+        return None
+    if isinstance(data, bytes):
+        data = json.loads(data)
+    properties = _data(data)
+    surface = properties.get("surfaceText")
+    wording = surface if isinstance(surface, str) else f"{start_node.term} {name} {end_node.term}"
+    return Edge(
+        name,
+        start_node,
+        end_node,
+        votes_of(_positive(properties.get("weight"), "weight")),
+        negated,
+        assertion_iri(f"Not{name}" if negated else name, start, end),
+        license_iri(str(properties.get("license", ""))),
+        clean(_BRACKETS.sub("", wording)),
+        adds=False,
+    )
+
+
+def _columns(line: bytes, count: int) -> list[bytes]:
     columns = line.split(b"\t")
     if len(columns) != count:
         raise MalformedEdgeError("wrong number of columns")
     return columns
 
 
-def data_of(value: object) -> dict[str, Any]:
-    """The data of an assertion, a dictionary; raises MalformedEdgeError otherwise."""
+def _data(value: object) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise MalformedEdgeError("no data in it")
     return value
 
 
-def number_of(value: object, message: str) -> float:
-    """`value`, a number and no boolean; raises MalformedEdgeError with `message` otherwise."""
+def _number(value: object, message: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise MalformedEdgeError(message)
     return value
 
 
-def parse_node(uri: str) -> tuple[str, Node] | None:
-    """Language and node of a concept's URI; None for other texts."""
+def _positive(value: object, what: str) -> float:
+    message = f"{what} is no number above 0"
+    number = _number(value, message)
+    if not 0 < number <= _MAX_STRENGTH:
+        raise MalformedEdgeError(message)
+    return float(number)
+
+
+def _node(uri: str) -> tuple[str, Node]:
+    """Language and node of a concept's URI."""
     parts = uri.split("/")
     if len(parts) < 4 or parts[:2] != ["", "c"] or not parts[2] or not parts[3]:
-        return None
+        raise MalformedEdgeError("no concept's URI")
     term = clean(unquote(parts[3]).replace("_", " "))
     speech = parts[4] if len(parts) > 4 else ""
     sense = parts[6] if len(parts) > 6 and parts[5] == "wn" else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,12 +86,10 @@ def import_conceptnet(
         apply_review(previous, read_review(review))
     quads = load_ontologies(ontologies, without=into).quads
     catalogue = Catalogue.from_quads(quads)
+    above = superclasses(quads)
     kinds = {c.iri for c in catalogue.categories if c.kind == "supercategory"}
-    groups = {
-        iri: tuple(one for one in above if one in kinds)
-        for iri, above in superclasses(quads).items()
-    }
-    collection = EdgeCollection(TermMatcher(catalogue, _wider_kinds(quads)))
+    groups = {iri: tuple(one for one in ups if one in kinds) for iri, ups in above.items()}
+    collection = EdgeCollection(TermMatcher(catalogue, _wider_kinds(quads, above)))
     statistics = DumpStatistics()
     with _assertions(
         source, language, collection, statistics, cache, client, progress
@@ -115,9 +113,10 @@ def import_conceptnet(
     )
 
 
-def _wider_kinds(quads: Iterable[Quad]) -> dict[str, frozenset[str]]:
-    """IRI of each class -> labels of its superclasses."""
-    quads = tuple(quads)
+def _wider_kinds(
+    quads: Iterable[Quad], above: Mapping[str, tuple[str, ...]]
+) -> dict[str, frozenset[str]]:
+    """IRI of each class -> labels of its superclasses (`above`: IRIs of itself and of these)."""
     labels = {
         q.subject.value: q.object.value
         for q in quads
@@ -126,8 +125,8 @@ def _wider_kinds(quads: Iterable[Quad]) -> dict[str, frozenset[str]]:
         and isinstance(q.object, Literal)
     }
     return {
-        iri: frozenset(labels[one] for one in above if one in labels and one != iri)
-        for iri, above in superclasses(quads).items()
+        iri: frozenset(labels[one] for one in ups if one in labels and one != iri)
+        for iri, ups in above.items()
     }
 
 

@@ -109,6 +109,11 @@ class ImportedRelation:
     licenses: tuple[str, ...]  # IRIs
     surfaces: tuple[str, ...]  # of the sources, each once
 
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """Kind, subject and target."""
+        return self.kind, self.subject, self.target
+
 
 @dataclass(slots=True)
 class _Tally:
@@ -168,7 +173,7 @@ def relate(
     net = {key: tally.net for key, tally in enough.items()}
     plausible = Plausibility(collection.names, senses, net)
     found = [_found(*key, tally) for key, tally in enough.items() if plausible(*key)]
-    found.sort(key=lambda relation: (relation.kind, relation.subject, relation.target))
+    found.sort(key=lambda relation: relation.key)
     return tuple(found), len(tallied) - len(found)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.conceptnet.turtle import ImportedFile, full_iri, key_of, prefixed
+from kg.knowledge.conceptnet.turtle import ImportedFile, full_iri, prefixed
 from kg.knowledge.ontology.relations import Key
 from kg.model.errors import ConceptNetError
 
@@ -86,10 +86,10 @@ def review_text(found: Iterable[ImportedRelation], file: ImportedFile) -> str:
     table = csv.writer(out, lineterminator="\n")
     table.writerow(COLUMNS)
     removed = file.removed
-    for relation in sorted(found, key=lambda one: (one.weight - one.weight_against, key_of(one))):
-        kind, subject, target = key_of(relation)
-        keep = "no" if key_of(relation) in removed else "yes"
-        keep = "yours" if key_of(relation) in file.edited_by_people else keep
+    for relation in sorted(found, key=lambda one: (one.weight - one.weight_against, one.key)):
+        kind, subject, target = relation.key
+        keep = "no" if relation.key in removed else "yes"
+        keep = "yours" if relation.key in file.edited_by_people else keep
         table.writerow(
             [
                 *(keep, keep),

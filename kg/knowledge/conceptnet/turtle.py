@@ -7,16 +7,16 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from kg.knowledge.conceptnet.relate import ImportedRelation
-from kg.knowledge.ontology.import_digest import as_imported, mark_of
-from kg.knowledge.ontology.relations import Key, Notes, annotated_key
+from kg.knowledge.ontology.relations import Key, Notes, annotated_key, as_imported, mark_of
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError, OntologyError
 from kg.rdf.parsing import parse_file
+from kg.rdf.skolem import StableNodes
 
 ATTRIBUTION: Final = (
     "This work includes data from ConceptNet 5, compiled by the Commonsense Computing Initiative"
@@ -34,11 +34,6 @@ _COMMENT: Final = (
     f"{ATTRIBUTION} (CC BY-SA 4.0). Each carries its weight, its sources, their licences and "
     "wording. Edit freely: what is changed, added or removed by hand stays so at the next import."
 )
-
-
-def key_of(found: ImportedRelation) -> Key:
-    """Key of a relation."""
-    return found.kind, found.subject, found.target
 
 
 def notes_of(found: ImportedRelation) -> list[tuple[str, NamedNode | Literal]]:
@@ -87,7 +82,7 @@ def file_text(
 
 def listing(keys: Iterable[Key]) -> str:
     """Listing of relations for the header: one line for each, with prefixed IRIs."""
-    return "\n".join(sorted(" ".join(prefixed(part) for part in (s, k, t)) for k, s, t in keys))
+    return "\n".join(sorted(" ".join(map(prefixed, (s, k, t))) for k, s, t in keys))
 
 
 def listed_in(text: str) -> set[Key]:
@@ -115,7 +110,7 @@ def _head(listed: Iterable[Key], added: Iterable[Triple]) -> Iterator[str]:
 
 
 def _block(found: ImportedRelation) -> str:
-    kind, subject, target = (prefixed(iri) for iri in key_of(found))
+    kind, subject, target = map(prefixed, found.key)
     notes = [f"{prefixed(p)} {_object(o)}" for p, o in notes_of(found)]
     axiom = " ;\n    ".join(["[] a owl:Axiom", *notes])
     return f"{subject} {kind} {target} .\n{axiom} .\n"
@@ -152,15 +147,12 @@ def _double(value: float) -> Literal:
     return Literal(f"{value!r}e0", datatype=v.XSD_DOUBLE)
 
 
-_KINDS: Final = (v.LOCATED_AT, v.NEAR_BY, v.RDFS_SUB_CLASS_OF)
 #: Header properties that the importer writes; people wrote the others.
 _OF_HEADER: Final = (
     *(v.RDF_TYPE.value, v.RDFS_LABEL, v.RDFS_COMMENT, v.DCT_LICENSE, v.DCT_SOURCE),
     *(v.OWL_VERSION_INFO, v.IMPORTED_RELATIONS),
 )
 _IMPORTS: Final = (NamedNode(v.OBJECTS_ONTOLOGY), NamedNode(v.PLACES_ONTOLOGY))
-
-_Term = TypeVar("_Term")
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +191,10 @@ def read_imported_file(path: Path) -> ImportedFile:
     """
     if not path.exists():
         return ImportedFile()
-    triples = _parsed(path)
+    try:
+        triples = [quad.triple for quad in parse_file(path)]
+    except OntologyError as error:
+        raise ConceptNetError(str(error)) from None
     header = Triple(NamedNode(v.CONCEPTNET_ONTOLOGY), v.RDF_TYPE, NamedNode(v.OWL_ONTOLOGY))
     if header not in triples:
         raise ConceptNetError(
@@ -207,24 +202,6 @@ def read_imported_file(path: Path) -> ImportedFile:
             "name a new file, the import would overwrite this one"
         )
     return _classified(triples)
-
-
-def _parsed(path: Path) -> list[Triple]:
-    try:
-        return [quad.triple for quad in parse_file(path)]
-    except OntologyError as error:
-        raise ConceptNetError(str(error)) from None
-
-
-def _renamed(triples: Iterable[Triple], names: dict[object, BlankNode]) -> list[Triple]:
-    """The triples with blank nodes named in order of occurrence, so that output is stable."""
-
-    def stable(term: _Term) -> _Term | BlankNode:
-        if not isinstance(term, BlankNode):
-            return term
-        return names.setdefault(term, BlankNode(f"p{len(names)}"))
-
-    return [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
 
 
 def _classified(triples: list[Triple]) -> ImportedFile:
@@ -246,9 +223,11 @@ def _classified(triples: list[Triple]) -> ImportedFile:
     file.edited_by_people = stated - set(file.imported)
     for t in triples:
         _assign(t, file, imported)
-    names: dict[object, BlankNode] = {}
-    file.header = _renamed(file.header, names)
-    file.people = _renamed(file.people, names)
+    stable = StableNodes("p")  # in order of occurrence, so that the output is stable
+    file.header, file.people = (
+        [Triple(stable(t.subject), t.predicate, stable(t.object)) for t in triples]
+        for triples in (file.header, file.people)
+    )
     return file
 
 
@@ -266,7 +245,7 @@ def _assign(t: Triple, file: ImportedFile, imported: dict[object, Key]) -> None:
 
 
 def _stated(t: Triple) -> Key | None:
-    if t.predicate.value not in _KINDS:
+    if t.predicate.value not in _SECTIONS:
         return None
     if isinstance(t.subject, NamedNode) and isinstance(t.object, NamedNode):
         return t.predicate.value, t.subject.value, t.object.value
@@ -286,7 +265,7 @@ def merge(
     file: ImportedFile, found: Iterable[ImportedRelation]
 ) -> tuple[str, list[RelationChange]]:
     """Merge an import into a file; returns the new text and the changes, sorted by relation."""
-    new = {key_of(relation): relation for relation in found}
+    new = {relation.key: relation for relation in found}
     removed = file.removed
     written = {k: r for k, r in new.items() if k not in file.edited_by_people and k not in removed}
     changes = [RelationChange("left out", *key) for key in removed & set(new)]
@@ -302,14 +281,10 @@ def merge(
 def _change(
     key: Key, old: tuple[float | None, str] | None, new: ImportedRelation | None
 ) -> list[RelationChange]:
-    if old is None and new is not None:
-        return [RelationChange("added", *key, None, new.probability)]
-    if new is None and old is not None:
-        return [RelationChange("removed", *key, old[0], None)]
-    if (
-        old is not None
-        and new is not None
-        and _literal_text([*notes_of(new)], v.IMPORT_MARK) != old[1]
-    ):
-        return [RelationChange("changed", *key, old[0], new.probability)]
+    before = None if old is None else old[0]
+    after = None if new is None else new.probability
+    if old is None or new is None:
+        return [RelationChange("added" if old is None else "removed", *key, before, after)]
+    if _literal_text([*notes_of(new)], v.IMPORT_MARK) != old[1]:
+        return [RelationChange("changed", *key, before, after)]
     return []

@@ -39,8 +39,9 @@ class Category:
         return self.provisional or self.iri.startswith(v.WORD)
 
 
+#: what IRIs of categories that people named begin with
+NAMED: Final = f"{v.PROVISIONAL}name#"
 #: what things are that nobody named; no list of categories has it
-_GIVEN: Final = f"{v.PROVISIONAL}name#"  # classes of the names that people give
 _UNNAMED: Final = Category(v.UNNAMED_THING, "unnamed thing", "unnamed thing")
 
 
@@ -163,16 +164,14 @@ class Catalogue:
     def is_given_name(self, label: str) -> bool:
         """Whether a label is the name that a person gave, which is no common noun."""
         known = self.get(label, "object")
-        return known is not None and known.iri.startswith(_GIVEN)
+        return known is not None and known.iri.startswith(NAMED)
 
     def title(self, category: str, iri: str) -> str:
         """Title of the object `iri` of a category (IRI): ``cup 17``; a person's name as it is."""
         label = self.label(category)
-        return (
-            label
-            if category.startswith(_GIVEN)
-            else f"{label} {iri.rstrip('/').rpartition('/')[2]}"
-        )
+        if category.startswith(NAMED):
+            return label
+        return f"{label} {iri.rstrip('/').rpartition('/')[2]}"
 
     def _of(self, kind: str | None) -> list[Category]:
         return [c for c in self.categories if kind in (None, c.kind)]
@@ -293,25 +292,18 @@ def _names(
 
 
 def _provisional(quads: tuple[Quad, ...]) -> set[str]:
-    return {
-        q.subject.value
-        for q in quads
-        if q.predicate.value == v.PROVISIONAL_MARK
-        and isinstance(q.subject, NamedNode)
-        and getattr(q.object, "value", "") in ("true", "1")
-    }
+    marked = (q for q in quads if q.predicate.value == v.PROVISIONAL_MARK)
+    return {_text(q.subject) for q in marked if _text(q.object) in ("true", "1")}
 
 
 def _detected_words(quads: tuple[Quad, ...]) -> set[str]:
     """Classes of words that came from a network: their source is not WordNet alone."""
-    return {
-        q.subject.value
-        for q in quads
-        if q.predicate.value == v.DCT_SOURCE
-        and isinstance(q.subject, NamedNode)
-        and isinstance(q.object, Literal)
-        and q.object.value != v.WORD_SOURCE
-    }
+    sourced = (q for q in quads if q.predicate.value == v.DCT_SOURCE)
+    return {_text(q.subject) for q in sourced if _text(q.object) != v.WORD_SOURCE}
+
+
+def _text(term: object) -> str:
+    return str(getattr(term, "value", ""))
 
 
 def _local_name(iri: str) -> str:

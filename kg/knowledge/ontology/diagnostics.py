@@ -71,11 +71,10 @@ def check_valid(ontology: Ontology, *, reason: bool = False) -> list[Finding]:
     found = inspect(ontology, reason=reason)
     violations = [f for f in found if f.severity == "violation"]
     if violations:
-        first = "; ".join(finding_line(f, ontology.files) for f in violations[:_MAX_LISTED])
-        more = (
-            f"; and {len(violations) - _MAX_LISTED} more" if len(violations) > _MAX_LISTED else ""
-        )
-        raise OntologyError(f"the ontology is refused: {first}{more}")
+        listed = [finding_line(f, ontology.files) for f in violations[:_MAX_LISTED]]
+        if more := violations[_MAX_LISTED:]:
+            listed.append(f"and {len(more)} more")
+        raise OntologyError(f"the ontology is refused: {'; '.join(listed)}")
     return found
 
 
@@ -98,9 +97,7 @@ def line_of(finding: Finding, files: Iterable[Path]) -> tuple[Path, int] | None:
     if subject == _short(v.PROBABILITY) and (related := _TERM.match(finding.message)):
         subject = related[0]
     terms = dict.fromkeys([subject, *_TERM.findall(text)])
-    patterns = [
-        pattern for term in list(terms)[:_MAX_TERMS] if (pattern := _pattern(term)) is not None
-    ]
+    patterns = [*filter(None, map(_pattern, list(terms)[:_MAX_TERMS]))]
     best = (False, 0, False)
     found = None
     for path in files:

@@ -311,10 +311,9 @@ def _others(
             for quad in quads
             if not _is_reported(quad, side, reported)
         )
-        axioms = sum(n for iri, n in counts.items() if iri.startswith(v.GENID))
-        named = {iri: n for iri, n in counts.items() if not iri.startswith(v.GENID)}
+        axioms = sum(counts.pop(iri) for iri in [*counts] if iri.startswith(v.GENID))
         verb = "added" if sign == "+" else "removed"
-        for iri, count in sorted(named.items()):
+        for iri, count in sorted(counts.items()):
             words = f"{_counted(count, 'other statement')} about {side.name(iri)} {verb}"
             yield OntologyChange(sign, "other", iri, words)
         if axioms:

@@ -14,12 +14,12 @@ from xml.etree import ElementTree
 
 from pyoxigraph import NamedNode, Quad, Triple
 
-from kg.knowledge.ontology.loading import Ontology, ontology_files, read_files
+from kg.knowledge.ontology.loading import Ontology, given_files, ontology_files, read_files
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.regular_files import read_bytes
 from kg.model.resources import ONTOLOGIES
-from kg.rdf.parsing import ENDINGS, Parse
+from kg.rdf.parsing import Parse
 
 CATALOG: Final = "catalog-v001.xml"
 MAX_CATALOG: Final = 1 << 24  # [bytes]
@@ -62,10 +62,7 @@ def headers_of(triples: Iterable[Triple]) -> frozenset[str]:
 
 def _first(source: Path) -> list[Path]:
     if source.is_dir():
-        files = ontology_files(source)
-        if not files:
-            raise OntologyError(f"no ontologies in {source}: expected files {', '.join(ENDINGS)}")
-        return files
+        return given_files(source)
     if not source.exists():
         raise OntologyError(f"no ontology at {source}: neither a file nor a folder is there")
     return [source]

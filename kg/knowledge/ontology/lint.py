@@ -30,7 +30,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
-from kg.rdf.skolem import named
+from kg.rdf.skolem import ListMembers, named
 
 _PROPERTY_KINDS: Final = {
     v.OWL_OBJECT_PROPERTY: "object",
@@ -117,7 +117,7 @@ def _to_validate(quads: list[Quad]) -> Iterable[Quad]:
     )
 
 
-def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) -> list[Finding]:
+def check_map(quads: Iterable[Quad]) -> list[Finding]:
     """Validation findings for a map, given all its quads (such as a pyoxigraph Store).
 
     The present belief (graph:map), assertions (graph:assertions) and the map's own
@@ -135,7 +135,8 @@ def check_map(quads: Iterable[Quad], shapes: Path = ONTOLOGIES / SHAPES_FILE) ->
         return [Finding(focus=v.ONTOLOGY_GRAPH.value, message=message)]
     hierarchy = [q for q in ontology if q.predicate.value == v.RDFS_SUB_CLASS_OF]
     shaped = (v.MAP_GRAPH.value, v.DATASET_GRAPH.value, v.ASSERTIONS_GRAPH.value)
-    found = validate([*(q for graph in shaped for q in graphs[graph]), *hierarchy], shapes)
+    facts_of_shapes = [*(q for graph in shaped for q in graphs[graph]), *hierarchy]
+    found = validate(facts_of_shapes, ONTOLOGIES / SHAPES_FILE)
     declared = _declared(ontology)
     for facts in graphs.values():
         found += _undeclared(facts, declared)
@@ -213,22 +214,13 @@ def _disjoint(quads: Iterable[Quad]) -> list[Finding]:
 
 def _disjoint_pairs(quads: tuple[Quad, ...]) -> set[frozenset[str]]:
     """The pairs of classes of owl:disjointWith and owl:AllDisjointClasses."""
-    first: dict[object, object] = {
-        q.subject: q.object for q in quads if q.predicate.value == v.RDF_FIRST
-    }
-    rest: dict[object, object] = {
-        q.subject: q.object for q in quads if q.predicate.value == v.RDF_REST
-    }
+    members_of = ListMembers(quads)
     pairs = {frozenset((v.OBJECT, v.PLACE))}
     for q in quads:
         if q.predicate.value == v.OWL_DISJOINT_WITH:
             pairs.add(frozenset((_text(q.subject), _text(q.object))))
         elif q.predicate.value == v.OWL_MEMBERS:
-            node: object = q.object
-            members = dict[str, None]()
-            while node in first and _text(first[node]) not in members:
-                members[_text(first[node])] = None
-                node = rest.get(node)
+            members = dict.fromkeys(map(_text, members_of(q.object)[1]))
             pairs |= {frozenset(pair) for pair in combinations(members, 2)}
     return pairs
 

@@ -12,17 +12,19 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import Final
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.relations import CategoryRelation, Notes, annotated_key, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
+from kg.rdf.literals import subject_quads
 from kg.rdf.parsing import ENDINGS, Parse, parse_file
 from kg.rdf.quad_store import QuadStore
+from kg.rdf.skolem import StableNodes
 from kg.store.transaction_quads import MAX_TEXT
 
 #: Shapes validate the other files and are not part of the map.
@@ -43,7 +45,6 @@ _RELATION_CLASSES: Final = {
 }
 _NAMES: Final = (v.RDFS_LABEL, v.SKOS_ALT_LABEL, v.SKOS_HIDDEN_LABEL)
 _OF_AXIOMS: Final = (v.OWL_ANNOTATED_SOURCE, v.OWL_ANNOTATED_PROPERTY, v.OWL_ANNOTATED_TARGET)
-_Term = TypeVar("_Term")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +69,16 @@ def load_ontologies(folder: Path = ONTOLOGIES, *, without: Path | None = None) -
     """
     if not folder.is_dir():
         raise OntologyError(f"no ontologies in {folder}: it is not a folder")
-    files = ontology_files(folder)
-    if without is not None:
-        files = [path for path in files if path.resolve() != without.resolve()]
+    return read_files(given_files(folder, without))
+
+
+def given_files(folder: Path, without: Path | None = None) -> list[Path]:
+    """`ontology_files` but for one file; raises OntologyError where there are none."""
+    left_out = without and without.resolve()
+    files = [path for path in ontology_files(folder) if path.resolve() != left_out]
     if not files:
         raise OntologyError(f"no ontologies in {folder}: expected files {', '.join(ENDINGS)}")
-    return read_files(files)
+    return files
 
 
 def ontology_files(folder: Path) -> list[Path]:
@@ -149,14 +154,7 @@ def _implied_objects(quads: Iterable[Quad]) -> Iterator[Quad]:
 
 
 def _read(path: Path, parse: Parse | None, *, prefix: str) -> Iterator[Quad]:
-    names: dict[object, BlankNode] = {}
-
-    def stable(term: _Term) -> _Term | BlankNode:
-        # the parser's own names differ from run to run
-        if not isinstance(term, BlankNode):
-            return term
-        return names.setdefault(term, BlankNode(f"{prefix}{len(names)}"))
-
+    stable = StableNodes(prefix)  # the parser's own names differ from run to run
     for q in parse_file(path, parse) if parse else parse_file(path):
         yield Quad(stable(q.subject), q.predicate, stable(q.object), v.ONTOLOGY_GRAPH)
 
@@ -276,7 +274,7 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     quads = tuple(quads)
     check_limits(quads)
     compiled = [
-        _quad(iri, v.IS_A, NamedNode(above))
+        Quad(NamedNode(iri), NamedNode(v.IS_A), NamedNode(above), v.COMMONSENSE_GRAPH)
         for iri, all_above in superclasses(quads).items()
         for above in all_above
     ]
@@ -285,15 +283,13 @@ def compile_commonsense(quads: Iterable[Quad]) -> tuple[Quad, ...]:
     return tuple(compiled)
 
 
-def _relation_quads(relation: CategoryRelation) -> Iterator[Quad]:
-    iri = relation.iri
-    yield _quad(iri, v.RDF_TYPE.value, _RELATION_CLASSES[relation.kind])
-    yield _quad(iri, v.RELATION_SUBJECT, NamedNode(relation.subject))
-    yield _quad(iri, v.RELATION_TARGET, NamedNode(relation.target))
-    yield _quad(iri, v.RELATION_PROBABILITY, Literal(relation.probability))
-    for source in relation.sources:
-        yield _quad(iri, v.DCT_SOURCE, NamedNode(source) if isinstance(source, str) else source)
-
-
-def _quad(subject: str, predicate: str, value: NamedNode | Literal) -> Quad:
-    return Quad(NamedNode(subject), NamedNode(predicate), value, v.COMMONSENSE_GRAPH)
+def _relation_quads(relation: CategoryRelation) -> list[Quad]:
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, _RELATION_CLASSES[relation.kind]),
+        (v.RELATION_SUBJECT, NamedNode(relation.subject)),
+        (v.RELATION_TARGET, NamedNode(relation.target)),
+        (v.RELATION_PROBABILITY, Literal(relation.probability)),
+    ]
+    sources = (NamedNode(one) if isinstance(one, str) else one for one in relation.sources)
+    facts += ((v.DCT_SOURCE, source) for source in sources)
+    return subject_quads(relation.iri, facts, v.COMMONSENSE_GRAPH)

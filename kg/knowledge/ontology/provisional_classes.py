@@ -7,17 +7,17 @@ People later remove the mark or map the label to another category (docs/explanat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
-from functools import cache
+from collections.abc import Callable, Collection, Iterable
 from typing import Final
 from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue, name_key
-from kg.knowledge.ontology.loading import check_grown, load_ontologies, superclasses
+from kg.knowledge.ontology.catalogue import NAMED, Catalogue, name_key
+from kg.knowledge.ontology.loading import check_grown, superclasses
 from kg.model import vocabulary as v
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.literals import subject_quads
 from kg.store.transactional import TransactionalStore
 
 MAX_LABEL: Final = 200  # characters
@@ -27,7 +27,6 @@ _IS_A: Final = NamedNode(v.IS_A)
 _SUB_CLASS: Final = NamedNode(v.RDFS_SUB_CLASS_OF)
 _MARK: Final = NamedNode(v.PROVISIONAL_MARK)
 _ROOTS: Final = {"object": v.OBJECT, "place": v.PLACE, "name": v.OBJECT}
-NAMED: Final = f"{v.PROVISIONAL}name#"  # what IRIs of categories that people named begin with
 _COMMENTS: Final = {
     "object": "Provisional: what the object detector {model} calls so.",
     "place": "Provisional: what the scene classifier {model} calls so.",
@@ -73,7 +72,7 @@ def add_provisional_classes(
         return None
     hierarchy = [*store.engine.quads_for_pattern(None, _SUB_CLASS, None, v.ONTOLOGY_GRAPH)]
     above = superclasses(hierarchy)
-    added = [*_declaration(store)]
+    added: list[Quad] = []
     for iri, label in new.items():
         supers = [_ROOTS[kind], *nearest]
         if kind != "place" and (group := catalogue.get(label, "supercategory")) is not None:
@@ -127,7 +126,7 @@ def provisional_to_keep(
     return [q for q in old if q.subject in kept]
 
 
-def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]) -> Iterator[Quad]:
+def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]) -> list[Quad]:
     properties: list[tuple[str, NamedNode | Literal]] = [
         (v.RDF_TYPE.value, NamedNode(v.OWL_CLASS)),
         (v.RDFS_LABEL, Literal(label)),
@@ -136,16 +135,4 @@ def _category(iri: str, label: str, kind: str, model: str, supers: Iterable[str]
         (v.PROVISIONAL_MARK, Literal(True)),
         *((v.RDFS_SUB_CLASS_OF, NamedNode(above)) for above in supers),
     ]
-    for predicate, value in properties:
-        yield Quad(NamedNode(iri), NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
-
-
-def _declaration(store: TransactionalStore) -> Iterator[Quad]:
-    """The declaration of the mark, if the map's ontology is older than the mark."""
-    if not any(store.engine.quads_for_pattern(_MARK, v.RDF_TYPE, None, v.ONTOLOGY_GRAPH)):
-        yield from (q for q in _shipped() if q.subject == _MARK)
-
-
-@cache
-def _shipped() -> tuple[Quad, ...]:
-    return load_ontologies().quads
+    return subject_quads(iri, properties, v.ONTOLOGY_GRAPH)

@@ -6,21 +6,26 @@ source are annotations of that statement (an owl:Axiom node), which Protege show
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.import_digest import as_imported
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 
 #: The properties that relate classes.
 KINDS: Final = (v.LOCATED_AT, v.NEAR_BY)
+
+#: Predicates outside of an imported axiom's content.
+_FORM: Final = (v.RDF_TYPE.value, v.IMPORT_MARK)
+_NUMBERS: Final = tuple(v.XSD + name for name in ("double", "decimal", "integer", "float"))
 
 Notes = list[tuple[str, object]]  # (predicate IRI, term) of one subject
 Key = tuple[str, str, str]  # property, subject, target; all IRIs
@@ -70,10 +75,9 @@ def _name(iri: str) -> str:
 def relations(quads: Iterable[Quad]) -> tuple[CategoryRelation, ...]:
     """The relations between classes, each with its annotated evidence.
 
-    An owl:Axiom node that is unchanged since its import (`kg.knowledge.ontology.import_digest`) is
-    separate evidence. All other nodes of a relation together are the statement of people. A
-    relation without annotations has the probability of its property
-    (``here:locatedAt here:probability 0.2e0``).
+    An owl:Axiom node that is unchanged since its import (`as_imported`) is separate evidence. All
+    other nodes of a relation together are the statement of people. A relation without annotations
+    has the probability of its property (``here:locatedAt here:probability 0.2e0``).
 
     Raises:
         OntologyError: evidence does not have exactly one probability within 0..1, or has a weight
@@ -164,6 +168,32 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
+
+
+def mark_of(notes: Iterable[tuple[str, object]]) -> str:
+    """Short digest of an axiom's content: (predicate IRI, term) in any order.
+
+    Numbers count by value: an ontology editor may write 0.2e0 as 0.2.
+    """
+    lines = sorted({f"{p} {_canonical(o)}" for p, o in notes if p not in _FORM})
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
+def as_imported(notes: Iterable[tuple[str, object]]) -> bool:
+    """Whether an axiom has an importer's digest that still matches its content."""
+    notes = tuple(notes)
+    marks = {o.value for p, o in notes if p == v.IMPORT_MARK and isinstance(o, Literal)}
+    return marks == {mark_of(notes)}
+
+
+def _canonical(term: object) -> str:
+    if isinstance(term, Literal):
+        if term.datatype.value in _NUMBERS:
+            with suppress(ValueError):
+                return repr(float(term.value))
+            return term.value
+        return f'"{term.value}"@{term.language or ""}'
+    return f"<{term.value}>" if isinstance(term, NamedNode) else "[]"
 
 
 def _words(key: Key) -> str:

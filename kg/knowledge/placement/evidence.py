@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -23,20 +22,13 @@ from kg.knowledge.placement.statistics import RoomStatistics, statistics
 from kg.knowledge.placement.surveys import survey_features
 from kg.model import vocabulary as v
 from kg.model.records import PlaceRecord
+from kg.model.resources import table_rows
 
 #: prefix of the sources of the shipped relations: a list without probabilities of its own
 _THESIS = "thesis"
 
 TABLE: Final = Path(__file__).with_name("tables") / "conceptnet.csv"
 SOURCE: Final = "ConceptNet 4 (CC BY-SA 4.0)"
-
-
-@dataclass(frozen=True, slots=True)
-class StatedRelation:
-    """A stated relation, in words for a reason."""
-
-    source: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,19 +39,18 @@ class PlacementEvidence:
     places: Mapping[str, int]  # IRI -> column
     above: Mapping[str, tuple[str, ...]]  # IRI -> itself and all its superclasses
     evidence: EvidenceArrays
-    stated_relations: Mapping[tuple[int, int], tuple[StatedRelation, ...]]  # by row and column
+    #: by row and column: the source of each stated relation, and the relation in words
+    stated_relations: Mapping[tuple[int, int], tuple[tuple[str, str], ...]]
     near: Mapping[tuple[str, str], tuple[float, float]]  # (object, other) -> sum of p, count
     sources: tuple[str, ...] = field(default=())  # of the statistics
 
 
-def placement_evidence(
-    quads: Iterable[Quad], catalogue: Catalogue, *, shipped: bool = True
-) -> PlacementEvidence:
+def placement_evidence(quads: Iterable[Quad], catalogue: Catalogue) -> PlacementEvidence:
     """Placement evidence in an ontology's quads about all its objects and places.
 
     A relation of a class counts for its subclasses too. The class here:Place is a column for places
-    of unknown category. With `shipped`, an ontology without ConceptNet relations gets the shipped
-    weights. Raises OntologyError as `relations` and `statistics`.
+    of unknown category. An ontology without ConceptNet relations gets the shipped weights. Raises
+    OntologyError as `relations` and `statistics`.
     """
     quads = tuple(quads)
     above = superclasses(quads)
@@ -71,7 +62,7 @@ def placement_evidence(
     edges = relations(quads)
     counts = statistics(quads)
     builder = _Builder(objects, places, above)
-    if shipped and not any(e.imported for r in edges for e in r.evidence):
+    if not any(e.imported for r in edges for e in r.evidence):
         edges = (*edges, *shipped_relations(catalogue))
     for relation in edges:
         builder.add(relation)
@@ -113,7 +104,7 @@ class _Builder:
         shape = (len(objects), len(places))
         self.listed, self.weight = np.zeros(shape), np.zeros(shape)
         self.stated, self.statements = np.zeros(shape), np.zeros(shape)
-        self.stated_relations: dict[tuple[int, int], list[StatedRelation]] = defaultdict(list)
+        self.stated_relations: dict[tuple[int, int], list[tuple[str, str]]] = defaultdict(list)
 
     def add(self, relation: CategoryRelation) -> None:
         """Add a here:locatedAt; other relations are ignored."""
@@ -136,7 +127,7 @@ class _Builder:
                 text = f"stated, {evidence.probability:g}"
             for row in self._rows[relation.subject]:
                 for column in self._columns[relation.target]:
-                    self.stated_relations[row, column].append(StatedRelation(source, text))
+                    self.stated_relations[row, column].append((source, text))
 
 
 def _below(
@@ -174,15 +165,12 @@ def room_counts(
     return rooms, held
 
 
-def _rooms_of(counts: Iterable[RoomStatistics]) -> dict[str, float]:
-    most: dict[tuple[str, str], int] = {}
+def _rooms_of(counts: Iterable[RoomStatistics]) -> dict[str, int]:
+    """The rooms of each kind of place in the counts of one source."""
+    most: dict[str, int] = defaultdict(int)
     for count in counts:
-        key = (count.source, count.place)
-        most[key] = max(most.get(key, 0), count.rooms)
-    total: dict[str, float] = defaultdict(float)
-    for (_, place), number in most.items():
-        total[place] += number
-    return dict(total)
+        most[count.place] = max(most[count.place], count.rooms)
+    return most
 
 
 def _inherit_counts(
@@ -214,22 +202,22 @@ def shipped_relations(catalogue: Catalogue) -> Iterator[CategoryRelation]:
     The table has the weights that `hereabouts import conceptnet` finds in ConceptNet 4 for the
     shipped categories. The shipped ontologies contain only the relations of the thesis.
     """
-    for thing, place, weight, against in _rows():
-        subject, target = catalogue.get(thing, "object"), catalogue.get(place, "place")
+    for row in _shipped_rows():
+        subject, target = (
+            catalogue.get(row["object"], "object"),
+            catalogue.get(row["place"], "place"),
+        )
         if subject is None or target is None:
             continue
+        weight, against = float(row["weight"]), float(row["weight_against"])
         p = probability_of(max(weight - against, 0.0))
         evidence = RelationEvidence(p, (SOURCE,), weight, against, stated=False)
         yield CategoryRelation(v.LOCATED_AT, subject.iri, target.iri, p, (SOURCE,), (evidence,))
 
 
-@lru_cache(maxsize=1)
-def _rows() -> tuple[tuple[str, str, float, float], ...]:
-    with TABLE.open(encoding="utf-8", newline="") as file:
-        return tuple(
-            (row["object"], row["place"], float(row["weight"]), float(row["weight_against"]))
-            for row in csv.DictReader(file)
-        )
+@cache
+def _shipped_rows() -> list[dict[str, str]]:
+    return table_rows(TABLE)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ label or synonym of a place category needs no row.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.model import vocabulary as v
+from kg.model.resources import table_rows
 
 _FOLDER: Final = Path(__file__).parent
 #: names of rooms of unknown kind
@@ -72,8 +72,7 @@ def _new(name: str, below: str) -> RoomType:
 
 @cache
 def _named_rooms() -> Mapping[str, Mapping[str, str]]:
-    with (_FOLDER / "rooms.csv").open(newline="", encoding="utf-8") as file:
-        return {row["room"]: row for row in csv.DictReader(file)}
+    return {row["room"]: row for row in table_rows(_FOLDER / "rooms.csv")}
 
 
 def similarity(
@@ -107,8 +106,7 @@ def _superclasses(room: RoomType, above: Mapping[str, tuple[str, ...]]) -> tuple
 
 def _groups(catalogue: Catalogue) -> Mapping[str, set[str]]:
     groups = defaultdict(set)
-    with (_FOLDER / "similar.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            if (category := catalogue.get(row["category"], "place")) is not None:
-                groups[category.iri].add(f"group {row['group']}")
+    for row in table_rows(_FOLDER / "similar.csv"):
+        if (category := catalogue.get(row["category"], "place")) is not None:
+            groups[category.iri].add(f"group {row['group']}")
     return groups

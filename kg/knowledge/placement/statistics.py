@@ -20,6 +20,7 @@ from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, OntologyError
 from kg.model.regular_files import check_regular
+from kg.rdf.literals import subject_quads
 from kg.rdf.parsing import parse_file
 from kg.store.atomic_file import write_atomically
 
@@ -50,19 +51,17 @@ def _name(text: str) -> str:
 def statistics_quads(found: Iterable[RoomStatistics]) -> Iterator[Quad]:
     """Quads of graph:ontology for room statistics."""
     for one in found:
-        node = NamedNode(one.iri)
-        yield Quad(node, v.RDF_TYPE, _CLASS, v.ONTOLOGY_GRAPH)
-        yield _quad(node, v.STATISTICS_OBJECT, NamedNode(one.object))
-        yield _quad(node, v.STATISTICS_PLACE, NamedNode(one.place))
-        yield _quad(node, v.ROOM_COUNT, Literal(one.rooms))
-        yield _quad(node, v.ROOMS_WITH_OBJECT, Literal(one.rooms_with))
-        yield _quad(node, v.DCT_SOURCE, Literal(one.source))
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE.value, _CLASS),
+            (v.STATISTICS_OBJECT, NamedNode(one.object)),
+            (v.STATISTICS_PLACE, NamedNode(one.place)),
+            (v.ROOM_COUNT, Literal(one.rooms)),
+            (v.ROOMS_WITH_OBJECT, Literal(one.rooms_with)),
+            (v.DCT_SOURCE, Literal(one.source)),
+        ]
         if one.license:
-            yield _quad(node, v.DCT_LICENSE, NamedNode(one.license))
-
-
-def _quad(node: NamedNode, predicate: str, value: NamedNode | Literal) -> Quad:
-    return Quad(node, NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
+            facts.append((v.DCT_LICENSE, NamedNode(one.license)))
+        yield from subject_quads(one.iri, facts, v.ONTOLOGY_GRAPH)
 
 
 def statistics(quads: Iterable[Quad]) -> tuple[RoomStatistics, ...]:
@@ -145,14 +144,6 @@ class RoomTable:
     unknown: tuple[str, ...]  # omitted names of objects without a category
 
 
-@dataclass(frozen=True, slots=True)
-class _Row:
-    room: str
-    rooms: int
-    object: str
-    rooms_with: int
-
-
 def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "") -> RoomTable:
     """The statistics in a CSV file with the columns room, n_rooms, object, rooms_with_object.
 
@@ -166,17 +157,10 @@ def read_rooms(path: Path, catalogue: Catalogue, source: str, license: str = "")
     rooms: dict[str, int] = {}
     held: dict[tuple[str, str], int] = {}
     for line, row in _rows(path):
-        if len(held) >= MAX_ROWS:
-            raise _invalid(
-                path, line, f"more than {MAX_ROWS:,} rows: kinds of room times of object"
-            )
-        if rooms.setdefault(row.room, row.rooms) != row.rooms:
-            raise _invalid(
-                path, line, f"{row.room!r} has {row.rooms} rooms here, {rooms[row.room]} before"
-            )
-        if (row.room, row.object) in held:
-            raise _invalid(path, line, f"{row.object!r} in {row.room!r} occurs twice")
-        held[row.room, row.object] = row.rooms_with
+        try:
+            _count_row(row, rooms, held)
+        except ValueError as error:
+            raise InvalidFactError(f"{path}, line {line}: {error}") from None
     return _table(path, rooms, held, catalogue, RoomStatistics(source, "", "", 1, 0, license))
 
 
@@ -218,7 +202,7 @@ def _table(
     )
 
 
-def _rows(path: Path) -> Iterator[tuple[int, _Row]]:
+def _rows(path: Path) -> Iterator[tuple[int, dict[str, str | None]]]:
     try:
         check_regular(path)
         # spreadsheets write a byte order mark
@@ -231,38 +215,45 @@ def _rows(path: Path) -> Iterator[tuple[int, _Row]]:
                     f"has {', '.join(map(repr, columns[:8])) or 'none'}"
                 )
             for row in reader:
-                yield reader.line_num, _row(path, reader.line_num, row)
+                yield reader.line_num, row
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise InvalidFactError(f"{path} is no readable CSV in UTF-8: {reason}") from error
 
 
-def _row(path: Path, line: int, row: dict[str, str | None]) -> _Row:
+def _count_row(
+    row: dict[str, str | None], rooms: dict[str, int], held: dict[tuple[str, str], int]
+) -> None:
+    """Add a row to the numbers of rooms, and of rooms with an object.
+
+    Raises ValueError, which says what is wrong with the row.
+    """
+    if len(held) >= MAX_ROWS:
+        raise ValueError(f"more than {MAX_ROWS:,} rows: kinds of room times of object")
     if None in row or any(row[name] is None for name in COLUMNS):
-        raise _invalid(path, line, "it has more or fewer fields than the header")
-    texts = [" ".join((row[name] or "").split()) for name in COLUMNS]
-    for name, text in zip(("room", "object"), (texts[0], texts[2]), strict=True):
+        raise ValueError("it has more or fewer fields than the header")
+    texts = {name: " ".join((row[name] or "").split()) for name in COLUMNS}
+    room, thing = texts["room"], texts["object"]
+    for name, text in (("room", room), ("object", thing)):
         if not text:
-            raise _invalid(path, line, f"{name} is empty")
-    rooms, rooms_with = (_count(path, line, COLUMNS[i], texts[i]) for i in (1, 3))
-    if rooms < 1 or rooms_with > rooms:
-        raise _invalid(
-            path,
-            line,
-            f"{rooms_with} of {rooms} rooms hold {texts[2]!r}: rooms_with_object "
-            "must be at most n_rooms, and that at least 1",
+            raise ValueError(f"{name} is empty")
+    number, rooms_with = (_count(name, texts[name]) for name in ("n_rooms", "rooms_with_object"))
+    if number < 1 or rooms_with > number:
+        raise ValueError(
+            f"{rooms_with} of {number} rooms hold {thing!r}: rooms_with_object must be at most "
+            "n_rooms, and that at least 1"
         )
-    return _Row(texts[0], rooms, texts[2], rooms_with)
+    if rooms.setdefault(room, number) != number:
+        raise ValueError(f"{room!r} has {number} rooms here, {rooms[room]} before")
+    if (room, thing) in held:
+        raise ValueError(f"{thing!r} in {room!r} occurs twice")
+    held[room, thing] = rooms_with
 
 
-def _count(path: Path, line: int, column: str, text: str) -> int:
+def _count(column: str, text: str) -> int:
     if not (text.isascii() and text.isdigit() and len(text) < 16 and int(text) <= _MAX_COUNT):
-        raise _invalid(path, line, f"{column} must be a whole number of at least 0, is {text!r}")
+        raise ValueError(f"{column} must be a whole number of at least 0, is {text!r}")
     return int(text)
-
-
-def _invalid(path: Path, line: int, what: str) -> InvalidFactError:
-    return InvalidFactError(f"{path}, line {line}: {what}")
 
 
 #: the ontologies with the categories of the statistics
@@ -272,14 +263,13 @@ _IMPORTS: Final = tuple(v.ROOMS_ONTOLOGY.replace("rooms/", name) for name in ("o
 def room_type_quads(types: Iterable[RoomType]) -> Iterator[Quad]:
     """The quads of graph:ontology that declare new place categories."""
     for kind in sorted(types, key=lambda kind: kind.iri):
-        properties: dict[str, NamedNode | Literal] = {
-            v.RDF_TYPE.value: NamedNode(v.OWL_CLASS),
-            v.RDFS_SUB_CLASS_OF: NamedNode(kind.below or v.PLACE),
-            v.RDFS_LABEL: Literal(kind.label),
-            v.RDFS_COMMENT: Literal("A kind of room that statistics of real rooms tell apart."),
-        }
-        for predicate, value in properties.items():
-            yield Quad(NamedNode(kind.iri), NamedNode(predicate), value, v.ONTOLOGY_GRAPH)
+        facts: list[tuple[str, NamedNode | Literal]] = [
+            (v.RDF_TYPE.value, NamedNode(v.OWL_CLASS)),
+            (v.RDFS_SUB_CLASS_OF, NamedNode(kind.below or v.PLACE)),
+            (v.RDFS_LABEL, Literal(kind.label)),
+            (v.RDFS_COMMENT, Literal("A kind of room that statistics of real rooms tell apart.")),
+        ]
+        yield from subject_quads(kind.iri, facts, v.ONTOLOGY_GRAPH)
 
 
 def table_quads(table: RoomTable) -> tuple[Quad, ...]:
@@ -305,9 +295,7 @@ def write_rooms(table: RoomTable, path: Path) -> None:
         (v.OWL_VERSION_INFO, Literal("1")),
         (v.DCT_LICENSE, NamedNode(license) if license else Literal("not stated")),
     ]
-    header = [
-        Quad(name, NamedNode(predicate), value, v.ONTOLOGY_GRAPH) for predicate, value in properties
-    ]
+    header = subject_quads(name.value, properties, v.ONTOLOGY_GRAPH)
     triples = [quad.triple for quad in (*header, *table_quads(table))]
     text = serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b""
     lines = text.decode().split("\n")[:-1]

@@ -14,7 +14,6 @@ and place:
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -28,6 +27,7 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.placement.rooms import RoomType, room_types, similarity
 from kg.knowledge.placement.settings import SurveyWeights
 from kg.model import vocabulary as v
+from kg.model.resources import table_rows
 
 TABLE: Final = Path(__file__).with_name("tables") / "room_statistics.csv"
 
@@ -179,8 +179,7 @@ def _kind(label: str, catalogue: Catalogue) -> RoomType:
 
 @cache
 def _surveys() -> Mapping[str, _Survey]:
-    with TABLE.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = table_rows(TABLE)
     return {
         name: _survey([row for row in rows if row["source"] == name])
         for name in dict.fromkeys(row["source"] for row in rows)

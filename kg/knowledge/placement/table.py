@@ -3,7 +3,7 @@
 table = table_of(quads)
 table.probability(banana, kitchen)       # IRIs; 0.31
 table.placement(banana, kitchen).reasons # its sources, and the share of each
-table.place_posterior({oven: 1, sink: 1})
+table.place_posterior({oven: 1, sink: 1}, prior)
 """
 
 from __future__ import annotations
@@ -156,10 +156,7 @@ class PlacementTable:
         return float(np.mean([1 - np.prod([1 - self._near(a, b) for a in rows]) for b in others]))
 
     def place_posterior(
-        self,
-        observed: Mapping[str, float],
-        missing: Iterable[str] = (),
-        prior: Mapping[str, float] | None = None,
+        self, observed: Mapping[str, float], prior: Mapping[str, float]
     ) -> dict[str, float]:
         """p(place category | objects in the place), by IRI, adding up to 1.
 
@@ -168,40 +165,29 @@ class PlacementTable:
         Args:
             observed: number of objects of each category; more than one counts as one, and a
                 fraction is the probability of at least one.
-            missing: objects not found by a search of the whole room.
-            prior: prior beliefs of the candidate categories, >= 0. None: all categories with any
-                evidence are equally likely.
+            prior: prior beliefs of the candidate categories, >= 0.
 
         Raises:
             UnknownCategoryError: `prior` has no known category with a belief above 0.
         """
-        weights = self._prior(prior)
-        found = {iri for iri, count in observed.items() if count > 0 and iri in self._known.objects}
-        missed = {iri for iri in missing if iri in self._known.objects} - found
-        rows = sorted((self._known.objects[iri], iri in found) for iri in found | missed)
-        counts = {self._known.objects[iri]: min(float(observed[iri]), 1.0) for iri in found}
-        columns = [self._known.places[iri] for iri in weights]
-        present = self._mean[np.ix_([row for row, _ in rows], columns)]
-        p = posterior(
-            present,
-            np.array([was_found for _, was_found in rows], dtype=bool),
-            np.array(list(weights.values())),
-            np.array([counts.get(row, 1.0) for row, _ in rows]),
-        )
-        return dict(zip(weights, map(float, p), strict=True))
-
-    def _prior(self, prior: Mapping[str, float] | None) -> dict[str, float]:
-        if prior is None:
-            known = np.asarray(self._informed.any(axis=0))
-            chosen = {iri: 1.0 for iri in self.places if known[self._known.places[iri]]}
-            return chosen or dict.fromkeys(self.places, 1.0)
-        chosen = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
-        if not chosen:
+        weights = {iri: p for iri, p in prior.items() if iri in self._known.places and p > 0}
+        if not weights:
             raise UnknownCategoryError(
                 "no place category of the prior is known and believed: "
                 f"{', '.join(prior) or 'none'}"
             )
-        return chosen
+        counts = {
+            self._known.objects[o]: n for o, n in observed.items() if o in self._known.objects
+        }
+        rows = sorted(row for row, count in counts.items() if count > 0)
+        columns = [self._known.places[iri] for iri in weights]
+        p = posterior(
+            self._mean[np.ix_(rows, columns)],
+            np.ones(len(rows), dtype=bool),
+            np.array(list(weights.values())),
+            np.array([min(float(counts[row]), 1.0) for row in rows]),
+        )
+        return dict(zip(weights, map(float, p), strict=True))
 
     def _rows(self, iri: str) -> list[int]:
         if iri in self._known.objects:
@@ -252,7 +238,7 @@ class PlacementTable:
         if present + absent > 0:
             text = f"{present:.1f} rooms with, {absent:.1f} without"
             yield PlacementReason("this map", text, float(present + absent) / total)
-        stated = [s for s in self._stated_relations(row, column) if s[1].startswith("stated")]
+        stated = self._stated_relations(row, column, "stated")
         for source, text in stated:
             share = STATEMENT_STRENGTH * float(e.statements[row, column]) / total / len(stated)
             yield PlacementReason(source, text, share)
@@ -265,8 +251,9 @@ class PlacementTable:
             if name == BASE:
                 parts.append((name, "how rare objects are at large", moved))
             elif name in (LISTED, CONCEPTNET):
-                kind = "listed" if name == LISTED else "weight"
-                stated = [s for s in self._stated_relations(row, column) if s[1].startswith(kind)]
+                stated = self._stated_relations(
+                    row, column, "listed" if name == LISTED else "weight"
+                )
                 parts += [(source, text, moved / len(stated)) for source, text in stated]
             else:
                 parts.append((name, self._survey_text(name, row, column), moved))
@@ -280,5 +267,7 @@ class PlacementTable:
         rooms, held = survey.rooms[row, column], survey.rooms_with[row, column]
         return f"{held:g} of {rooms:g} such rooms" if rooms else "its rate in all rooms"
 
-    def _stated_relations(self, row: int, column: int) -> list[tuple[str, str]]:
-        return [(s.source, s.text) for s in self._known.stated_relations.get((row, column), ())]
+    def _stated_relations(self, row: int, column: int, kind: str) -> list[tuple[str, str]]:
+        """Source and text of the relations whose text begins with a kind."""
+        found = self._known.stated_relations.get((row, column), ())
+        return [(source, text) for source, text in found if text.startswith(kind)]

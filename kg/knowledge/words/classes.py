@@ -12,15 +12,17 @@ from functools import lru_cache
 from typing import Final
 from urllib.parse import quote
 
-from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, Triple, serialize
+from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, readings
 from kg.knowledge.ontology.loading import check_grown, superclasses
 from kg.knowledge.words.meaning import shown_name, understand
-from kg.knowledge.words.tables import DATA, Sense, all_rows, word_table
+from kg.knowledge.words.tables import DATA, Sense, word_table
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
+from kg.model.resources import table_rows
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.literals import subject_quads
 from kg.store.transactional import TransactionalStore
 
 ONTOLOGY: Final = "https://w3id.org/hereabouts/ontology/words"
@@ -144,7 +146,7 @@ def vocabulary_turtle(catalogue: Catalogue, words: Sequence[str] = ()) -> str:
         more = [word for word in free if name_key(word) not in known]
         german = _german([*sense.words, same.label])
         quads |= dict.fromkeys(_quads(same.iri, [*_names(more, v.SKOS_ALT_LABEL), *german]))
-    triples = [Triple(q.subject, q.predicate, q.object) for q in quads]
+    triples = [quad.triple for quad in quads]
     return (serialize(triples, format=RdfFormat.TURTLE, prefixes=_PREFIXES) or b"").decode()
 
 
@@ -197,8 +199,7 @@ def _closure(store: TransactionalStore, added: Sequence[Quad]) -> Iterator[Quad]
 
 
 def _quads(subject: str, properties: Iterable[_Property]) -> tuple[Quad, ...]:
-    node = NamedNode(subject)
-    return tuple(Quad(node, NamedNode(p), value, v.ONTOLOGY_GRAPH) for p, value in properties)
+    return tuple(subject_quads(subject, properties, v.ONTOLOGY_GRAPH))
 
 
 def _names(words: Iterable[str], predicate: str) -> list[_Property]:
@@ -214,7 +215,7 @@ def _german(words: Iterable[str]) -> list[_Property]:
 @lru_cache(maxsize=1)
 def _german_names() -> Mapping[str, list[str]]:
     names: dict[str, list[str]] = defaultdict(list)
-    for row in all_rows(DATA / "names_de.csv"):
+    for row in table_rows(DATA / "names_de.csv"):
         names[name_key(row["means"])].append(row["name"])
     return names
 

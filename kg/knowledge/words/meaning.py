@@ -78,21 +78,20 @@ class Meaning:
     @property
     def synset(self) -> str:
         """WordNet's name of the sense, as cup.n.01; "" where the word has none."""
-        sense = self._sense()
-        return "" if sense is None else sense.synset
+        return self._sense().synset
 
     @property
     def gloss(self) -> str:
         """The sense in a few words, or ""."""
-        sense = self._sense()
-        return "" if sense is None else sense.gloss
+        return self._sense().gloss
 
-    def _sense(self) -> Sense | None:
+    def _sense(self) -> Sense:
         senses = word_table().senses
         keys = [name_key(self.word), name_key(self.means)]
         if self.how == "label":
             keys.insert(0, name_key(self.text))
-        return next((senses[key] for key in keys if key in senses), None)
+        found = (senses[key] for key in keys if key in senses)
+        return next(found, Sense("", "none", (), (), ""))
 
     @property
     def note(self) -> str:

@@ -19,6 +19,7 @@ from typing import Final, Literal, cast
 from kg.knowledge.ontology.catalogue import name_key
 from kg.model.errors import OntologyError
 from kg.model.regular_files import read_text
+from kg.model.resources import table_rows
 
 DATA: Final = Path(__file__).with_name("data")
 #: Environment variable with the path of a CSV file of more names: `name,means`.
@@ -64,7 +65,7 @@ def _table(own: str | None) -> WordTable:
     senses: dict[str, Sense] = {}
     others: dict[str, Sense] = {}
     words: dict[str, str] = {}
-    for row in all_rows(DATA / "words.csv"):
+    for row in table_rows(DATA / "words.csv"):
         given = row["words"].split("|")
         plain = tuple(word.lstrip("~") for word in given)
         kinds = tuple(row["categories"].split("|")) if row["categories"] else ()
@@ -107,12 +108,6 @@ def _names(path: Path) -> Iterable[dict[str, str]]:
         if not row["name"] or not row["means"]:
             raise OntologyError(f"{path}, line {reader.line_num}: expected name,means")
         yield row
-
-
-def all_rows(path: Path) -> list[dict[str, str]]:
-    """The rows of a shipped table."""
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
 
 
 _MIN_LENGTH: Final = 5  # letters of a word that is corrected; shorter ones are too alike

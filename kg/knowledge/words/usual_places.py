@@ -18,7 +18,8 @@ from typing import Final, Literal
 
 from kg.knowledge.ontology.catalogue import name_key
 from kg.knowledge.placement.settings import FITTED
-from kg.knowledge.words.tables import DATA, all_rows, word_table
+from kg.knowledge.words.tables import DATA, word_table
+from kg.model.resources import table_rows
 
 Source = Literal["homes", "activities", "stated"]
 
@@ -60,7 +61,7 @@ class UsualPlaces:
 
 def usual_places(synset: str) -> UsualPlaces | None:
     """Usual places of things of a sense (`kg.knowledge.words.meaning`); None if not known."""
-    for one in filter(None, (synset, _like(synset))):
+    for one in filter(None, (synset, _alike().get(synset))):
         labels, stated = _stated().get(one, ((), ()))
         supports = stated or _supports().get(one, ())
         for source, least in _preference(one):
@@ -119,7 +120,7 @@ def _counted(synset: str, source: Source, least: int) -> tuple[UsualPlace, ...]:
 def _counts() -> Mapping[str, Mapping[str, Mapping[str, int]]]:
     """Counts by source, synset ("*": all rooms or activities) and place."""
     counts: dict[str, dict[str, dict[str, int]]] = {"homes": {}, "activities": {}}
-    for row in all_rows(DATA / "places.csv"):
+    for row in table_rows(DATA / "places.csv"):
         by_place = counts[row["source"]].setdefault(row["synset"], {})
         by_place[row["place"]] = int(row["with"])
     return counts
@@ -129,7 +130,7 @@ def _counts() -> Mapping[str, Mapping[str, Mapping[str, int]]]:
 def _supports() -> Mapping[str, tuple[str, ...]]:
     """The most counted supports by synset."""
     counted: dict[str, list[tuple[int, str]]] = defaultdict(list)
-    for row in all_rows(DATA / "supports.csv"):
+    for row in table_rows(DATA / "supports.csv"):
         if int(row["count"]) < _MIN_SUPPORT:
             continue
         article = "an" if row["support"][0] in "aeiou" else "a"
@@ -141,7 +142,7 @@ def _supports() -> Mapping[str, tuple[str, ...]]:
 @lru_cache(maxsize=1)
 def _stated() -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
     """Stated places and supports by synset."""
-    rows = [row for row in all_rows(DATA / "stated_places.csv") if not row["like"]]
+    rows = [row for row in table_rows(DATA / "stated_places.csv") if not row["like"]]
     return {
         _synset(row["word"]): (
             tuple(row["places"].split("|")),
@@ -153,13 +154,9 @@ def _stated() -> Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]]:
 
 @lru_cache(maxsize=1)
 def _alike() -> Mapping[str, str]:
-    rows = [row for row in all_rows(DATA / "stated_places.csv") if row["like"]]
+    """Synset -> another whose things are in the same places."""
+    rows = [row for row in table_rows(DATA / "stated_places.csv") if row["like"]]
     return {_synset(row["word"]): _synset(row["like"]) for row in rows}
-
-
-def _like(synset: str) -> str:
-    """A sense whose things are in the same places, or ""."""
-    return _alike().get(synset, "")
 
 
 def _synset(word: str) -> str:

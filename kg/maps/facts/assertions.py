@@ -16,8 +16,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.provisional_classes import NAMED
+from kg.knowledge.ontology.catalogue import NAMED, Catalogue
 from kg.maps.facts.object_relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.maps.thing_names import asserted_category, check_no_reference, checked_line
 from kg.model import vocabulary as v

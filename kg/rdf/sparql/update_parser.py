@@ -92,14 +92,18 @@ def _split(sparql: str) -> Iterator[tuple[list[Token], int, int]]:
     """The tokens, start and end of each operation; semicolons separate operations."""
     depth, start, operation = 0, 0, list[Token]()
     for token in tokens_of(sparql):
-        if token.kind == "mark":
-            depth += {"{": 1, "}": -1}.get(token.text, 0)
+        depth += _step(token)
         if token.text == ";" and token.kind == "mark" and depth == 0:
             yield operation, start, token.start
             start, operation = token.end, []
         else:
             operation.append(token)
     yield operation, start, len(sparql)
+
+
+def _step(token: Token) -> int:
+    """The change of the depth of braces by a token."""
+    return {"{": 1, "}": -1}.get(token.text, 0) if token.kind == "mark" else 0
 
 
 def _after_prologue(tokens: list[Token]) -> int:
@@ -176,8 +180,7 @@ class _Parts:
         depth, token = 1, start
         while depth:
             token = self._take()
-            if token.kind == "mark":
-                depth += {"{": 1, "}": -1}.get(token.text, 0)
+            depth += _step(token)
         return self._sparql[start.start : token.end]
 
     def _unclear(self) -> UnclearError:

@@ -56,9 +56,9 @@ def vet(sparql: str, *, services: Collection[str] = ()) -> None:
     `services` are the IRIs that SERVICE may name. FROM only selects graphs of the map and needs no
     check.
     """
+    check_no_update(sparql, hint="")
+    check_nesting(sparql)
     for text in _readings(sparql):
-        _check_no_update(text)
-        _check_nesting(text)
         _check_services(text, services)
 
 
@@ -84,10 +84,14 @@ def check_no_load(sparql: str) -> None:
         )
 
 
-def check_no_update(sparql: str) -> None:
+def check_no_update(sparql: str, *, hint: str = "; write through SemanticMap.update") -> None:
     """Raises QueryRefusedError if the text is SPARQL Update."""
     for text in _readings(sparql):
-        _check_no_update(text, "; write through SemanticMap.update")
+        first = next((word for word in keywords_of(text) if word not in ("PREFIX", "BASE")), "")
+        if first in _UPDATES:
+            raise QueryRefusedError(
+                f"{first} is an update: a query only reads (SELECT, ASK, CONSTRUCT, DESCRIBE){hint}"
+            )
 
 
 def check_nesting(sparql: str) -> None:
@@ -96,30 +100,20 @@ def check_nesting(sparql: str) -> None:
     At every door: far beyond it the parser ends the process.
     """
     for text in _readings(sparql):
-        _check_nesting(text)
+        if sum(map(text.count, "({[")) <= MAX_DEPTH:
+            continue  # most queries
+        depth = 0
+        for token in tokens_of(text):
+            depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
+            if depth > MAX_DEPTH:
+                raise QueryRefusedError(
+                    f"brackets may nest {MAX_DEPTH} deep, here they nest deeper"
+                )
 
 
 def _readings(sparql: str) -> Iterable[str]:
     # the standard decodes escapes first; the engine only those in strings, IRIs and names
     return dict.fromkeys((sparql, decode_escapes(sparql)))
-
-
-def _check_no_update(sparql: str, hint: str = "") -> None:
-    first = next((word for word in keywords_of(sparql) if word not in ("PREFIX", "BASE")), "")
-    if first in _UPDATES:
-        raise QueryRefusedError(
-            f"{first} is an update: a query only reads (SELECT, ASK, CONSTRUCT, DESCRIBE){hint}"
-        )
-
-
-def _check_nesting(sparql: str) -> None:
-    if sum(map(sparql.count, "({[")) <= MAX_DEPTH:
-        return  # most queries
-    depth = 0
-    for token in tokens_of(sparql):
-        depth += (token.text in ("(", "{", "[")) - (token.text in (")", "}", "]"))
-        if depth > MAX_DEPTH:
-            raise QueryRefusedError(f"brackets may nest {MAX_DEPTH} deep, here they nest deeper")
 
 
 def has_allowed_service(sparql: str, allowed: Collection[str]) -> bool:

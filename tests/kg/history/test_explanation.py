@@ -88,15 +88,6 @@ def test_net_changes_lead_from_the_first_state_to_the_last(states: list[set[Quad
     assert (set(removed), set(added)) == (lines[0] - lines[-1], lines[-1] - lines[0])
 
 
-def test_names_cost_little_in_a_small_change() -> None:
-    thing, graph = NamedNode("https://example.org/flat/object/7"), v.MAP_GRAPH
-    before, after = (
-        lines_of([Quad(thing, NamedNode(v.X), Literal(x), graph)]) for x in (1.25, 1.5)
-    )
-    assert len(before[0]) > 100
-    assert len(_CODEC.encode(before, after)) < 40
-
-
 @pytest.mark.parametrize(
     "data",
     [b"\x99 no such block", b"\x00", zlib.compress(b"x" * 100), _CODEC.encode([b"no quad"])],
@@ -125,6 +116,7 @@ def _steps(reason: Explanation, kind: str) -> list[str]:
 
 def test_an_object_leads_to_its_best_sighting(written: Written) -> None:
     with written(5) as semantic_map:
+        semantic_map.apply(MapUpdate(robot=semantic_map.at(1).robot()))  # not the pose of the frame
         (reason,) = semantic_map.history.explain("object/1")
     assert reason.text == "object/1 (chair 1) at (1.04, 1) m"
     (seen,) = _steps(reason, "observation")
@@ -135,13 +127,6 @@ def test_an_object_leads_to_its_best_sighting(written: Written) -> None:
     written_by = _steps(reason, "commit")
     assert any(text.startswith("transaction #1 at") for text in written_by)
     assert any("#5" in text and "flat/frame-000004" in text for text in written_by)
-
-
-def test_the_pose_is_that_of_the_frame_not_the_latest(written: Written) -> None:
-    with written(3) as semantic_map:
-        semantic_map.apply(MapUpdate(robot=semantic_map.at(1).robot()))
-        (reason,) = semantic_map.history.explain("object/1")
-    assert _steps(reason, "pose") == ["camera at (0.2, 0, 1.2) m, heading 0.5 rad"]
 
 
 def test_a_number_leads_to_the_rule_and_to_the_frame_that_set_it(written: Written) -> None:

@@ -17,15 +17,26 @@ CUP, BOWL = v.HERE + "Cup", v.HERE + "Bowl"
 
 @pytest.fixture
 def told() -> Iterator[Told]:
-    """Callable: what the history tells of each of the states (x, existence, category) of a cup."""
+    """Callable: what the history tells of each of the states (x, existence, category) of a cup.
+
+    None is a cup that is removed, a text an update of the map.
+    """
     with in_memory_map() as semantic_map:
 
-        def tell(*states: tuple[float, float, str]) -> list[list[str]]:
+        def tell(*states: tuple[float, float, str] | str | None) -> list[list[str]]:
             iri = semantic_map.base + "object/1"
-            for number, (x, existence, kind) in enumerate(states, start=1):
-                at = np.array([x, 2.0, 0.5])
-                seen = ObjectRecord(iri, kind, at, 3 * existence, existence, number, 1.0, number)
-                semantic_map.apply(MapUpdate(objects=(seen,)))
+            for number, state in enumerate(states, start=1):
+                if state is None:
+                    semantic_map.apply(MapUpdate(removed=(iri,)))
+                elif isinstance(state, str):
+                    semantic_map.update(state)
+                else:
+                    x, existence, kind = state
+                    at = np.array([x, 2.0, 0.5])
+                    seen = ObjectRecord(
+                        iri, kind, at, 3 * existence, existence, number, 1.0, number
+                    )
+                    semantic_map.apply(MapUpdate(objects=(seen,)))
             return [list(event.told) for event in semantic_map.history.events("object/1")]
 
         yield tell
@@ -46,28 +57,13 @@ def test_a_new_kind_is_told(told: Told) -> None:
     assert "a bowl now" in told((1.0, 0.9, CUP), (1.0, 0.9, BOWL))[1]
 
 
-def test_what_other_graphs_say_of_a_thing_is_not_told() -> None:
-    with in_memory_map() as semantic_map:
-        iri = semantic_map.base + "object/1"
-        cup = ObjectRecord(iri, CUP, np.array([1.0, 2.0, 0.5]), 2.7, 0.9, 1, 1.0, 2.0)
-        semantic_map.apply(MapUpdate(objects=(cup,)))
-        facts = f"<{iri}> here:x 'far' ; a <http://example.org/Note>"
-        graph = f"GRAPH <http://example.org/notes> {{ {facts} }}"
-        semantic_map.update(f"INSERT DATA {{ {graph} }}")
-        semantic_map.update(f"DELETE DATA {{ {graph} }}")
-        _, *later = (event.told for event in semantic_map.history.events("object/1"))
+def test_what_other_graphs_say_of_a_thing_is_not_told(told: Told) -> None:
+    facts = "<object/1> here:x 'far' ; a <http://example.org/Note>"
+    graph = f"GRAPH <http://example.org/notes> {{ {facts} }}"
+    _, *later = told((1.0, 0.9, CUP), f"INSERT DATA {{ {graph} }}", f"DELETE DATA {{ {graph} }}")
     assert not any(later)
 
 
-def test_a_thing_that_is_removed_and_comes_again_has_its_position_told() -> None:
-    with in_memory_map() as semantic_map:
-        iri = semantic_map.base + "object/1"
-        cup = ObjectRecord(iri, CUP, np.array([1.0, 2.0, 0.5]), 2.7, 0.9, 1, 1.0, 2.0)
-        for update in (
-            MapUpdate(objects=(cup,)),
-            MapUpdate(removed=(iri,)),
-            MapUpdate(objects=(cup,)),
-        ):
-            semantic_map.apply(update)
-        first, gone, again = (list(e.told) for e in semantic_map.history.events("object/1"))
+def test_a_thing_that_is_removed_and_comes_again_has_its_position_told(told: Told) -> None:
+    first, gone, again = told((1.0, 0.9, CUP), None, (1.0, 0.9, CUP))
     assert gone == ["removed"] and again == first

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import sqlite3
 import struct
 from contextlib import closing
 from pathlib import Path
@@ -72,10 +71,16 @@ def copied(path: Path, copy: Path) -> None:
             shutil.rmtree(copy)
 
 
-@pytest.fixture(params=["closed", "killed", "behind", "without its index", "without a lock"])
-def state(request: pytest.FixtureRequest, path: Path, tmp_path: Path) -> Path:
+@pytest.fixture(
+    scope="module",
+    params=["closed", "killed", "behind", "without its index", "without a lock"],
+)
+def left(
+    request: pytest.FixtureRequest, made: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """A map after its writer was closed, or killed after or before the store had all."""
-    copy = tmp_path / "left.map"
+    path = shutil.copytree(made, tmp_path_factory.mktemp("left") / "a.map")
+    copy = path.with_name("left.map")
     with open_map(path) as semantic_map:
         semantic_map.describe(licence="https://example.org/last")
         if request.param == "behind":
@@ -83,12 +88,8 @@ def state(request: pytest.FixtureRequest, path: Path, tmp_path: Path) -> Path:
             assert store.journal is not None
             last = next(semantic_map.history.changes(store.sequence - 1))
             (old,) = last.added
-            new = Quad(
-                old.subject,
-                old.predicate,
-                NamedNode(f"{old.object.value}-of-the-log"),
-                old.graph_name,
-            )
+            value = NamedNode(f"{old.object.value}-of-the-log")
+            new = Quad(old.subject, old.predicate, value, old.graph_name)
             change = ChangeSet(store.sequence + 1, last.time, Cause("update"), (new,), (old,))
             store.journal.append(change)
         if request.param not in ("closed", "without a lock"):
@@ -104,17 +105,20 @@ def state(request: pytest.FixtureRequest, path: Path, tmp_path: Path) -> Path:
     return copy
 
 
-@pytest.mark.parametrize("read_only", [True, False])
-@pytest.mark.parametrize("name", ["history", "surface", "tracks", "views", "what-comes-next"])
-def test_a_journal_beside_a_database_deletes_nothing(
-    path: Path, tmp_path: Path, name: str, read_only: bool
-) -> None:
+@pytest.fixture
+def state(left: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(left, tmp_path / "left.map")
+
+
+@pytest.mark.parametrize("name", ["history", "what-comes-next"])
+def test_a_journal_beside_a_database_deletes_nothing(path: Path, tmp_path: Path, name: str) -> None:
     victim = tmp_path / "thesis.tex"
     victim.write_text("years of work")
     super_journal(path / f"{name}.sqlite", victim)
     before = files(path)
-    with pytest.raises(GraphError, match=rf"holds {name}\.sqlite-journal, a rollback journal"):
-        open_map(path, read_only=read_only)
+    for read_only in (True, False):
+        with pytest.raises(GraphError, match=rf"holds {name}\.sqlite-journal, a rollback journal"):
+            open_map(path, read_only=read_only)
     assert victim.read_text() == "years of work"
     assert files(path) == before
 
@@ -136,18 +140,15 @@ def test_whoever_opens_a_database_of_a_map_refuses_a_journal(
     assert victim.exists()
 
 
-@pytest.mark.parametrize("read_only", [True, False])
-@pytest.mark.parametrize("kind", ["link", "broken link", "pipe"])
 @pytest.mark.parametrize(
-    "name",
+    ("name", "kind"),
     [
-        *("lock", "history.sqlite", "history.sqlite-wal", "history.sqlite-shm", "looks.part"),
-        *("surface.sqlite-wal", "history-set-aside-3-1.sqlite", "store/CURRENT", "store/LOCK"),
-        *("store/OPTIONS-000005", "store/000005.log", "scratch", "pictures"),
+        *(("lock", "link"), ("history.sqlite", "pipe"), ("history.sqlite-wal", "broken link")),
+        *(("store/CURRENT", "pipe"), ("store/000005.log", "link"), ("scratch", "broken link")),
     ],
 )
 def test_links_and_pipes_in_a_map_are_refused_in_one_line(
-    path: Path, tmp_path: Path, name: str, kind: str, read_only: bool
+    path: Path, tmp_path: Path, name: str, kind: str
 ) -> None:
     target = tmp_path / "mine"
     if kind == "link":
@@ -157,8 +158,9 @@ def test_links_and_pipes_in_a_map_are_refused_in_one_line(
         os.mkfifo(path / name)
     else:
         (path / name).symlink_to(target)
-    with pytest.raises(HereaboutsError, match=r"^[^\n]*(a link|a pipe|holds no store)[^\n]*$"):
-        open_map(path, read_only=read_only)
+    for read_only in (True, False):
+        with pytest.raises(HereaboutsError, match=r"^[^\n]*(a link|a pipe|holds no store)[^\n]*$"):
+            open_map(path, read_only=read_only)
     assert target.exists() == (kind == "link")
     assert not target.exists() or target.read_text() == "mine"
 
@@ -200,20 +202,11 @@ def test_reading_writes_nothing_and_has_the_last_transaction(state: Path) -> Non
         assert semantic_map.sequence == sequence
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        "ask MAP objects",
-        "status MAP cup",
-        "export MAP -o OUT.ttl",
-        "check MAP",
-        "floor MAP -o OUT.yaml",
-    ],
-)
-def test_commands_that_read_write_nothing(state: Path, tmp_path: Path, words: str) -> None:
+def test_commands_that_read_write_nothing(state: Path, tmp_path: Path) -> None:
     before = files(state)
-    main(words.replace("MAP", str(state)).replace("OUT", str(tmp_path / "out")).split())
-    assert files(state) == before
+    for words in ("ask MAP objects", "export MAP -o OUT.ttl", "floor MAP -o OUT.yaml"):
+        main(words.replace("MAP", str(state)).replace("OUT", str(tmp_path / "out")).split())
+        assert files(state) == before, words
 
 
 def test_a_folder_that_nobody_may_write_is_read(state: Path) -> None:
@@ -256,16 +249,3 @@ def test_no_output_is_written_into_a_map(path: Path) -> None:
             save_picture(Figure(), output)
         assert main(["export", str(path), "-o", str(output), "--format", "turtle"]) == 1
     assert files(path) == before
-
-
-def test_the_engine_of_sqlite_deletes_what_a_journal_names(tmp_path: Path) -> None:
-    """The attack is real: without the check the file is gone."""
-    victim, database = tmp_path / "thesis.tex", tmp_path / "x.sqlite"
-    victim.write_text("years of work")
-    with closing(sqlite3.connect(database)) as file:
-        file.execute("PRAGMA page_size = 1024")
-        file.execute("CREATE TABLE one (a)")
-    super_journal(database, victim)
-    with closing(sqlite3.connect(database)) as file:
-        file.execute("SELECT * FROM sqlite_master").fetchall()
-    assert not victim.exists()

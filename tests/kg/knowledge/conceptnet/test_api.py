@@ -6,11 +6,11 @@ import subprocess
 import sys
 import unicodedata
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import pytest
-import requests
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -47,38 +47,19 @@ def client_of(service: Any, cache: Path | None = None) -> tuple[ApiClient, Clock
     return ApiClient(service.address, kept, clock, clock.sleep), clock
 
 
-def test_the_stand_in_is_as_the_documentation_says(serve: Serve, as_edge: AsEdge) -> None:
-    edges = [as_edge("AtLocation", f"thing {n}", "kitchen", 1 + n) for n in range(30)]
-    edges.append(as_edge("AtLocation", "café/n", "kitchen"))
-    service = serve(edges)
-
-    def get(path: str, **headers: str) -> requests.Response:
-        return requests.get(service.address + path, headers=headers, timeout=120)
-
-    looked_up = get("/c/en/kitchen").json()
-    assert len(looked_up["edges"]) == 20
-    assert looked_up["edges"][0]["weight"] == 30
-    assert looked_up["view"]["nextPage"] == "/c/en/kitchen?node=/c/en/kitchen&offset=20&limit=20"
-    assert "view" not in get("/query?end=/c/en/kitchen").json()
-    assert len(get("/query?end=/c/en/kitchen&limit=-5").json()["edges"]) == 1
-    assert len(get("/query?end=/c/en/kitchen&limit=many").json()["edges"]) == 31
-    assert len(get("/query?start=/c/en/café").json()["edges"]) == 1  # a prefix of /c/en/café/n
-    assert get("/query?start=/c/en/caf").json()["error"]["status"] == 404  # is none
-    assert get("/query?start=/c/en/caf").status_code == 200
-    assert get("/nowhere").status_code == 404
-    assert "café" in get("/query?start=/c/en/café").content.decode()
-    assert get("/c/en/kitchen", Accept="text/html").text.startswith("<html>")
-    assert get("/c/en/kitchen?format=json", Accept="text/html").json()
+def asked(client: ApiClient, **query: str) -> list[object]:
+    """All edges of a query; the connection is closed."""
+    with closing(client):
+        return [*client.edges(**query or {"end": "/c/en/kitchen"})]
 
 
 def test_all_pages_are_read_and_by_relative_address(serve: Serve, as_edge: AsEdge) -> None:
     service = serve([as_edge("AtLocation", f"thing {n}", "kitchen") for n in range(2500)])
     client, _ = client_of(service)
-    found = list(client.edges(end="/c/en/kitchen", rel="/r/AtLocation"))
+    found = asked(client, end="/c/en/kitchen", rel="/r/AtLocation")
     assert len({edge["@id"] for edge in found}) == len(found) == 2500  # type: ignore[index]
     assert client.statistics.requests == 3
-    assert list(client.edges(end="/c/en/nowhere")) == []  # HTTP 200 with "error"
-    client.close()
+    assert asked(client, end="/c/en/nowhere") == []  # HTTP 200 with "error"
 
 
 def test_a_busy_service_is_asked_again_after_as_long_as_it_wants(
@@ -87,9 +68,8 @@ def test_a_busy_service_is_asked_again_after_as_long_as_it_wants(
     service = serve([as_edge("AtLocation", "cup", "kitchen")])
     service.failures = [(429, {"Retry-After": "30"}), (502, {}), (503, {})]
     client, clock = client_of(service)
-    assert len(list(client.edges(end="/c/en/kitchen"))) == 1
+    assert len(asked(client)) == 1
     assert clock.slept == [30.0, 2.0, 4.0]
-    client.close()
 
 
 def test_a_service_that_is_down_is_given_up_with_a_way_out(serve: Serve) -> None:
@@ -97,17 +77,15 @@ def test_a_service_that_is_down_is_given_up_with_a_way_out(serve: Serve) -> None
     service.failures = [(502, {})] * 5
     client, clock = client_of(service)
     with pytest.raises(ConceptNetError, match=r"answers 502 .*5 times; .*often down.*--from FILE"):
-        list(client.edges(end="/c/en/kitchen"))
+        asked(client)
     assert clock.slept == [1.0, 2.0, 4.0, 8.0]
-    client.close()
 
 
 def test_nobody_at_the_address_is_one_line(serve: Serve) -> None:
     client, _ = client_of(serve([]))
     client.address = "http://127.0.0.1:9/"
     with pytest.raises(ConceptNetError, match=r"cannot be reached \(ConnectionError\), 5 times"):
-        list(client.edges(end="/c/en/kitchen"))
-    client.close()
+        asked(client)
 
 
 @pytest.mark.parametrize(
@@ -127,12 +105,8 @@ def test_nobody_at_the_address_is_one_line(serve: Serve) -> None:
 def test_what_is_not_conceptnet_is_one_line(serve: Serve, garbage: bytes, complaint: str) -> None:
     service = serve([])
     service.garbage = garbage
-    service.edges = []
-    service.query = lambda asked: []
-    client, _ = client_of(service)
     with pytest.raises(ConceptNetError, match=complaint):
-        list(client.edges(end="/c/en/kitchen"))
-    client.close()
+        asked(client_of(service)[0])
 
 
 def test_a_wrong_route_is_not_tried_again(serve: Serve) -> None:
@@ -140,9 +114,8 @@ def test_a_wrong_route_is_not_tried_again(serve: Serve) -> None:
     client, _ = client_of(service)
     client.address += "wiki/"
     with pytest.raises(ConceptNetError, match="answers 404"):
-        list(client.edges(end="/c/en/kitchen"))
+        asked(client)
     assert len(service.asked) == 1
-    client.close()
 
 
 def test_edges_that_are_none_are_counted(serve: Serve, as_edge: AsEdge) -> None:
@@ -162,7 +135,7 @@ def test_requests_are_a_second_apart_as_3600_an_hour_allow(serve: Serve) -> None
     client, clock = client_of(serve([]))
     sent = []
     for number in range(5):
-        assert not list(client.edges(node=f"/c/en/thing_{number}"))
+        assert not asked(client, node=f"/c/en/thing_{number}")
         sent.append(clock.now)
         clock.now += 0.3 * number  # the client's own work counts
     assert sent == pytest.approx([0, 1, 2, 3, 4])
@@ -208,38 +181,20 @@ NAMES = TermMatcher(CATALOGUE)
 @pytest.mark.parametrize(
     ("term", "kind", "label"),
     [
-        ("live room", "place", "living room"),
-        ("living_room", "place", "living room"),
-        ("livingroom", "place", "living room"),
-        ("living-room", "place", "living room"),
-        ("dine room", "place", "dining room"),
-        ("wait room", "place", "waiting room"),
-        ("office build", "place", "office building"),
-        ("office building", "place", "office building"),
-        ("your office", "place", "office"),
-        ("bathroom", "place", "shower"),
-        ("foyer", "place", "lobby"),
-        ("butcher shop", "place", "butchers shop"),
-        ("dine table", "object", "dining table"),
-        ("a cell phone", "object", "cell phone"),
-        ("cellphone", "object", "cell phone"),
-        ("scissor", "object", "scissors"),
-        ("wine glasses", "object", "wine glass"),
-        ("knives", "object", "knife"),
-        ("pot plant", "object", "potted plant"),
-        ("television", "object", "tv"),
-        ("notebook computer", "object", "laptop"),
-        ("fridges", "object", "refrigerator"),
-        ("foods", "supercategory", "food"),
+        *((name, "place", "living room") for name in ("live room", "livingroom", "living-room")),
+        *(("wait room", "place", "waiting room"), ("office build", "place", "office building")),
+        *(("your office", "place", "office"), ("butcher shop", "place", "butchers shop")),
+        *(("dine table", "object", "dining table"), ("a cell phone", "object", "cell phone")),
+        *(("scissor", "object", "scissors"), ("wine glasses", "object", "wine glass")),
+        *(("knives", "object", "knife"), ("pot plant", "object", "potted plant")),
+        *(("television", "object", "tv"), ("foods", "supercategory", "food")),
     ],
 )
 def test_a_term_finds_its_category(term: str, kind: str, label: str) -> None:
     assert NAMES.get(term, kind) == CATALOGUE.find(label, kind).iri
 
 
-@pytest.mark.parametrize(
-    "term", ["bedding", "skiing", "bowling", "booking", "boating", "plan", "notebook", "", "the"]
-)
+@pytest.mark.parametrize("term", ["bedding", "skiing", "plan", "notebook", "", "the"])
 def test_a_term_that_only_looks_alike_finds_none(term: str) -> None:
     assert NAMES.get(term, "object") is None
 

@@ -90,96 +90,87 @@ def save(owl: Any, path: Path, folder: Path) -> None:
         ontology.getOWLOntologyManager().saveOntology(ontology, form, target)
 
 
+class Edit:
+    """Edits of the ontology in a file, as Protege makes them."""
+
+    def __init__(self, owl: Any, path: Path) -> None:
+        self.owl, self.ontology = owl, opened(owl, path)
+        self.manager = self.ontology.getOWLOntologyManager()
+        self.made = self.manager.getOWLDataFactory()
+        self.own = str(self.ontology.getOntologyID().getOntologyIRI().get())
+
+    def iri(self, name: str) -> Any:
+        """An IRI of ours, of others (`NAMES`), or in full."""
+        return self.owl.model.IRI.create(name if ":" in name else NAMES.get(name, f"{HERE}{name}"))
+
+    def property(self, name: str) -> Any:
+        return self.made.getOWLAnnotationProperty(self.iri(name))
+
+    def add(self, axiom: Any) -> None:
+        self.manager.addAxiom(self.ontology, axiom)
+
+    def state(self, subject: Any, name: str, value: Any, *notes: Any) -> None:
+        axiom = self.made.getOWLAnnotationAssertionAxiom
+        self.add(axiom(self.property(name), subject, value, *notes))
+
+    def new_class(self, name: str, above: str) -> Any:
+        """The IRI of a class called so: the ontology's IRI, #, the name."""
+        new = self.made.getOWLClass(self.iri(f"{self.own}#{name}"))
+        self.add(self.made.getOWLDeclarationAxiom(new))
+        self.add(self.made.getOWLSubClassOfAxiom(new, self.made.getOWLClass(self.iri(above))))
+        return new.getIRI()
+
+    def locate(self, subject: Any, place: str, probability: str, source: str) -> None:
+        notes = jpype.JClass("java.util.HashSet")()
+        number = self.made.getOWLLiteral(probability, self.made.getDoubleOWLDatatype())
+        for name, value in (("probability", number), ("source", self.made.getOWLLiteral(source))):
+            notes.add(self.made.getOWLAnnotation(self.property(name), value))
+        self.state(subject, "locatedAt", self.iri(place), notes)
+
+    def save(self) -> None:
+        self.manager.saveOntology(self.ontology)
+
+
 def add_mug(owl: Any, path: Path) -> None:
-    ontology = opened(owl, path)
-    manager = ontology.getOWLOntologyManager()
-    made = manager.getOWLDataFactory()
-    iri = owl.model.IRI.create
-
-    def property_(name: str) -> Any:
-        return made.getOWLAnnotationProperty(iri(NAMES.get(name, HERE + name)))
-
-    # what Protege calls a class that one names "Mug": the ontology's IRI, #, the name
-    own = str(ontology.getOntologyID().getOntologyIRI().get())
-    mug = made.getOWLClass(iri(f"{own}#Mug"))
-    said = [
-        (property_("label"), made.getOWLLiteral("mug")),
-        (property_("altLabel"), made.getOWLLiteral("Becher", "de")),
-        (property_("comment"), made.getOWLLiteral("A cup with a handle and straight walls.")),
-    ]
-    axioms = [
-        made.getOWLDeclarationAxiom(mug),
-        made.getOWLSubClassOfAxiom(mug, made.getOWLClass(iri(f"{HERE}Cup"))),
-        *(made.getOWLAnnotationAssertionAxiom(p, mug.getIRI(), value) for p, value in said),
-    ]
-    notes = jpype.JClass("java.util.HashSet")()
-    double = made.getDoubleOWLDatatype()
-    probability = made.getOWLLiteral("0.6", double)
-    notes.add(made.getOWLAnnotation(property_("probability"), probability))
-    notes.add(made.getOWLAnnotation(property_("source"), made.getOWLLiteral("our office")))
-    office = iri(f"{HERE}Office")
-    located = made.getOWLAnnotationAssertionAxiom(
-        property_("locatedAt"), mug.getIRI(), office, notes
-    )
-    for axiom in (*axioms, located):
-        manager.addAxiom(ontology, axiom)
-    manager.saveOntology(ontology)
+    edit = Edit(owl, path)
+    mug = edit.new_class("Mug", "Cup")
+    edit.state(mug, "label", edit.made.getOWLLiteral("mug"))
+    edit.state(mug, "altLabel", edit.made.getOWLLiteral("Becher", "de"))
+    text = "A cup with a handle and straight walls."
+    edit.state(mug, "comment", edit.made.getOWLLiteral(text))
+    edit.locate(mug, "Office", "0.6", "our office")
+    edit.save()
 
 
 def session(owl: Any, path: Path) -> None:
-    ontology = opened(owl, path)
-    manager = ontology.getOWLOntologyManager()
-    made = manager.getOWLDataFactory()
-    iri = owl.model.IRI.create
-    own = str(ontology.getOntologyID().getOntologyIRI().get())
-    kumquat = made.getOWLClass(iri(f"{own}#Kumquat"))
-
-    def property_(name: str) -> Any:
-        return made.getOWLAnnotationProperty(iri(NAMES.get(name, HERE + name)))
-
-    def of_ours(name: str) -> Any:
-        return made.getOWLClass(iri(HERE + name))
-
-    manager.addAxiom(ontology, made.getOWLDeclarationAxiom(kumquat))
-    manager.addAxiom(ontology, made.getOWLSubClassOfAxiom(kumquat, of_ours("Food")))
+    edit = Edit(owl, path)
+    ontology, manager, made = edit.ontology, edit.manager, edit.made
+    kumquat = edit.new_class("Kumquat", "Food")
     for language, label in (("en", "kumquat"), ("de", "Zwergorange"), ("fr", "kumquat ovale")):
-        said = made.getOWLLiteral(label, language)
-        manager.addAxiom(
-            ontology,
-            made.getOWLAnnotationAssertionAxiom(property_("label"), kumquat.getIRI(), said),
-        )
-    notes = jpype.JClass("java.util.HashSet")()
-    probability = made.getOWLLiteral("0.7", made.getDoubleOWLDatatype())
-    notes.add(made.getOWLAnnotation(property_("probability"), probability))
-    notes.add(made.getOWLAnnotation(property_("source"), made.getOWLLiteral("our kitchen")))
-    located = made.getOWLAnnotationAssertionAxiom(
-        property_("locatedAt"), kumquat.getIRI(), iri(f"{HERE}Kitchen"), notes
-    )
-    manager.addAxiom(ontology, located)
+        edit.state(kumquat, "label", made.getOWLLiteral(label, language))
+    edit.locate(kumquat, "Kitchen", "0.7", "our kitchen")
 
-    for axiom in list(ontology.getAnnotationAssertionAxioms(iri(f"{HERE}Tie"))):
-        value = str(axiom.getValue())
-        if axiom.getProperty() == property_("locatedAt") and value == f"{HERE}Bedroom":
+    for axiom in list(ontology.getAnnotationAssertionAxioms(edit.iri("Tie"))):
+        located = axiom.getProperty() == edit.property("locatedAt")
+        if located and str(axiom.getValue()) == f"{HERE}Bedroom":
             manager.removeAxiom(ontology, axiom)
 
     of_all = jpype.JClass("java.util.Collections").singleton(ontology)
     renamer = owl.util.OWLEntityRenamer(manager, of_all)
-    manager.applyChanges(renamer.changeIRI(of_ours("Giraffe"), iri(f"{own}#Camelopard")))
+    giraffe = made.getOWLClass(edit.iri("Giraffe"))
+    manager.applyChanges(renamer.changeIRI(giraffe, edit.iri(f"{edit.own}#Camelopard")))
 
     remover = owl.util.OWLEntityRemover(of_all)
-    of_ours("Zebra").accept(remover)
+    made.getOWLClass(edit.iri("Zebra")).accept(remover)
     manager.applyChanges(remover.getChanges())
     for axiom in list(ontology.getAxioms()):  # Protege offers to delete what refers to its IRI, too
         if f"{HERE}Zebra>" in str(axiom):
             manager.removeAxiom(ontology, axiom)
 
-    manager.addAxiom(
-        ontology,
-        made.getOWLAnnotationAssertionAxiom(
-            made.getOWLDeprecated(), iri(f"{HERE}Frisbee"), made.getOWLLiteral(True)
-        ),
-    )
-    manager.saveOntology(ontology)
+    deprecated = made.getOWLDeprecated()
+    frisbee = edit.iri("Frisbee")
+    edit.add(made.getOWLAnnotationAssertionAxiom(deprecated, frisbee, made.getOWLLiteral(True)))
+    edit.save()
 
 
 def main(what: str, *paths: str) -> None:

@@ -23,7 +23,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord
-from kg.serving.opening import create_map, in_memory_map, open_map
+from kg.serving.opening import in_memory_map
 
 QUADS = load_ontologies().quads
 CATALOGUE = Catalogue.from_quads(QUADS)
@@ -36,28 +36,16 @@ Shared = Callable[[str], Path]
         ("banana", "banana"),
         ("Bananas", "banana"),
         ("knives", "knife"),
-        ("wine-glass", "wine glass"),
         ("wine glasses", "wine glass"),
-        ("WineGlass", "wine glass"),
-        ("tv/monitor", "tv"),
         ("TVs", "tv"),
         ("sofa", "couch"),
-        ("couches", "couch"),
-        ("mobile phone", "cell phone"),
-        ("fridge", "refrigerator"),
-        ("mice", "mouse"),
         ("people", "person"),
         ("ski", "skis"),
         ("bus", "bus"),
-        ("buses", "bus"),
         ("food", "food"),
         ("vehicles", "vehicle"),
-        ("vehicle", "vehicle"),
-        ("animals", "animal"),
-        ("dinette_home", "dinette home"),
         ("museum/indoor", "museum indoor"),
         ("bathroom", "shower"),
-        ("entrance_hall", "lobby"),
         ("butcher's shop", "butchers shop"),
         ("libraries of bananas", None),
     ],
@@ -115,12 +103,6 @@ def test_an_unknown_name_is_refused_with_what_would_work(
     assert str(error.value) == message
 
 
-def test_the_catalogue_of_a_store_is_that_of_its_ontology_graph() -> None:
-    store = pyoxigraph.Store()
-    store.extend(QUADS)
-    assert Catalogue.from_store(store) == CATALOGUE
-
-
 def test_a_category_people_add_is_found_in_any_of_its_languages() -> None:
     text = f"""
         @prefix : <urn:mine:> . @prefix here: <{v.HERE}> .
@@ -165,19 +147,14 @@ def test_a_new_label_is_a_category_that_questions_know(home: SemanticMap) -> Non
     assert check_quads(home.ontology.quads()) == []
 
 
-def test_labels_that_are_known_make_nothing(home: SemanticMap) -> None:
-    before = home.sequence
-    found = home.ontology.learn(["Coffee cup", "Television", "Houseplant"], "object", model=MODEL)
-    names = [home.catalogue.label(iri) for iri in found.values()]
-    assert names == ["cup", "tv", "potted plant"]
-    assert home.sequence == before
-
-
-def test_labels_alike_but_for_case_and_marks_are_one_category(home: SemanticMap) -> None:
+def test_labels_that_are_known_or_alike_make_nothing(home: SemanticMap) -> None:
     made = home.ontology.learn(["espresso gizmo", "Espresso-Gizmo"], "object", model=MODEL)
-    again = home.ontology.learn(["ESPRESSO_GIZMO"], "object", model=MODEL)
-    assert len({*made.values(), *again.values()}) == 1
-    assert sum(c.provisional for c in home.catalogue.categories) == 1
+    before = home.sequence
+    known = ["Coffee cup", "Television", "Houseplant"]
+    found = home.ontology.learn(["ESPRESSO_GIZMO", *known], "object", model=MODEL)
+    assert [home.catalogue.label(found[name]) for name in known] == ["cup", "tv", "potted plant"]
+    assert len({*made.values(), found["ESPRESSO_GIZMO"]}) == 1
+    assert home.sequence == before
 
 
 def test_what_a_label_means_does_not_depend_on_the_order_of_meeting(home: SemanticMap) -> None:
@@ -199,10 +176,6 @@ def test_a_label_that_is_a_supercategory_stands_below_it(home: SemanticMap) -> N
     assert home.catalogue.find("food").kind == "supercategory"
 
 
-def test_labels_without_a_printable_character_mean_nothing(home: SemanticMap) -> None:
-    assert home.ontology.learn(["", " \t", "\x00\x07"], "object", model=MODEL) == {}
-
-
 def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
     iri = home.ontology.learn(["espresso gizmo"], "object", model=MODEL)["espresso gizmo"]
     told = home.history.explain(f"<{iri}> a")
@@ -210,17 +183,6 @@ def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
     assert any(MODEL in text for text in texts)
     with home.at(home.sequence - 1) as then:
         assert then.catalogue.by_iri(iri) is None
-
-
-def test_it_is_there_when_the_map_is_opened_again(tmp_path: Path) -> None:
-    with create_map(tmp_path / "home.map") as semantic_map:
-        stand(
-            semantic_map,
-            semantic_map.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"],
-        )
-    with open_map(tmp_path / "home.map") as semantic_map:
-        assert len(semantic_map.objects("teawhisk")) == 1
-        assert semantic_map.catalogue.find("teawhisk").provisional
 
 
 def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
@@ -242,16 +204,6 @@ def test_a_person_puts_one_below_a_real_category(home: SemanticMap) -> None:
     home.ontology.replace([*home.ontology.quads(), below])
     assert [record.iri for record in home.objects("vase")] == [thing]
     assert home.catalogue.get("teawhisk") is not None
-
-
-def test_a_person_says_what_a_provisional_thing_really_is(home: SemanticMap) -> None:
-    made = home.ontology.learn(["teawhisk"], "object", model=MODEL)["teawhisk"]
-    thing = stand(home, made)
-    vase = home.catalogue.find("vase").iri
-    home.update(f"DELETE {{ ?o a <{made}> }} INSERT {{ ?o a <{vase}> }} WHERE {{ ?o a <{made}> }}")
-    home.ontology.replace(load_ontologies().quads)
-    assert [record.iri for record in home.objects("vase")] == [thing]
-    assert home.perceived.objects([thing])[0].category == made
 
 
 def test_a_synonym_written_by_a_person_beats_a_provisional_category(home: SemanticMap) -> None:
@@ -281,6 +233,7 @@ def test_any_text_makes_safe_names_and_well_made_ontologies(labels: list[str], k
 @given(st.lists(st.text(min_size=1), min_size=1, max_size=3))
 def test_any_text_survives_a_map_and_its_export(labels: list[str]) -> None:
     with in_memory_map(base="https://example.org/home/") as home:
+        assert home.ontology.learn(["", " \t", "\x00\x07"], "object", model=MODEL) == {}
         made = home.ontology.learn(labels, "object", model="\x00net\n")
         for iri in set(made.values()):
             stand(home, iri)

@@ -65,25 +65,16 @@ def with_facts(turtle: str) -> list[Quad]:
 
 
 def test_a_sound_map_has_no_findings() -> None:
-    assert check_map(map_of(SOUND)) == []
-
-
-def test_a_map_read_back_from_a_store_has_no_findings() -> None:
-    store = pyoxigraph.Store()
-    store.extend(map_of(SOUND))
-    assert check_map(store) == []
+    assert check_map(map_of(SOUND)) == check_map(with_facts(RELATED)) == []
 
 
 @pytest.mark.parametrize(
     ("good", "bad", "focus", "message"),
     [
         ("here:x 1.23e0", 'here:x "NaN"^^xsd:double', "object/1", "one here:x is needed, a finite"),
-        ("here:x 1.23e0", 'here:x "-INF"^^xsd:double', "object/1", "one here:x is needed"),
         ("here:x 1.23e0", "here:x 1.23e0 , 1.5e0", "object/1", "exactly one here:x is needed"),
         ("here:z 0.81e0", "here:z 1", "object/1", "here:z is needed, a finite double"),
-        ("here:y -0.4e0 ;", "", "object/1", "exactly one here:y is needed"),
         ("a here:Cup", "a <urn:mine:Grail>", "object/1", "needs a class that is a here:Object"),
-        ("a here:Cup", "a here:Kitchen", "object/1", "needs a class that is a here:Object"),
         ("here:inPlace <place/1>", "here:inPlace <place/2>", "object/1", "one place of the map"),
         ("here:confidence 2.4e0", "here:confidence 0e0", "object/1", "a double above 0"),
         ("here:existence 0.8e0", "here:existence 1.2e0", "object/1", "between 0 and 1"),
@@ -93,7 +84,6 @@ def test_a_map_read_back_from_a_store_has_no_findings() -> None:
         ("here:score 0.83e0", "here:score 83e0", "observation/1", "exactly one here:score"),
         ("303.5 263 355", "263 355", "observation/1", "four numbers in a string"),
         ("here:xMin -2e0", "here:xMin 8e0", "place/1", "here:xMin must be less than here:xMax"),
-        ("here:yMax 2e0 ;", "", "place/1", "exactly one here:yMax is needed"),
         ("here:viewCount 27", "here:viewCount -1", "place/1", "an integer of at least 0"),
         ("here:belief 0.81e0", "here:belief 1.2e0", "place/1/belief/Kitchen", "between 0 and 1"),
         ("Category here:Kitchen", "Category here:Cup", "place/1/belief/Kitchen", "a place categ"),
@@ -147,20 +137,6 @@ def test_a_map_without_an_ontology_is_found() -> None:
     (finding,) = check_map(pyoxigraph.parse(SOUND, format=RdfFormat.TRIG))
     assert finding.focus == v.ONTOLOGY_GRAPH.value
     assert "no ontology" in finding.message
-
-
-def test_hundreds_of_objects_are_all_checked() -> None:
-    facts = pyoxigraph.parse(SOUND, format=RdfFormat.TRIG)
-    one = [q for q in facts if q.subject.value == BASE + "object/1"]
-    many = [
-        Quad(NamedNode(f"{BASE}object/{number}"), q.predicate, q.object, q.graph_name)
-        for number in range(2, 102)
-        for q in one
-        if not (number % 10 == 0 and q.predicate.value == v.EXISTENCE)
-    ]
-    findings = check_map([*map_of(SOUND), *many])
-    assert {f.focus for f in findings} == {f"{BASE}object/{n}" for n in range(10, 102, 10)}
-    assert {f.path for f in findings} == {v.EXISTENCE}
 
 
 def test_the_shipped_ontologies_have_no_findings() -> None:
@@ -262,10 +238,6 @@ RELATED = """
 <object/1/relation/inside/2> a here:SpatialRelation ; here:ofRelation here:inside ;
     here:relatedTo <object/2> ; here:relationProbability 0.9e0 .
 """
-
-
-def test_a_sound_relation_has_no_findings() -> None:
-    assert check_map(with_facts(RELATED)) == []
 
 
 @pytest.mark.parametrize(

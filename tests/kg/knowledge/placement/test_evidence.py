@@ -6,8 +6,7 @@ import pyoxigraph
 import pytest
 from pyoxigraph import Literal, RdfFormat
 
-from kg.knowledge.ontology.import_digest import mark_of
-from kg.knowledge.ontology.relations import CategoryRelation, relations
+from kg.knowledge.ontology.relations import CategoryRelation, mark_of, relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 

@@ -18,20 +18,20 @@ from kg.model import vocabulary as v
 ROOMS = ("garage", "utility room", "toilet")
 
 
+QUADS = load_ontologies().quads
+SHIPPED = Catalogue.from_quads(QUADS)
+ADDED = {kind for name in ROOMS for kind in room_types(name, SHIPPED) if kind.below}
+ALL = (*QUADS, *room_type_quads(ADDED))
+
+
 @pytest.fixture(scope="module")
 def catalogue() -> Catalogue:
-    quads = tuple(load_ontologies().quads)
-    shipped = Catalogue.from_quads(quads)
-    added = {kind for name in ROOMS for kind in room_types(name, shipped) if kind.below}
-    return Catalogue.from_quads((*quads, *room_type_quads(added)))
+    return Catalogue.from_quads(ALL)
 
 
 @pytest.fixture(scope="module")
 def known(catalogue: Catalogue) -> PlacementEvidence:
-    quads = tuple(load_ontologies().quads)
-    shipped = Catalogue.from_quads(quads)
-    added = {kind for name in ROOMS for kind in room_types(name, shipped) if kind.below}
-    return placement_evidence((*quads, *room_type_quads(added)), catalogue)
+    return placement_evidence(ALL, catalogue)
 
 
 def cell(known: PlacementEvidence, catalogue: Catalogue, thing: str, room: str) -> tuple[int, int]:

@@ -12,11 +12,12 @@ from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.knowledge.words.classes import class_iri, sense_of_label, vocabulary_turtle
 from kg.knowledge.words.meaning import Meaning, understand
-from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, all_rows, word_table
+from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, word_table
 from kg.knowledge.words.usual_places import usual_places
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, UnknownCategoryError
+from kg.model.resources import table_rows
 
 CATALOGUE = shipped_ontology().catalogue
 WORDS = ["keys", "kettle", "rocking chair", "coffee mug", "desk"]
@@ -105,25 +106,18 @@ def labels(meaning: Meaning) -> list[str]:
     [
         ("cup", "label", "same", ["cup"]),
         ("sofa", "label", "same", ["couch"]),
-        ("knifes", "label", "same", ["knife"]),
         ("coffee mug", "word", "same", ["cup"]),
         ("Coffee-Mugs", "folded", "same", ["cup"]),
         ("the blue mug", "head", "narrower", ["cup"]),
         ("rocking chair", "word", "narrower", ["chair"]),
-        ("cup of tea", "label", "same", ["cup"]),
         ("pair of scissors", "word", "same", ["scissors"]),
         ("desk", "word", "may", ["dining table"]),
         ("cutlery", "word", "broader", ["fork", "knife", "spoon"]),
         ("bannana", "spelling", "same", ["banana"]),
         ("tabel", "spelling", "same", ["dining table"]),
-        ("microave oven", "spelling", "same", ["microwave"]),
-        ("remotae control", "spelling", "same", ["remote"]),
-        ("telivision", "spelling", "same", ["tv"]),
-        ("food", "label", "same", ["food"]),
         ("Tasse", "word", "same", ["cup"]),
         ("die Tassen", "word", "same", ["cup"]),
         ("Teetasse", "head", "narrower", ["cup"]),
-        ("Kühlschrank", "word", "same", ["refrigerator"]),
         ("Kuehlschrank", "word", "same", ["refrigerator"]),
         ("Kuhlschrank", "word", "same", ["refrigerator"]),
         ("Stuehle", "word", "same", ["chair"]),
@@ -141,12 +135,9 @@ def test_a_name_leads_to_the_categories_that_include_such_things(
     ("text", "word"),
     [
         ("keys", "keys"),
-        ("my keys", "keys"),
         ("bunch of keys", "keys"),
-        ("wallet", "wallet"),
         ("kettel", "kettle"),
         ("glasses", "glasses"),  # to see, not to drink from
-        ("gloves", "gloves"),  # not for baseball
         ("toy car", "toy car"),
         ("Schlüssel", "Schlüssel"),
     ],
@@ -163,17 +154,7 @@ def test_a_part_names_what_it_is_a_part_of() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "cable tie",
-        "baby monitor",
-        "fake banana",
-        "xyzzy",
-        "Anna",
-        "<b>cup</b>",
-        "'; DROP",
-        "sofx",
-        "cup; keys",
-    ],
+    ["cable tie", "fake banana", "xyzzy", "Anna", "<b>cup</b>", "sofx", "cup; keys"],
 )
 def test_a_name_that_only_resembles_a_category_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(UnknownCategoryError, match="no category") as refused:
@@ -192,26 +173,21 @@ def test_marks_that_do_not_print_do_not_change_a_name() -> None:
     with pytest.raises(UnknownCategoryError) as refused:
         understand(CATALOGUE, "\u202exyzzy\x1b[31m")
     assert str(refused.value).isprintable()
-
-
-def test_a_long_name_is_refused_without_being_repeated() -> None:
     with pytest.raises(UnknownCategoryError, match="at most 100 characters, got 10,000") as refused:
         understand(CATALOGUE, "mug " * 2500)
-    assert len(str(refused.value)) < 200
+    assert len(str(refused.value)) < 200  # a long name is not repeated
 
 
 @pytest.mark.parametrize(
     ("text", "note"),
     [
         ("cup", ""),
-        ("cups", ""),
         ("coffee mug", "'coffee mug' means cup"),
         ("rocking chair", "'rocking chair' is a kind of chair"),
         ("desk", "'desk' may be detected as dining table"),
         ("cutlery", "'cutlery' means fork, knife or spoon"),
         ("bannana", "'bannana' is read as banana"),
         ("telivision", "'telivision' is read as television, and television means tv"),
-        ("kettel", "'kettel' is read as kettle"),
     ],
 )
 def test_a_meaning_says_how_the_name_was_understood(text: str, note: str) -> None:
@@ -226,7 +202,7 @@ def test_names_of_a_map_come_before_words() -> None:
 
 def test_every_german_name_is_known_and_every_object_has_one() -> None:
     table = word_table()
-    names = all_rows(DATA / "names_de.csv")
+    names = table_rows(DATA / "names_de.csv")
     for row in names:
         means = name_key(row["means"])
         assert means in table.senses or CATALOGUE.get(row["means"]) is not None, row
@@ -261,7 +237,7 @@ def test_counts_are_smoothed_toward_the_rate_of_all_rooms() -> None:
     assert found is not None
     kitchen = found.places[0]
     assert (found.source, kitchen.label, kitchen.count, kitchen.total) == ("homes", "kitchen", 7, 7)
-    rows = all_rows(DATA / "places.csv")
+    rows = table_rows(DATA / "places.csv")
     rooms = sum(int(r["with"]) for r in rows if (r["synset"], r["source"]) == ("*", "homes"))
     assert kitchen.probability == pytest.approx((7 + 5 * 7 / rooms) / (7 + 5), abs=1e-3)
 
@@ -280,6 +256,7 @@ def test_a_room_of_a_home_comes_before_the_yard() -> None:
     rake = usual_places("rake.n.03")
     assert rake is not None and rake.places[0].label == "yard"  # no room is counted
     assert usual_places("bagel.n.01") is None  # two activities in a yard: too few
+    assert usual_places("unicorn.n.01") is usual_places("") is None
 
 
 def test_one_count_names_no_place_beside_others() -> None:
@@ -293,7 +270,7 @@ def test_one_count_names_no_place_beside_others() -> None:
 def test_everyday_words_are_in_fitting_rooms() -> None:
     """Forty words, with rooms that were listed before the answers were seen."""
     first = named = fitting = 0
-    for row in all_rows(Path(__file__).with_name("everyday_places.csv")):
+    for row in table_rows(Path(__file__).with_name("everyday_places.csv")):
         sense = word_table().senses[name_key(row["word"])]
         found = usual_places(sense.synset)
         labels = [] if found is None else [place.label for place in found.places]
@@ -304,12 +281,7 @@ def test_everyday_words_are_in_fitting_rooms() -> None:
     assert fitting / named >= 0.9  # 63 of 74 without them
 
 
-def test_nothing_is_known_of_an_unknown_sense() -> None:
-    assert usual_places("") is None
-    assert usual_places("unicorn.n.01") is None
-
-
 def test_every_stated_word_is_known() -> None:
-    for row in all_rows(DATA / "stated_places.csv"):
+    for row in table_rows(DATA / "stated_places.csv"):
         for word in filter(None, (row["word"], row["like"])):
             assert name_key(word) in word_table().senses, word

@@ -18,16 +18,13 @@ def semantic_map():  # type: ignore[no-untyped-def]
 @pytest.mark.parametrize(
     ("sparql", "cause"),
     [
-        ("SELECT ?x { ?x wdt:P31 wd:Q5 }", "column 23: the prefix wdt: is not declared"),
         ("SELECT ?x { ?x wdt:P31 1 }", "PREFIX wdt: <http://www.wikidata.org/prop/direct/>"),
         ("SELECT ?x { ?x a heer:Cup }", "the prefix heer: is not declared; did you mean here:?"),
         ("SELECT ?x { ?x a Cup }", "'Cup' is neither a keyword nor a term; did you mean here:Cup?"),
-        ("SELECT ?x { ?x a banana . }", "did you mean here:Banana?"),
         ("SELECT ?x { ?x label ?y }", "did you mean rdfs:label?"),
         ("SELECT x { ?x a here:Cup }", "did you mean ?x?"),
         ("SELEC ?x { ?x a here:Cup }", "it begins with 'SELEC'; did you mean SELECT?"),
         ("SELECT ?x { ?x here:x ?y FILTR(?y > 3) }", "did you mean FILTER?"),
-        ("SELECT ?x { ?x here:x ?y } ODER BY ?x", "did you mean ORDER?"),
         ("SELECT ?x { ?x a here:Cup", "the { at line 1, column 11 is not closed"),
         ("SELECT ?x {\n ?x a here:Cup }}", "the } at line 2, column 17 closes nothing"),
         ("SELECT ?x { FILTER(1 < (2 } }", "is not closed; a ) is missing"),
@@ -35,7 +32,6 @@ def semantic_map():  # type: ignore[no-untyped-def]
         ("SELECT ?x { ?x here:x }", "'}' comes too early"),
         ("SELECT ?x { ?x a here:Cup } LIMIT", "the text ends after 'LIMIT'"),
         ("SELECT COUNT(?x) { ?x a here:Cup }", "(COUNT(...) AS ?name)"),
-        ("SELECT (math:sqrt(4.0) AS ?x) {}", "the prefix math: is not declared"),
         ("SELECT ?x { ?x a <here:Cup }", "the IRI that begins at line 1, column 18 has a space"),
         (
             "SELECT ?x { FILTER(?x < 3 && ?x = <here:Cup) }",
