@@ -7,7 +7,6 @@ answer is made once, one at a time of each kind, and clients take turns.
 
 from __future__ import annotations
 
-import asyncio
 import gzip
 import hashlib
 from collections.abc import Awaitable, Callable
@@ -81,7 +80,7 @@ async def at_moment(
         return Response(status_code=304, headers=headers)
     client = request.state.client
     making = serving.moments.get(key, client, partial(_packed, make))
-    found = await unless_gone(request, asyncio.ensure_future(making))
+    found = await unless_gone(request, making)
     if not moment.is_past:
         serving.sessions.saw(client, found.sequence)
     headers[SEQUENCE] = str(found.sequence)

@@ -5,7 +5,6 @@ Workers compute them within the limits of queries, since a history can be long.
 
 from __future__ import annotations
 
-import asyncio
 import math
 import re
 from typing import Final
@@ -18,10 +17,10 @@ from kg.history.reports.comparison import FAR
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.problems import MAX_DIGITS, Problem, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.request import WorkerCall
 from kg.store.sparql_client import SEQUENCE
 
 #: media types of the responses
@@ -57,8 +56,8 @@ async def _response(serving: AppState, request: Request, what: str) -> Response:
     # the snapshot must not be older than the history
     least = serving.semantic_map.sequence if what == "why" else 0
     wanted = {"what": what, "media_type": media_type, **arguments}
-    report = serving.pool.request_async(b"T", wanted, at_least=least, asker=asker_of(request))
-    answer = await unless_gone(request, asyncio.ensure_future(report))
+    call = WorkerCall(b"T", wanted, at_least=least, client=request.state.client)
+    answer = await unless_gone(request, serving.pool.answer_async(call))
     return Response(
         answer.body,
         media_type=answer.media_type,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Final
@@ -17,13 +16,13 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.description import service_description
 from kg.serving.workers.process import Answer
+from kg.serving.workers.request import query_call
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import SEQUENCE
 
@@ -73,28 +72,28 @@ async def _form(serving: AppState, request: Request, url: RequestParameters) -> 
 async def _query(serving: AppState, request: Request, given: RequestParameters) -> Response:
     moment = given.one("at")
     at = None if moment is None else await sequence_at(serving.semantic_map, moment)
-    asker = asker_of(request)
-    ask = partial(
-        serving.pool.run_async,
+    client = request.state.client
+    call = partial(
+        query_call,
         given.one("query") or "",
         base=serving.semantic_map.base,
         accept=accept_of(request, given),
         default_graphs=graphs_of(given, "default-graph-uri"),
         named_graphs=graphs_of(given, "named-graph-uri"),
         at=at,
-        asker=asker,
+        client=client,
     )
     least = _least(serving, request)
-    seen = max(serving.sessions.at_least(asker.client), least)
+    seen = max(serving.sessions.at_least(client), least)
     try:
-        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=seen)))
+        answer = await unless_gone(request, serving.pool.answer_async(call(at_least=seen)))
     except DiskFullError:
         if seen == least:
             raise
         # no new snapshot can be made: the last one, whose number the response states
-        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=least)))
+        answer = await unless_gone(request, serving.pool.answer_async(call(at_least=least)))
     if at is None:
-        serving.sessions.saw(asker.client, answer.sequence)
+        serving.sessions.saw(client, answer.sequence)
     return Response(
         answer.body,
         media_type=answer.media_type,
@@ -157,7 +156,7 @@ def written(
     With the preference `return=representation` (RFC 7240) it has the change set as well.
     """
     sequence = change.sequence if change else serving.semantic_map.sequence
-    serving.sessions.saw(asker_of(request).client, sequence)
+    serving.sessions.saw(request.state.client, sequence)
     headers = {SEQUENCE: str(sequence)}
     if "return=representation" in request.headers.get("prefer", "").replace(" ", ""):
         more["change"] = change_to_json(change) if change else None

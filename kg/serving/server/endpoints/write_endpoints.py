@@ -31,7 +31,6 @@ from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.media_types import document, negotiated
 from kg.serving.server.http.problems import Problem, check_preconditions, sequence_at, state_of
 from kg.serving.server.http.request_checks import is_confirmed
@@ -90,7 +89,7 @@ async def labels(serving: AppState, request: Request) -> Response:
 
     learn = partial(serving.semantic_map.ontology.learn, names, kind, model=content["model"])
     found = await serving.write(request, learn)
-    serving.sessions.saw(asker_of(request).client, serving.semantic_map.sequence)
+    serving.sessions.saw(request.state.client, serving.semantic_map.sequence)
     return json_response({"categories": found, "sequence": serving.semantic_map.sequence})
 
 
@@ -188,7 +187,7 @@ async def restore(serving: AppState, request: Request) -> Response:
     )
     done = await serving.write(request, restoration)
     sequence = done.sequence or serving.semantic_map.sequence
-    serving.sessions.saw(asker_of(request).client, sequence)
+    serving.sessions.saw(request.state.client, sequence)
     return json_response(asdict(done), {SEQUENCE: str(sequence)})
 
 

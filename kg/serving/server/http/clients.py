@@ -7,7 +7,6 @@ arrive with the next snapshot.
 
 from __future__ import annotations
 
-import asyncio
 import ipaddress
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterator
@@ -16,12 +15,10 @@ from typing import Final, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
-from starlette.requests import Request
 
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits, Settings
 from kg.serving.workers.admission import FairQueue
-from kg.serving.workers.request import Asker
 from kg.store.process_memory import trim_heap
 
 T = TypeVar("T")
@@ -53,11 +50,6 @@ def client_of_address(address: str) -> str:
     return address
 
 
-def asker_of(request: Request) -> Asker:
-    """The client in whose share of the workers the queries of a request run."""
-    return Asker(request.state.client)
-
-
 class Sessions:
     """The last transaction that each client has seen or made; used on one event loop."""
 
@@ -86,12 +78,8 @@ class ReadingThreads:
 
     async def run(self, client: str, act: Callable[[], T]) -> T:
         """The result of `act`; raises PoolBusyError if too many requests of this client wait."""
-        turn = self._queue.enter(client, "present")
-        try:
-            await asyncio.wrap_future(turn.granted)
+        async with self._queue.turn_async(client):
             return await run_in_threadpool(act)
-        finally:
-            self._queue.leave(turn)
 
 
 class Uploads:

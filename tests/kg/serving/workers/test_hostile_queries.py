@@ -335,7 +335,7 @@ def test_an_orphaned_bomb_ends_by_itself(live: SemanticMap) -> None:
     """The worker's own alarm, with nobody watching."""
     with QueryPool(live, workers=1, timeout=PATIENT) as patient:
         answers(patient)
-        worker = patient._workers._all.copy().pop()
+        worker = patient._workers._idle[-1]
         worker._wait = lambda *_: None  # type: ignore[method-assign]
         with pytest.raises(QueryTimeoutError):
             patient.run(CARTESIAN, timeout=LIMIT)

@@ -31,6 +31,7 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers import process
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.request import query_call
 from tests.waiting import until
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
@@ -209,9 +210,9 @@ def test_a_full_queue_says_so_at_once(live: SemanticMap) -> None:
 
         async def crowd() -> list[object]:
             asked = [
-                pool.run_async(ENDLESS, timeout=0.7),
-                pool.run_async("ASK {}"),
-                pool.run_async("ASK {}"),
+                pool.answer_async(query_call(ENDLESS, timeout=0.7)),
+                pool.answer_async(query_call("ASK {}")),
+                pool.answer_async(query_call("ASK {}")),
             ]
             return await asyncio.gather(*asked, return_exceptions=True)
 
@@ -227,8 +228,8 @@ def test_a_cancelled_query_is_killed_and_its_worker_free_again(live: SemanticMap
 
         async def give_up() -> None:
             with pytest.raises(TimeoutError):
-                await asyncio.wait_for(pool.run_async(ENDLESS), 0.3)
-            assert (await pool.run_async("ASK {}")).body
+                await asyncio.wait_for(pool.answer_async(query_call(ENDLESS)), 0.3)
+            assert (await pool.answer_async(query_call("ASK {}"))).body
 
         asyncio.run(give_up())
 

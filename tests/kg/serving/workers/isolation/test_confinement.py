@@ -270,7 +270,7 @@ def test_without_a_denial_the_letters_alone_are_refused(
 def isolated_from() -> Iterator[Callable[[str], str]]:
     """Callable: query -> name of the error where a process with a network evaluates it."""
     from kg.serving.workers.process import WorkerProcess, settings_of
-    from kg.serving.workers.request import request_of
+    from kg.serving.workers.request import query_call
     from kg.store.snapshots import Snapshots
 
     with in_memory_map() as home:
@@ -280,7 +280,7 @@ def isolated_from() -> Iterator[Callable[[str], str]]:
 
         def ask(sparql: str) -> str:
             try:
-                worker.ask(request_of(sparql, {}) | where, 60)
+                worker.ask(query_call(sparql).body | where, 60)
             except HereaboutsError as error:
                 return type(error).__name__
             return ""
