@@ -74,7 +74,7 @@ async def at_moment(
     kind = request.url.path
     key = (kind, moment.sequence, moment.is_past, *version)
     digest = hashlib.blake2s(repr(key[2:]).encode(), digest_size=6).hexdigest()
-    state = State(moment.sequence, None, form=f"{serving.moments.mark}{digest}")
+    state = State(moment.sequence, f"{serving.moments.mark}{digest}")
     headers = {**state.headers, "Vary": vary}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)

@@ -23,7 +23,7 @@ from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.change_broadcast import ChangeBroadcast, Queue
-from kg.serving.server.http.bodies import JSON, query_parameters
+from kg.serving.server.http.bodies import JSON, number_in, query_parameters
 from kg.serving.server.http.event_stream import EventStream, event
 from kg.serving.server.http.media_types import EVENTS, SOLUTIONS, accept_of
 from kg.serving.server.http.problems import Problem
@@ -88,11 +88,7 @@ async def _commits(
 
 def _since(request: Request) -> int | None:
     text = request.headers.get("last-event-id") or query_parameters(request).one("since")
-    if text is None:
-        return None
-    if not (text.isascii() and text.isdigit() and len(text) < 19):
-        raise Problem(400, f"since must be a sequence number, got {text[:40]!r}")
-    return int(text)
+    return None if text is None else number_in(text, "since")
 
 
 COALESCE = 0.2  # [s] to wait for further commits after a commit

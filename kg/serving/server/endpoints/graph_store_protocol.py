@@ -39,7 +39,6 @@ from kg.serving.server.http.problems import (
     check_preconditions,
     problem_of,
     problem_response,
-    state_of,
 )
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import ALIASES, GRAPH_TYPES
@@ -174,9 +173,8 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
 
 def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
     """State of a graph: the last transaction that changed it, or the map for None."""
-    state = state_of(serving.semantic_map)
-    number = state.sequence if graph is None else serving.changed.last(graph)
-    return State(number, state.modified, form, state.past)
+    changed = serving.changed
+    return State(serving.semantic_map.sequence if graph is None else changed.last(graph), form)
 
 
 def _check_preconditions(serving: AppState, request: Request, graph: NamedNode | None) -> None:

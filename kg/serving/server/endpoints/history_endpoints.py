@@ -6,7 +6,6 @@ Workers compute them within the limits of queries, since a history can be long.
 from __future__ import annotations
 
 import math
-import re
 from typing import Final
 
 from starlette.concurrency import run_in_threadpool
@@ -18,7 +17,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
 from kg.serving.server.http.event_stream import unless_gone
-from kg.serving.server.http.problems import MAX_DIGITS, Problem, sequence_at
+from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.request import WorkerCall
 from kg.store.sparql_client import SEQUENCE
@@ -69,7 +68,7 @@ async def _arguments(
     semantic_map: SemanticMap, what: str, given: RequestParameters
 ) -> dict[str, object]:
     if what == "log":
-        return {"iri": _needed(given, "iri"), "last": _last(given)}
+        return {"iri": _needed(given, "iri"), "last": given.number("last")}
     if what == "diff":
         before = await sequence_at(semantic_map, _needed(given, "from"))
         to = given.one("to")
@@ -103,10 +102,3 @@ def _far(text: str | None) -> float:
     if not 0 <= far < math.inf:
         raise Problem(400, f"far must be a distance in metres, such as 0.3, got {text!r:.40}")
     return far
-
-
-def _last(given: RequestParameters) -> int | None:
-    text = given.one("last")
-    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MAX_DIGITS}}}", text):
-        raise Problem(400, f"last must be a number, got {text[:40]!r}")
-    return None if text is None else int(text)

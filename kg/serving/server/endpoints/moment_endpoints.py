@@ -46,17 +46,18 @@ async def state(serving: AppState, request: Request) -> Response:
 async def surface(serving: AppState, request: Request) -> Response:
     """The coloured voxels at ``?at=``, or now, that ``?count=`` frames showed (2)."""
     moment = await moment_of(serving, request)
-    count, store = moment.given.one("count") or "2", serving.semantic_map.surface_store
-    if not (count.isascii() and count.isdigit() and len(count) <= len(str(MAX_COUNT))):
-        raise Problem(400, f"count must be a number of frames up to 999, got {count[:40]!r}")
+    given, store = moment.given.number("count"), serving.semantic_map.surface_store
+    count = 2 if given is None else given
+    if count > MAX_COUNT:
+        raise Problem(400, f"count must be a number of frames up to {MAX_COUNT}, got {count}")
 
     def read() -> bytes:
-        return encoded(Surface.empty() if store is None else store.surface(moment.past, int(count)))
+        return encoded(Surface.empty() if store is None else store.surface(moment.past, count))
 
     async def make() -> Answer:
         return Answer(MEDIA_TYPE, await run_in_threadpool(read), moment.sequence)
 
-    return await at_moment(serving, request, moment, make, version=(int(count), _frames(serving)))
+    return await at_moment(serving, request, moment, make, version=(count, _frames(serving)))
 
 
 async def timeline(serving: AppState, request: Request) -> Response:

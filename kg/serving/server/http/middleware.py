@@ -10,7 +10,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from kg.serving.server.http.clients import ReadingThreads, Uploads, client_of
+from kg.serving.server.http.clients import Uploads, client_of
 from kg.serving.server.http.problems import Problem, problem_response
 from kg.serving.server.http.request_checks import (
     check_origin,
@@ -61,14 +61,12 @@ _ENDING = problem_response(
 class RequestGuard:
     """Outermost ASGI middleware of every HTTP server of this package.
 
-    The state of a request gets its `client`, `threads` for reading, and its `upload`.
+    The state of a request gets its `client`, and its `upload`.
     """
 
-    def __init__(
-        self, app: ASGIApp, settings: Settings, metrics: Metrics, threads: ReadingThreads
-    ) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
-        self._threads, self._uploads = threads, Uploads(settings.limits)
+        self._uploads = Uploads(settings.limits)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Guard a request; pass lifespan messages on."""
@@ -110,7 +108,7 @@ class RequestGuard:
     async def _with_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"]
         with self._uploads.of(state["client"]) as upload:
-            state |= {"upload": upload, "threads": self._threads}
+            state["upload"] = upload
             await self._app(scope, receive, send)
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:

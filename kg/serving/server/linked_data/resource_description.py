@@ -20,7 +20,7 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError
-from kg.model.iris import AGENT, agent_iri, agent_name
+from kg.model.iris import AGENT, agent_iri, agent_name, whole_number
 from kg.rdf.literals import date_time, properties_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.standard_terms import (
@@ -156,8 +156,8 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     """A transaction as an activity of PROV-O, with its association."""
     number = iri.removeprefix(semantic_map.base + COMMIT).removesuffix("/association")
     try:
-        known = number.isascii() and number.isdigit() and len(number) < 19
-        commit = semantic_map.history.log.commit(int(number)) if known else None
+        known = whole_number(number)
+        commit = None if known is None else semantic_map.history.log.commit(known)
     except HistoryError:
         commit = None
     if commit is None:

@@ -18,7 +18,7 @@ from kg.model import vocabulary as v
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.media_types import HTML, document, negotiated
-from kg.serving.server.http.problems import Problem, state_of
+from kg.serving.server.http.problems import Problem, State
 from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (
@@ -58,7 +58,7 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     if then is not None:
         return await _written(serving, then.thing, media_type, then.headers)
     # before the facts are read: after a concurrent commit the tag is too old, never the facts
-    state = state_of(serving.semantic_map)
+    state = State(serving.semantic_map.sequence)
     headers = {"Vary": VARY, **links(serving, request, iri)}
     try:
         thing = await serving.read(request, partial(_look_up, serving, iri))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
-from email.utils import format_datetime, parsedate_to_datetime
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,12 +12,6 @@ if TYPE_CHECKING:
 
 THING, GRAPH = "object/1", "graphs/map"
 PAGES = (THING, GRAPH, "resource?iri=https://w3id.org/hereabouts%23Cup")
-
-
-def long_ago(served: Served, monkeypatch: pytest.MonkeyPatch, seconds: float = 5.0) -> None:
-    """As if the map's last commit had been so long ago."""
-    last = served.map.history.log.last_time
-    monkeypatch.setattr("kg.serving.server.http.problems.time.time", lambda: last + seconds)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -38,30 +30,6 @@ def test_what_a_client_has_is_not_sent_again(served: Served, path: str) -> None:
     moved = served.get(path, headers={"If-None-Match": tag})
     assert moved.status_code == 200
     assert moved.headers["ETag"] != tag
-
-
-@pytest.mark.parametrize("path", PAGES)
-def test_dates_tell_what_has_changed(
-    served: Served, path: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long_ago(served, monkeypatch)
-    date = served.get(path).headers["Last-Modified"]
-    moment = parsedate_to_datetime(date)
-    last = datetime.fromtimestamp(served.map.history.log.last_time, UTC)
-    assert timedelta(0) < moment - last <= timedelta(seconds=1)
-    assert served.get(path, headers={"If-Modified-Since": date}).status_code == 304
-    before = format_datetime(moment - timedelta(seconds=1), usegmt=True)
-    for given in (before, "yesterday", ""):
-        assert served.get(path, headers={"If-Modified-Since": given}).status_code == 200
-    tagged = {"If-Modified-Since": date, "If-None-Match": '"other"'}
-    assert served.get(path, headers=tagged).status_code == 200
-
-
-def test_two_commits_in_one_second_do_not_pass_for_one(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long_ago(served, monkeypatch, 0.0)
-    assert "Last-Modified" not in served.get(THING).headers
 
 
 @pytest.mark.parametrize("path", [*PAGES, "", "health", "metrics", "dump.nq", "sparql?query=ASK{}"])
