@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import Counter
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from kg.serving.server.http.clients import Uploads, client_of
+from kg.serving.server.http.clients import Upload, client_of
 from kg.serving.server.http.problems import Problem, problem_response
 from kg.serving.server.http.request_checks import (
     check_origin,
@@ -66,7 +67,7 @@ class RequestGuard:
 
     def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
-        self._uploads = Uploads(settings.limits)
+        self._held: Counter[str] = Counter()  # [bytes] of bodies, by client
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Guard a request; pass lifespan messages on."""
@@ -107,9 +108,11 @@ class RequestGuard:
 
     async def _with_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"]
-        with self._uploads.of(state["client"]) as upload:
-            state["upload"] = upload
+        state["upload"] = Upload(self._settings.limits, self._held, state["client"])
+        try:
             await self._app(scope, receive, send)
+        finally:
+            state["upload"].release()
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Final
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
@@ -23,7 +23,6 @@ from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
-    derived_quads,
     local_path,
     look_up,
 )
@@ -61,7 +60,7 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     state = State(serving.semantic_map.sequence)
     headers = {"Vary": VARY, **links(serving, request, iri)}
     try:
-        thing = await serving.read(request, partial(_look_up, serving, iri))
+        thing = await serving.read(request, partial(look_up, serving.semantic_map, iri))
     except Problem as problem:
         problem.headers |= headers  # a removed resource may have versions
         raise
@@ -69,15 +68,6 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
     return await _written(serving, thing, media_type, headers)
-
-
-def _look_up(serving: AppState, iri: str) -> ResourceDescription:
-    try:
-        NamedNode(iri)
-    except ValueError:
-        return look_up(serving.semantic_map.engine, iri)  # raises Problem 404
-    derived = derived_quads(serving.semantic_map, iri)
-    return look_up(serving.semantic_map.engine, iri, derived)
 
 
 async def _written(

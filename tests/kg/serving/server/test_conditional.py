@@ -50,15 +50,15 @@ def test_head_of_a_stream_ends(lasting: Served, path: str) -> None:
     assert not served.server.serving.subscriptions
 
 
-def test_well_known_void_describes_the_map(served: Served) -> None:
-    answer = served.get(".well-known/void", headers={"Accept": "text/turtle"})
+def test_well_known_void_describes_the_map(lasting: Served) -> None:
+    answer = lasting.get(".well-known/void", headers={"Accept": "text/turtle"})
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")
-    base, void = rdflib.URIRef(served.map.base), rdflib.Namespace("http://rdfs.org/ns/void#")
+    base, void = rdflib.URIRef(lasting.map.base), rdflib.Namespace("http://rdfs.org/ns/void#")
     assert (base, rdflib.RDF.type, void.Dataset) in graph
-    assert (base, void.sparqlEndpoint, rdflib.URIRef(f"{served.url}sparql")) in graph
+    assert (base, void.sparqlEndpoint, rdflib.URIRef(f"{lasting.url}sparql")) in graph
     (count,) = graph.objects(base, void.triples)
-    assert int(str(count)) == len(served.get("dump.nq").text.splitlines())
+    assert int(str(count)) == len(lasting.get("dump.nq").text.splitlines())
     for dump in graph.objects(base, void.dataDump):
-        assert served.get(str(dump).removeprefix(served.url)).status_code == 200
-    front = served.get("", headers={"Accept": "text/turtle"})
+        assert lasting.get(str(dump).removeprefix(lasting.url)).status_code == 200
+    front = lasting.get("", headers={"Accept": "text/turtle"})
     assert len(rdflib.Graph().parse(data=front.text, format="turtle")) == len(graph)

@@ -31,10 +31,10 @@ def truth(answer: object) -> bool:
     return bool(answer.json()["boolean"])  # type: ignore[attr-defined]
 
 
-def test_query_posted_directly_with_a_charset(served: Served) -> None:
+def test_query_posted_directly_with_a_charset(lasting: Served) -> None:
     kind = f"{QUERY}; charset=UTF-8"
     query = 'ASK { FILTER(STRLEN("tür") = 3) }'.encode()
-    assert truth(served.post("sparql", data=query, headers={"Content-Type": kind}))
+    assert truth(lasting.post("sparql", data=query, headers={"Content-Type": kind}))
 
 
 def test_graphs_of_the_request_outrank_those_of_the_query(lasting: Served) -> None:
@@ -110,8 +110,8 @@ def test_format_that_does_not_exist_is_not_acceptable(lasting: Served) -> None:
 
 
 @pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH"])
-def test_query_by_another_method_is_not_allowed(served: Served, method: str) -> None:
-    answer = served.request(method, "sparql", params={"query": ASK})
+def test_query_by_another_method_is_not_allowed(lasting: Served, method: str) -> None:
+    answer = lasting.request(method, "sparql", params={"query": ASK})
     assert answer.status_code == 405
     assert "POST" in answer.headers["Allow"]
 

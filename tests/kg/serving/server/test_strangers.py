@@ -210,6 +210,21 @@ def test_metrics_are_prometheus_text_and_count_right(served: Served) -> None:
     assert families["hereabouts_sequence"][1] == {"hereabouts_sequence": 1.0}
 
 
+def test_the_number_of_objects_is_the_summarys(served: Served) -> None:
+    gizmo = served.map.ontology.learn(["gizmo"], "object", model="net")["gizmo"]
+    steps = (
+        "INSERT DATA { <object/9> a here:Cup ; here:x 1 ; here:y 1 }",
+        f"INSERT DATA {{ <http://example.org/mine> a <{gizmo}> ; here:x 1 ; here:y 1 }}",
+        "DELETE DATA { <object/9> a here:Cup } ; INSERT DATA { <object/9> a here:Bowl }",
+        'DELETE WHERE { <object/9> ?p ?o } ; INSERT DATA { <place/1> rdfs:comment "none" }',
+    )
+    for update, count in zip(steps, (3, 4, 4, 3), strict=True):
+        assert served.write(update).status_code == 200
+        (objects,) = parsed(served.get("metrics").text)["hereabouts_objects"][1].values()
+        rows = served.map.query("summary").records()
+        assert objects == count == sum(int(str(row["count"])) for row in rows), update
+
+
 def test_the_log_has_no_token_and_no_query(
     served: Served, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -99,3 +99,12 @@ def test_closing_ends_those_that_wait() -> None:
         waiting.granted.result()
     with pytest.raises(GraphError, match="closed"):
         fair.enter("a", "present")
+
+
+def test_questions_about_the_past_take_half_of_a_clients_places() -> None:
+    fair = FairQueue(2, 4)
+    running = [fair.enter("a", "past") for _ in range(3)]  # one runs, two wait
+    assert granted(*running) == [True, False, False]
+    with pytest.raises(PoolBusyError, match="about the past"):
+        fair.enter("a", "past")
+    assert granted(fair.enter("a", "present")) == [True]
