@@ -33,11 +33,6 @@ class Moment:
     sequence: int
     past: int | None  # the same number if the client asks for a past state
 
-    @property
-    def is_past(self) -> bool:
-        """Whether the client asks for a past state."""
-        return self.past is not None
-
 
 async def moment_of(serving: AppState, request: Request) -> Moment:
     """The moment of a request: ``?at=``, ISO 8601 or the number of a transaction; without it, now.
@@ -72,7 +67,7 @@ async def at_moment(
     Raises PoolBusyError (503) if too many requests of the client wait, and as `make`.
     """
     kind = request.url.path
-    key = (kind, moment.sequence, moment.is_past, *version)
+    key = (kind, moment.sequence, moment.past is None, *version)
     digest = hashlib.blake2s(repr(key[2:]).encode(), digest_size=6).hexdigest()
     state = State(moment.sequence, f"{serving.moments.mark}{digest}")
     headers = {**state.headers, "Vary": vary}
@@ -81,7 +76,7 @@ async def at_moment(
     client = request.state.client
     making = serving.moments.get(key, client, partial(_packed, make))
     found = await unless_gone(request, making)
-    if not moment.is_past:
+    if moment.past is None:
         serving.sessions.saw(client, found.sequence)
     headers[SEQUENCE] = str(found.sequence)
     body = found.body

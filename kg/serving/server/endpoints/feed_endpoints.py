@@ -121,7 +121,7 @@ async def subscribe(serving: AppState, request: Request) -> ASGIApp:
         raise Problem(400, "needs ?query=, a SELECT or ASK")
     follower = QueryFollower(request.state.client)
     _check_number(serving, follower.client)
-    serving.subscriptions.add(follower)
+    serving.subscriptions.append(follower.client)
     try:
         serving.feed.add(follower, follower.client)
         now = serving.semantic_map.sequence
@@ -140,8 +140,7 @@ async def subscribe(serving: AppState, request: Request) -> ASGIApp:
 def _check_number(serving: AppState, client: str) -> None:
     """Raises Problem 503 where all clients, or this one, have as many subscriptions as allowed."""
     limits = serving.settings.limits
-    count = len(serving.subscriptions)
-    own = sum(subscription.client == client for subscription in serving.subscriptions)
+    count, own = len(serving.subscriptions), serving.subscriptions.count(client)
     if count >= limits.standing_queries or own >= limits.client_standing_queries:
         raise Problem(
             503,
@@ -152,7 +151,7 @@ def _check_number(serving: AppState, client: str) -> None:
 
 def _unsubscribe(serving: AppState, follower: QueryFollower) -> None:
     serving.feed.remove(follower)
-    serving.subscriptions.discard(follower)
+    serving.subscriptions.remove(follower.client)
 
 
 async def _bindings(

@@ -55,7 +55,8 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     media_type = negotiated(request, bodies.query_parameters(request))
     then = await memento(serving, request, iri)
     if then is not None:
-        return await _written(serving, then.thing, media_type, then.headers)
+        thing, headers = then
+        return await _written(serving, thing, media_type, headers)
     # before the facts are read: after a concurrent commit the tag is too old, never the facts
     state = State(serving.semantic_map.sequence)
     headers = {"Vary": VARY, **links(serving, request, iri)}
