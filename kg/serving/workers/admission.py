@@ -110,12 +110,6 @@ class FairQueue:
                 if turn.granted.set_running_or_notify_cancel():
                     turn.granted.set_exception(closed())
 
-    @property
-    def waiting(self) -> int:
-        """Number of turns that are not granted yet."""
-        with self._guard:
-            return sum(map(len, self._waiting.values()))
-
     def _check_share(self, turn: Turn) -> None:
         own = self._waiting.get(turn.client, [])
         clients = len(self._waiting) + (not own)

@@ -35,7 +35,6 @@ from kg.serving.workers.process import Answer, WorkerProcess, settings_of
 from kg.serving.workers.request import QueryOptions, WorkerCall, query_call
 from kg.serving.workers.worker_set import WorkerSet
 from kg.store.snapshots import Snapshots
-from kg.store.transactional import TransactionalStore
 
 
 class HistoryFile:
@@ -94,7 +93,7 @@ class QueryPool:
 
     def __init__(
         self,
-        source: SemanticMap | TransactionalStore,
+        semantic_map: SemanticMap,
         *,
         workers: int = 3,
         timeout: float = 10.0,
@@ -110,16 +109,11 @@ class QueryPool:
         self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
-        store = source if isinstance(source, TransactionalStore) else source.store
-        self._snapshots = Snapshots(store, refresh=refresh)
+        self._snapshots = Snapshots(semantic_map.store, refresh=refresh)
         self._settings = settings_of(
             memory_mb, services, self._snapshots.readable, self._snapshots.writable
         )
-        self._history = (
-            None
-            if isinstance(source, TransactionalStore)
-            else _history_of(source, self._snapshots.home)
-        )
+        self._history = _history_of(semantic_map, self._snapshots.home)
         #: plans replacements of the ontology
         self.ontologies = OntologyWorker(self._settings, self._snapshots, queue, max_result_bytes)
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
@@ -140,11 +134,6 @@ class QueryPool:
     def busy(self) -> int:
         """Number of workers with a query."""
         return self._workers.busy
-
-    @property
-    def waiting(self) -> int:
-        """Number of queries that wait for a worker."""
-        return self._queue.waiting
 
     @property
     def confinement(self) -> Confinement:
