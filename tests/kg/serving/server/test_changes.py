@@ -41,13 +41,6 @@ def test_commit_is_an_event_with_its_quads_and_its_cause(served: Served) -> None
     assert quads(data["removed"]) == set(change.removed)
 
 
-def test_http_writer_is_named_in_the_feed(served: Served) -> None:
-    with served.stream("changes") as stream:
-        served.write(f"INSERT DATA {{ GRAPH graph:map {{ <{CUP}> rdfs:comment 'x' }} }}")
-        _, _, data = stream.next()
-    assert data["cause"]["by"] == "ann"  # type: ignore[index]
-
-
 def mirror(graph: set[object], stream: Stream, until: int) -> int:
     number = 0
     while number < until:

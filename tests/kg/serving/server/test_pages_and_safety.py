@@ -14,7 +14,7 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.model.errors import ServerError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord
 from kg.serving.opening import create_map
-from kg.serving.server import BearerTokens, Limits, Settings
+from kg.serving.server import BearerTokens, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -75,13 +75,6 @@ def test_front_page_escapes_and_loads_nothing_from_afar(lasting: Served) -> None
     assert "flat &lt;1&gt;" in page.text
     assert "flat <1>" not in page.text
     assert "default-src 'none'" in page.headers["Content-Security-Policy"]
-
-
-def test_limits_of_host_and_body(serve: Callable[..., Served]) -> None:
-    served = serve(limits=Limits(body=1000))
-    assert served.get("health", headers={"Host": "evil.example"}).status_code == 421
-    long = served.post("sparql", data={"query": "#" * 2000})
-    assert long.status_code == 413
 
 
 def test_weak_token_and_open_host_are_refused(tmp_path: Path) -> None:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
 import pytest
@@ -46,30 +43,6 @@ def test_graphs_of_the_request_outrank_those_of_the_query(lasting: Served) -> No
 def test_without_graphs_the_default_graph_is_the_union(lasting: Served) -> None:
     query = "ASK { ?cup a here:Cup . here:Cup rdfs:label ?label . ?map a here:SemanticMap }"
     assert truth(lasting.get("sparql", params={"query": query}))
-
-
-def test_select_as_json(lasting: Served) -> None:
-    kind = "application/sparql-results+json"
-    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
-    assert answer.headers["Content-Type"] == kind
-    assert answer.json()["results"]["bindings"] == [{"cup": {"type": "uri", "value": CUP}}]
-
-
-def test_select_as_xml(lasting: Served) -> None:
-    kind = "application/sparql-results+xml"
-    answer = lasting.get("sparql", params={"query": CUPS}, headers={"Accept": kind})
-    assert answer.headers["Content-Type"] == kind
-    uris = ET.fromstring(answer.content).iter("{http://www.w3.org/2005/sparql-results#}uri")
-    assert [uri.text for uri in uris] == [CUP]
-
-
-def test_select_as_csv_and_tsv(lasting: Served) -> None:
-    given = {"query": CUPS}
-    table = lasting.get("sparql", params=given, headers={"Accept": "text/csv"})
-    assert table.headers["Content-Type"].startswith("text/csv")
-    assert list(csv.reader(io.StringIO(table.text))) == [["cup"], [CUP]]
-    tabs = lasting.get("sparql", params=given, headers={"Accept": "text/tab-separated-values"})
-    assert tabs.text.split() == ["?cup", f"<{CUP}>"]
 
 
 @pytest.mark.parametrize(
@@ -161,19 +134,6 @@ def test_update_as_a_query_is_refused_and_changes_nothing(lasting: Served) -> No
         assert answer.status_code == 400, update
     assert lasting.map.sequence == before
     assert lasting.rows(CUPS)
-
-
-@pytest.mark.parametrize(
-    "query",
-    [
-        "SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }",
-        "ASK { { SERVICE SILENT <http://127.0.0.1:1/> { ?s ?p ?o } } }",
-    ],
-)
-def test_query_that_reaches_out_is_refused(lasting: Served, query: str) -> None:
-    answer = lasting.get("sparql", params={"query": query})
-    assert answer.status_code in (400, 403)
-    assert "SERVICE" in answer.text
 
 
 def test_a_service_that_is_allowed_is_asked_and_no_other(serve: Callable[..., Served]) -> None:
