@@ -21,7 +21,7 @@ from kg.model.errors import QueryTimeoutError, QueryTooLargeError
 from kg.serving.opening import create_map
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import WorkerProcess, settings_of
-from kg.serving.workers.request import request_of
+from kg.serving.workers.request import query_call
 from kg.store.snapshots import Snapshots
 from lab.command_line import parser_of
 
@@ -72,7 +72,7 @@ def _snapshots(live: SemanticMap) -> None:
         begun = time.perf_counter()
         snapshot = snapshots.lease()
         made.append(time.perf_counter() - begun)
-        request = request_of("ASK {}", {}) | {"folder": str(snapshot.folder), "max_bytes": 1000}
+        request = query_call("ASK {}").body | {"folder": str(snapshot.folder), "max_bytes": 1000}
         begun = time.perf_counter()
         worker = WorkerProcess(settings)
         worker.ask(request, 10)

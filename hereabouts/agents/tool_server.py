@@ -25,7 +25,6 @@ from hereabouts.agents.search_tools import SearchTools
 from hereabouts.agents.watching import Watching
 from kg.model.errors import ServerError
 from kg.serving.server import BearerTokens, Settings
-from kg.serving.server.http.clients import ReadingThreads
 from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.metrics import Metrics
@@ -122,7 +121,7 @@ class ToolHttpServer(ServerLifecycle):
             transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
             host=settings.host,
         )
-        guarded = RequestGuard(app, settings, Metrics(), ReadingThreads())
+        guarded = RequestGuard(app, settings, Metrics())
         self._answer_with(guarded, lambda: None)
 
 

@@ -6,6 +6,7 @@ import contextlib
 import shutil
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -144,16 +145,17 @@ def _for_reading(path: Path) -> StoredMap:
     if not has_log(path / FILE):
         log = _history(store, path, power_safe=False)
         if log is None or log.last <= store.sequence:
-            return _closing_on_error(store, None, log)
+            with _closed_on_error(store):
+                return StoredMap(store, history=log)
         log.close()
     from kg.serving.shared_folder import recover_copy  # after a crash alone
 
     copy = Path(tempfile.mkdtemp(prefix="hereabouts-"))
     try:
-        recover_copy(path, copy)
-        store.read_copy(copy)
+        with _closed_on_error(store):
+            recover_copy(path, copy)
+            store.read_copy(copy)
     except BaseException:
-        store.close()
         shutil.rmtree(copy, ignore_errors=True)
         raise
     return _with_history(store, copy, False)
@@ -164,12 +166,9 @@ def _shared(path: Path, *, read_only: bool, writer: bool = True) -> SharedMap:
     from kg.serving.shared_folder import SharedMap, SharedStore
 
     store = SharedStore(path, read_only=read_only, writer=writer)
-    try:
+    with _closed_on_error(store):
         log = open_history_read_only(store, store.log_file.parent, identity(store))
         return SharedMap(store, log)
-    except BaseException:
-        store.close()
-        raise
 
 
 def _with_history(
@@ -179,7 +178,8 @@ def _with_history(
     catalogue: Catalogue | None = None,
 ) -> StoredMap:
     log = _history(store, folder, power_safe=power_safe)
-    semantic_map = _closing_on_error(store, catalogue, log)
+    with _closed_on_error(store):
+        semantic_map = StoredMap(store, catalogue=catalogue, history=log)
     if folder is not None and not store.read_only:
         from kg.serving.folder_server import FolderServer  # as above
 
@@ -190,21 +190,17 @@ def _with_history(
 def _history(
     store: TransactionalStore, folder: Path | None, *, power_safe: bool
 ) -> HistoryLog | None:
-    try:
+    with _closed_on_error(store):
         base = identity(store)
         if not store.read_only:
             return attach(store, folder, base, power_safe=power_safe)
         return open_history_read_only(store, folder, base) if folder else None
-    except BaseException:
-        store.close()
-        raise
 
 
-def _closing_on_error(
-    store: TransactionalStore, catalogue: Catalogue | None, log: HistoryLog | None
-) -> StoredMap:
+@contextlib.contextmanager
+def _closed_on_error(store: TransactionalStore) -> Iterator[None]:
     try:
-        return StoredMap(store, catalogue=catalogue, history=log)
+        yield
     except BaseException:
         store.close()
         raise
@@ -213,7 +209,7 @@ def _closing_on_error(
 def _on_server(store: TransactionalStore) -> SemanticMap:
     from kg.serving.client.remote_map import RemoteMap  # a map in a folder needs no HTTP client
 
-    try:
+    with _closed_on_error(store):
         if (found := RemoteMap.found_at(store)) is not None:
             return found
         if not store.read_only:
@@ -222,9 +218,6 @@ def _on_server(store: TransactionalStore) -> SemanticMap:
                 store.where,
             )
         return StoredMap(store)
-    except BaseException:
-        store.close()
-        raise
 
 
 def _not_written_there(fault: str, where: str) -> GraphError:

@@ -204,6 +204,8 @@ class SharedMap(StoredMap):
             history.refresh(store.sequence)
         if store.read_only:
             return
+        for name in ("update", "describe", "place_frame", "restore"):
+            setattr(self, name, partial(self._edit, name))
         for name in ("assertions", "rooms", "ontology", "history"):
             setattr(self, name, _Part(name, getattr(self, name), self._edit))
 
@@ -212,11 +214,6 @@ class SharedMap(StoredMap):
         """The categories of the present state's ontology."""
         self.store.renew()
         return super().catalogue
-
-    def update(self, sparql: str, **keywords: Any) -> ChangeSet | None:
-        """Apply a SPARQL 1.1 Update as one transaction of the writer."""
-        change: ChangeSet | None = self._edit("update", sparql, **keywords)
-        return change
 
     def apply_ground(
         self, update: Any, note: str, *, check: Callable[[], None] | None = None, **keywords: Any
@@ -227,20 +224,6 @@ class SharedMap(StoredMap):
                 check()
             change: ChangeSet | None = self._edit("apply_ground", update, note, **keywords)
             return change
-
-    def describe(self, **keywords: Any) -> ChangeSet | None:
-        """Set title or licence as one transaction of the writer."""
-        change: ChangeSet | None = self._edit("describe", **keywords)
-        return change
-
-    def place_frame(self, relative_to: str, T: Any, **keywords: Any) -> ChangeSet | None:
-        """State the transform to another frame as one transaction of the writer."""
-        change: ChangeSet | None = self._edit("place_frame", relative_to, T, **keywords)
-        return change
-
-    def restore(self, when: Any, **keywords: Any) -> Any:
-        """Write a past state back as one transaction of the writer."""
-        return self._edit("restore", when, **keywords)
 
     @contextmanager
     def hold(self) -> Iterator[None]:

@@ -74,21 +74,27 @@ class Snapshots:
         """Folder of the copies that updates write."""
         return [] if self.home is None else [self.home / SCRATCH]
 
-    def lease(self, at_least: int = 0, held: Snapshot | None = None) -> Snapshot:
+    @contextmanager
+    def leased(self, at_least: int = 0) -> Iterator[Snapshot]:
+        """The snapshot of `lease` for a block."""
+        snapshot = self.lease(at_least)
+        try:
+            yield snapshot
+        finally:
+            self.release(snapshot)
+
+    def lease(self, at_least: int = 0) -> Snapshot:
         """The newest snapshot, kept until `release`.
 
-        Returns `held`, which the caller has open, while no refresh is due. A new snapshot is made
-        first if the newest lacks transaction `at_least`, or if the map has changed and the newest
-        is older than `refresh` seconds. Where none can be made, as on a full disk, the newest with
-        transaction `at_least` is used. Raises GraphError if there is none.
+        A new snapshot is made first if the newest lacks transaction `at_least`, or if the map has
+        changed and the newest is older than `refresh` seconds. Where none can be made, as on a full
+        disk, the newest with transaction `at_least` is used. Raises GraphError if there is none.
         """
         refreshed = False
         while True:
             with self._guard:
                 current = self._current
                 if current is not None and self._is_enough(current, at_least, refreshed):
-                    if held is not None and self._is_as_good(held, at_least):
-                        current = held
                     self._readers[current] = self._readers.get(current, 0) + 1
                     return current
             try:
@@ -118,11 +124,6 @@ class Snapshots:
             with self._guard:
                 self._current = made
                 self._remove_unread()
-
-    def is_newest(self, snapshot: Snapshot | None) -> bool:
-        """Whether a snapshot is the newest."""
-        with self._guard:
-            return snapshot is self._current
 
     def release(self, snapshot: Snapshot) -> None:
         """Release a leased snapshot; removed once it has no reader and a newer one exists."""
@@ -165,9 +166,6 @@ class Snapshots:
 
     def _is_old(self, current: Snapshot) -> bool:
         return time.monotonic() - current.made >= self._refresh
-
-    def _is_as_good(self, held: Snapshot, at_least: int) -> bool:
-        return held in self._readers and held.sequence >= at_least and not self._is_old(held)
 
     def _make(self) -> Snapshot:
         # read before the backup, so that the snapshot holds at least this transaction

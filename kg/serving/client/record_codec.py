@@ -13,30 +13,31 @@ from typing import Any, TypeVar, get_args
 from pyoxigraph import Quad, RdfFormat, parse
 
 from kg.history.replay.point_in_time import Difference
-from kg.history.reports.comparison import Comparison, ObjectChange, RoomChange, Timeline
+from kg.history.reports.comparison import Comparison, Timeline
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
 from kg.history.reports.explanation import Kind as ReasonKind
 from kg.history.timestamps import iso, moment
 from kg.maps.update.restoration import Restored
-from kg.model.errors import RemoteError
+from kg.model.errors import InvalidFactError, RemoteError
 from kg.model.records import Assertion
 from kg.model.transactions import Cause, ChangeSet, Kind
+from kg.serving.client.update_codec import codec_of
 
 Json = dict[str, Any]
 A = TypeVar("A")
 T = TypeVar("T")
-_COUNTS = (
-    *("restored", "added", "removed"),
-    *("objects_back", "objects_gone", "places_back", "places_gone"),
-)
+
+
+#: errors of the decoders for a reply of another form
+_FOREIGN = (KeyError, TypeError, ValueError, SyntaxError, RecursionError, InvalidFactError)
 
 
 def decoded_reply(where: str, decode: Callable[[A], T], reply: A) -> T:
     """Decode a reply of the server `where`; raises RemoteError for another form."""
     try:
         return decode(reply)
-    except (KeyError, TypeError, ValueError, SyntaxError, RecursionError) as error:
+    except _FOREIGN as error:
         raise RemoteError(
             f"{where} sent a reply that is not of this version of `hereabouts serve` "
             f"({type(error).__name__})"
@@ -108,9 +109,8 @@ def change_from_json(data: Mapping[str, Any]) -> ChangeSet:
 
 def restored_from_json(data: Mapping[str, Any]) -> Restored:
     """The inverse of the reply of `/restore`: counts of a restoration."""
-    counts = {name: int(data[name]) for name in _COUNTS}
-    sequence = None if data["sequence"] is None else int(data["sequence"])
-    return Restored(**counts, sequence=sequence, skipped=tuple(map(str, data["skipped"])))
+    restored: Restored = codec_of(Restored).decode(data, "restored")
+    return restored
 
 
 def entry_to_json(entry: HistoryEvent) -> Json:
@@ -160,16 +160,9 @@ def comparison_to_json(found: Comparison) -> Json:
 
 def comparison_from_json(data: Mapping[str, Any]) -> Comparison:
     """The inverse of `comparison_to_json`."""
-    changes = []
-    for told in data["changes"]:
-        one = {name: value for name, value in told.items() if name != "metres"}
-        points = {name: one[name] and tuple(one[name]) for name in ("was", "now")}
-        changes.append(ObjectChange(**{**one, **points}))
-    times, floor = tuple(data["times"]), tuple(data["floor"])
-    # a server of an older version has neither surface nor rooms
-    surface = tuple(data.get("surface", (0.0, 0.0)))
-    rooms = tuple(RoomChange(**row) for row in data.get("rooms", ()))
-    return Comparison(data["before"], data["after"], times, floor, tuple(changes), surface, rooms)
+    changes = [{name: told[name] for name in told.keys() - {"metres"}} for told in data["changes"]]
+    found: Comparison = codec_of(Comparison).decode({**data, "changes": changes}, "comparison")
+    return found
 
 
 def timeline_to_json(found: Timeline) -> Json:

@@ -45,7 +45,7 @@ from kg.serving.client.record_codec import (
     reason_from_json,
     restored_from_json,
 )
-from kg.serving.client.served_server import ServedClient, change_of_reply, served_at
+from kg.serving.client.served_server import ServedClient, change_of_reply
 from kg.serving.client.update_codec import update_to_json
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.transactional import TransactionalStore
@@ -74,7 +74,10 @@ class RemoteMap(SemanticMap):
     @classmethod
     def found_at(cls, store: TransactionalStore) -> RemoteMap | None:
         """The map behind a store on a server; None unless a `hereabouts serve` runs there."""
-        served = served_at(store)
+        engine = store.engine
+        if not isinstance(engine, SparqlBackend) or not engine.query_url.endswith("/sparql"):
+            return None
+        served = ServedClient.at(engine.query_url.removesuffix("/sparql"))
         return None if served is None else cls(store, served)
 
     @property

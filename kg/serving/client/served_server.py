@@ -34,14 +34,12 @@ from kg.serving.client.record_codec import (
 )
 from kg.store.credentials import HINT
 from kg.store.http_session import HttpSession
-from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import (
     ANSWER_WITHIN,
     CONFIRM,
     CONFIRMED,
     without_secrets,
 )
-from kg.store.transactional import TransactionalStore
 
 _JSON: Final = "application/json"
 _UPDATE: Final = "application/sparql-update"
@@ -165,11 +163,7 @@ class ServedClient:
                 if len(body) > max_bytes:
                     raise QueryTooLargeError(f"{self.where} sent more than {max_bytes} bytes")
             if not reply.ok:
-                try:
-                    content = json.loads(body)
-                except (ValueError, RecursionError):
-                    content = {"detail": " ".join(body[:500].decode("utf-8", "replace").split())}
-                raise _refusal(self.where, reply.status_code, content)
+                raise _refusal(self.where, reply.status_code, bytes(body))
             return reply.headers.get("content-type", "").split(";")[0], bytes(body)
 
     def picture(self, number: str) -> bytes | None:
@@ -197,16 +191,13 @@ class ServedClient:
         with self._sent(
             method, path, tuple((params or {}).items()), given, body, ANSWER_WITHIN
         ) as reply:
-            try:
-                content = reply.json()
-            except (ValueError, RecursionError) as error:
-                status = reply.status_code
-                raise RemoteError(
-                    f"{self.where} sent a reply that is not JSON, with status {status}"
-                ) from error
+            answered = reply.content
         if not reply.ok:
-            raise _refusal(self.where, reply.status_code, content)
-        return content
+            raise _refusal(self.where, reply.status_code, answered)
+        try:
+            return json.loads(answered)
+        except (ValueError, RecursionError) as error:
+            raise RemoteError(f"{self.where} sent a reply that is not JSON") from error
 
     @contextlib.contextmanager
     def _sent(
@@ -236,14 +227,6 @@ class ServedClient:
             raise UnreachableError(f"{self.where} does not answer ({reason})") from error
 
 
-def served_at(store: TransactionalStore) -> ServedClient | None:
-    """The client of the `hereabouts serve` behind a store; None if it is another server."""
-    engine = store.engine
-    if not isinstance(engine, SparqlBackend) or not engine.query_url.endswith("/sparql"):
-        return None
-    return ServedClient.at(engine.query_url.removesuffix("/sparql"))
-
-
 def _confirmation(confirmed: bool) -> dict[str, str]:
     return {CONFIRM: CONFIRMED} if confirmed else {}
 
@@ -263,8 +246,12 @@ def change_of_reply(data: Json) -> ChangeSet | None:
     return None if data["change"] is None else change_from_json(data["change"])
 
 
-def _refusal(where: str, status: int, data: Any) -> HereaboutsError:
+def _refusal(where: str, status: int, body: bytes) -> HereaboutsError:
     """The error in a refusal, or RemoteError."""
+    try:
+        data = json.loads(body)
+    except (ValueError, RecursionError):
+        data = {"detail": " ".join(body[:500].decode("utf-8", "replace").split())}
     data = data if isinstance(data, dict) else {}
     detail = str(data.get("detail", f"it answered {status}"))
     kind = getattr(errors, str(data.get("error", "")), None)

@@ -111,7 +111,7 @@ def application(serving: AppState) -> ASGIApp:
     )
     app.router.redirect_slashes = False
     compressed = GZipMiddleware(app, minimum_size=MIN_COMPRESSED, compresslevel=6)
-    guarded = RequestGuard(compressed, serving.settings, serving.metrics, serving.threads)
+    guarded = RequestGuard(compressed, serving.settings, serving.metrics)
     proxies = list(serving.settings.trusted_proxies)
     return (
         cast(ASGIApp, ProxyHeadersMiddleware(cast(Any, guarded), proxies)) if proxies else guarded

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Final, Protocol, TypeVar
+from typing import Final, TypeVar
 
 from pyoxigraph import NamedNode
 from starlette.requests import Request
@@ -19,7 +19,7 @@ from kg.maps.stored_map import StoredMap
 from kg.model import vocabulary as v
 from kg.model.transactions import ChangeSet
 from kg.rdf.quad_store import QuadStore
-from kg.serving.server.change_broadcast import BroadcastClient, ChangeBroadcast
+from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.http.clients import WRITERS, ReadingThreads, Sessions
 from kg.serving.server.http.settings import Settings
 from kg.serving.server.metrics import Metrics
@@ -74,12 +74,6 @@ Status = Callable[[], Mapping[str, object]]
 
 #: Makes a search plan as plain values for the names of objects. Raises HereaboutsError.
 Planner = Callable[[list[str]], Mapping[str, object]]
-
-
-class QuerySubscription(BroadcastClient, Protocol):
-    """A client's subscription to a query."""
-
-    client: str
 
 
 class MomentCache:
@@ -144,7 +138,7 @@ class AppState:
     feed: ChangeBroadcast
     changed: GraphChanges
     metrics: Metrics = field(default_factory=Metrics)
-    subscriptions: set[QuerySubscription] = field(default_factory=set)
+    subscriptions: list[str] = field(default_factory=list)  # the client of each followed query
     status: Status = dict
     planner: Planner | None = None  # for `/find`
     moments: MomentCache = field(default_factory=MomentCache)

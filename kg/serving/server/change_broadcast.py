@@ -34,7 +34,6 @@ class Queue:
 
     def __init__(self, room: int) -> None:
         self.ended = asyncio.Event()
-        self.slow = False
         self._room = room
         self._waiting: deque[ChangeSet] = deque()
         self._some = asyncio.Event()
@@ -42,7 +41,6 @@ class Queue:
     def offer(self, change: ChangeSet) -> None:
         """Queue a change, or end if the queue is full."""
         if len(self._waiting) >= self._room:
-            self.slow = True
             self._waiting.clear()
             self.ended.set()
         else:

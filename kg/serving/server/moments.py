@@ -7,7 +7,6 @@ answer is made once, one at a time of each kind, and clients take turns.
 
 from __future__ import annotations
 
-import asyncio
 import gzip
 import hashlib
 from collections.abc import Awaitable, Callable
@@ -33,11 +32,6 @@ class Moment:
     given: RequestParameters
     sequence: int
     past: int | None  # the same number if the client asks for a past state
-
-    @property
-    def is_past(self) -> bool:
-        """Whether the client asks for a past state."""
-        return self.past is not None
 
 
 async def moment_of(serving: AppState, request: Request) -> Moment:
@@ -73,16 +67,16 @@ async def at_moment(
     Raises PoolBusyError (503) if too many requests of the client wait, and as `make`.
     """
     kind = request.url.path
-    key = (kind, moment.sequence, moment.is_past, *version)
+    key = (kind, moment.sequence, moment.past is None, *version)
     digest = hashlib.blake2s(repr(key[2:]).encode(), digest_size=6).hexdigest()
-    state = State(moment.sequence, None, form=f"{serving.moments.mark}{digest}")
+    state = State(moment.sequence, f"{serving.moments.mark}{digest}")
     headers = {**state.headers, "Vary": vary}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
     client = request.state.client
     making = serving.moments.get(key, client, partial(_packed, make))
-    found = await unless_gone(request, asyncio.ensure_future(making))
-    if not moment.is_past:
+    found = await unless_gone(request, making)
+    if moment.past is None:
         serving.sessions.saw(client, found.sequence)
     headers[SEQUENCE] = str(found.sequence)
     body = found.body

@@ -7,11 +7,13 @@ present. So a client with few requests finds a worker, however many requests ano
 
 from __future__ import annotations
 
+import asyncio
 import threading
 import time
 from collections import Counter, OrderedDict
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import Future
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -49,6 +51,32 @@ class FairQueue:
         self._running: set[Turn] = set()
         self._closed = False
 
+    @contextmanager
+    def turn(self, client: str, lane: Lane, seconds: float) -> Iterator[None]:
+        """A turn for a block, awaited for up to `seconds`; raises as `enter`, and PoolBusyError."""
+        turn = self.enter(client, lane)
+        try:
+            with _busy_if_late():
+                turn.granted.result(seconds)
+            yield
+        finally:
+            self.leave(turn)
+
+    @asynccontextmanager
+    async def turn_async(
+        self, client: str, lane: Lane = "present", seconds: float | None = None
+    ) -> AsyncIterator[None]:
+        """`turn` on an event loop, without `seconds` awaited however long."""
+        turn = self.enter(client, lane)
+        try:
+            if not turn.granted.done():
+                with _busy_if_late():
+                    await asyncio.wait_for(asyncio.wrap_future(turn.granted), seconds)
+            turn.granted.result()
+            yield
+        finally:
+            self.leave(turn)
+
     def enter(self, client: str, lane: Lane) -> Turn:
         """A turn, granted now or later; the caller ends it with `leave`.
 
@@ -56,7 +84,7 @@ class FairQueue:
         """
         with self._guard:
             if self._closed:
-                raise _closed()
+                raise closed()
             turn = Turn(client, lane)
             if self._is_eligible(turn) and not self._waiting.get(client):
                 self._grant(turn)
@@ -80,13 +108,7 @@ class FairQueue:
             for turn in [t for turns in self._waiting.values() for t in turns]:
                 self._remove(turn)
                 if turn.granted.set_running_or_notify_cancel():
-                    turn.granted.set_exception(_closed())
-
-    @property
-    def waiting(self) -> int:
-        """Number of turns that are not granted yet."""
-        with self._guard:
-            return sum(map(len, self._waiting.values()))
+                    turn.granted.set_exception(closed())
 
     def _check_share(self, turn: Turn) -> None:
         own = self._waiting.get(turn.client, [])
@@ -148,5 +170,14 @@ def _is_behind(turn: Turn) -> bool:
     return turn.lane == "standing" and time.monotonic() - turn.since < OVERDUE
 
 
-def _closed() -> GraphError:
+def closed() -> GraphError:
+    """The error of a request to a pool that is closed."""
     return GraphError("the query pool is closed; make a new one")
+
+
+@contextmanager
+def _busy_if_late() -> Iterator[None]:
+    try:
+        yield
+    except TimeoutError as error:
+        raise PoolBusyError("all query workers are busy; try again later") from error

@@ -24,7 +24,7 @@ from kg.model.transactions import ChangeSet
 from kg.rdf.sparql.vetting import check_length, check_unicode, vet
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer
-from kg.serving.workers.request import request_of
+from kg.serving.workers.request import query_call
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import Triples
@@ -53,10 +53,10 @@ def query_isolated(
     sequence = None if at is None else sequence_of(semantic_map.history.log, at)
     then = semantic_map if at is None else semantic_map.at(at)
     sparql = question.bind(parameters, then.resolve, language)
-    request = request_of(sparql, {"accept": ACCEPTED, "base": semantic_map.base})
+    call = query_call(sparql, accept=ACCEPTED, base=semantic_map.base, at=sequence)
+    call.body["name"] = question.name
     with _pool(semantic_map) as pool:
-        answer = pool.request(b"Q", request | {"name": question.name}, at=sequence)
-    return question.check(table_of_answer(answer))
+        return question.check(table_of_answer(pool.answer(call)))
 
 
 def update_isolated(

@@ -30,7 +30,6 @@ from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.process import Answer, WorkerProcess
-from kg.serving.workers.worker_set import all_busy
 from kg.store.snapshots import Snapshots
 
 SECONDS: Final = 60.0  # for one ontology, and to wait for its turn
@@ -67,19 +66,14 @@ class OntologyWorker:
         Raises OntologyError for an invalid ontology, and for one that needs more time or memory
         than it may have; PoolBusyError; QueryError for a document that does not parse.
         """
-        turn = self._queue.enter(document.client, "present")
         try:
-            turn.granted.result(SECONDS)
-            answer = self._answer(document, at_least)
-        except TimeoutError as error:
-            raise all_busy() from error
+            with self._queue.turn(document.client, "present", SECONDS):
+                answer = self._answer(document, at_least)
         except QueryTimeoutError as error:
             raise _refused(f"it takes more than {SECONDS:g} s to check") from error
         except QueryTooLargeError as error:
             megabytes = self._settings["memory"] >> 20
             raise _refused(f"it needs more than {megabytes} MB of memory to check") from error
-        finally:
-            self._queue.leave(turn)
         return _decoded(answer), answer.sequence
 
     def close(self) -> None:
@@ -87,26 +81,20 @@ class OntologyWorker:
         self._queue.close()
 
     def _answer(self, document: OntologyDocument, at_least: int) -> Answer:
-        snapshot = self._snapshots.lease(at_least)
         request = {
             "name": "the body",
             "form": document.form.media_type,
             "base_iri": document.base,
             "body": base64.b64encode(document.body).decode("ascii"),
             "whole": document.whole,
-            "folder": str(snapshot.folder),
             "max_bytes": self._max_bytes,
         }
-        try:
-            with self._snapshots.naming_full_disk(), closing(self._process()) as worker:
-                return worker.ask(request, SECONDS, b"N")
-        finally:
-            self._snapshots.release(snapshot)
-
-    def _process(self) -> WorkerProcess:
-        worker = WorkerProcess(self._settings)
-        worker.lower_priority()
-        return worker
+        with (
+            self._snapshots.naming_full_disk(),
+            self._snapshots.leased(at_least) as snapshot,
+            closing(WorkerProcess(self._settings)) as worker,
+        ):
+            return worker.ask(request | {"folder": str(snapshot.folder)}, SECONDS, b"N")
 
 
 def replace_ontology(

@@ -11,12 +11,11 @@ import threading
 import time
 import uuid
 import weakref
-from collections.abc import Collection
+from collections.abc import AsyncIterator, Collection, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from functools import partial
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Any, Final, Self, Unpack
 
 from kg.history.storage.log import HistoryLog
 from kg.maps.semantic_map import SemanticMap
@@ -28,16 +27,14 @@ from kg.model.errors import (
     WorkerDiedError,
 )
 from kg.model.sqlite_files import connect
-from kg.rdf.sparql.vetting import check_length, has_allowed_service
-from kg.serving.workers.admission import FairQueue, Lane, Turn
-from kg.serving.workers.dumps import Dump
+from kg.rdf.sparql.vetting import has_allowed_service
+from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.isolation.confinement import Confinement
 from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, settings_of
-from kg.serving.workers.request import ANYONE, Asker, QueryCall, QueryOptions, request_of
-from kg.serving.workers.worker_set import WorkerSet, all_busy
+from kg.serving.workers.request import QueryOptions, WorkerCall, query_call
+from kg.serving.workers.worker_set import WorkerSet
 from kg.store.snapshots import Snapshots
-from kg.store.transactional import TransactionalStore
 
 
 class HistoryFile:
@@ -74,6 +71,7 @@ class HistoryFile:
 
 DUMPS = 2  # at once
 DUMP_SECONDS = 600.0  # to wait for a dump, and again to write it
+NO_LIMIT: Final = 1 << 62  # [bytes]
 _WARM = 10.0  # [s] after the last query in which snapshots are refreshed in advance
 _TICK = 0.05  # [s] minimum between checks whether a new snapshot is due
 
@@ -81,9 +79,9 @@ _TICK = 0.05  # [s] minimum between checks whether a new snapshot is due
 class QueryPool:
     """Worker processes that evaluate untrusted queries; a context manager.
 
-    Safe from several threads, and from an event loop through `run_async`. Clients share the workers
-    by fair queueing (`kg.serving.workers.admission`). Answers come from snapshots, which are
-    refreshed in the background.
+    Safe from several threads, and from an event loop through `answer_async`. Clients share the
+    workers by fair queueing (`kg.serving.workers.admission`). Answers come from snapshots, which
+    are refreshed in the background.
 
     - `timeout` [s]: the time limit of one query
     - `memory_mb`: the memory of a worker beyond its memory at the start
@@ -95,7 +93,7 @@ class QueryPool:
 
     def __init__(
         self,
-        source: SemanticMap | TransactionalStore,
+        semantic_map: SemanticMap,
         *,
         workers: int = 3,
         timeout: float = 10.0,
@@ -111,20 +109,15 @@ class QueryPool:
         self._queue, self._dumps = FairQueue(workers, queue), FairQueue(DUMPS, queue)
         self._last_query = time.monotonic()
         self._closed = threading.Event()
-        store = source if isinstance(source, TransactionalStore) else source.store
-        self._snapshots = Snapshots(store, refresh=refresh)
+        self._snapshots = Snapshots(semantic_map.store, refresh=refresh)
         self._settings = settings_of(
             memory_mb, services, self._snapshots.readable, self._snapshots.writable
         )
-        self._history = (
-            None
-            if isinstance(source, TransactionalStore)
-            else _history_of(source, self._snapshots.home)
-        )
+        self._history = _history_of(semantic_map, self._snapshots.home)
         #: plans replacements of the ontology
         self.ontologies = OntologyWorker(self._settings, self._snapshots, queue, max_result_bytes)
         self._threads = ThreadPoolExecutor(workers, thread_name_prefix="query")
-        self._workers = WorkerSet(self._settings, workers, self._snapshots, timeout)
+        self._workers = WorkerSet(self._settings, workers)
         self._keeper = threading.Thread(
             target=_keep_fresh,
             args=(weakref.ref(self), self._closed, max(refresh / 2, _TICK)),
@@ -143,101 +136,58 @@ class QueryPool:
         return self._workers.busy
 
     @property
-    def waiting(self) -> int:
-        """Number of queries that wait for a worker."""
-        return self._queue.waiting
-
-    @property
     def confinement(self) -> Confinement:
         """Confinement of the workers by the kernel.
 
         Waits until a worker has started. Raises QueryError if no worker starts.
         """
-        with self._workers.lent(self._patience) as worker:
+        with self._workers.lent() as worker:
             worker.wait_ready()
             return worker.confinement
 
-    def request(
-        self,
-        kind: bytes,
-        request: dict[str, Any],
-        *,
-        timeout: float | None = None,
-        at_least: int = 0,
-        at: int | None = None,
-        asker: Asker = ANYONE,
-    ) -> Answer:
-        """The answer to a request of any kind (see `kg.serving.workers.evaluation.evaluator`).
-
-        Raises as `run`.
-        """
-        return self._queued(self._call(request, timeout, at_least, at, kind, asker))
-
     def run(self, sparql: str, **options: Unpack[QueryOptions]) -> Answer:
-        """The serialised answer to a query, in the best format an Accept header accepts.
+        """The serialised answer to a query; raises as `query_call` and `answer`."""
+        return self.answer(query_call(sparql, **options))
+
+    def answer(self, call: WorkerCall) -> Answer:
+        """The answer to a request of any kind, when its turn comes.
 
         Raises QueryRefusedError, QueryTimeoutError, QueryTooLargeError, NotAcceptableError,
         PoolBusyError, QueryError for a query that does not parse, HistoryError for a past that is
         not kept, GraphError if the pool is closed.
         """
-        return self._queued(self._query(sparql, options))
-
-    async def run_async(self, sparql: str, **options: Unpack[QueryOptions]) -> Answer:
-        """`run` without blocking the event loop; cancelling it kills the query."""
-        return await self._in_thread(self._query(sparql, options))
-
-    async def request_async(
-        self,
-        kind: bytes,
-        request: dict[str, Any],
-        *,
-        at_least: int = 0,
-        at: int | None = None,
-        asker: Asker = ANYONE,
-    ) -> Answer:
-        """`request` without blocking the event loop; raises HistoryError for a map without one."""
-        return await self._in_thread(self._call(request, None, at_least, at, kind, asker))
-
-    def _queued(self, call: QueryCall) -> Answer:
-        turn = self._queue.enter(call.asker.client, call.lane)
-        try:
-            turn.granted.result(self._patience)
+        with self._queue.turn(call.client, call.lane, self._patience):
             return self._run(call)
-        except TimeoutError as error:
-            raise all_busy() from error
-        finally:
-            self._queue.leave(turn)
 
-    async def dump_async(self, request: dict[str, Any], asker: Asker = ANYONE) -> Dump:
-        """A dump of all graphs, when its turn comes; the caller closes it.
-
-        Few dumps run at once, and one per client. Raises PoolBusyError if too many wait.
-        """
-        turn = await _granted(self._dumps, asker.client, "present", DUMP_SECONDS)
-        left = partial(self._dumps.leave, turn)
-        return Dump(self._settings, self._snapshots, request, DUMP_SECONDS, left)
-
-    async def _in_thread(self, call: QueryCall) -> Answer:
-        turn = await _granted(self._queue, call.asker.client, call.lane, self._patience)
-
-        def evaluate() -> Answer:
+    async def answer_async(self, call: WorkerCall) -> Answer:
+        """`answer` without blocking the event loop; cancelling it kills the query."""
+        async with self._queue.turn_async(call.client, call.lane, self._patience):
             try:
-                return self._run(call)
-            finally:
-                self._queue.leave(turn)
+                return await asyncio.wrap_future(self._threads.submit(self._run, call))
+            except asyncio.CancelledError:
+                call.cancel()
+                raise
 
-        try:
-            future = self._threads.submit(evaluate)
-        except BaseException:
-            self._queue.leave(turn)
-            raise
-        try:
-            return await asyncio.wrap_future(future)
-        except asyncio.CancelledError:
-            call.cancel()
-            if future.cancelled():  # the evaluation had not begun
-                self._queue.leave(turn)
-            raise
+    @contextlib.asynccontextmanager
+    async def dump(
+        self, request: dict[str, Any], client: str = ""
+    ) -> AsyncIterator[Iterator[bytes]]:
+        """The parts of a dump of all graphs, from a process of its own, when its turn comes.
+
+        Few dumps run at once, and one per client. Raises PoolBusyError if too many wait; reading a
+        part raises as `WorkerProcess.ask`.
+        """
+        async with self._dumps.turn_async(client, "present", DUMP_SECONDS):
+            with closing(self._parts_of_dump(request)) as parts:
+                yield parts
+
+    def _parts_of_dump(self, request: dict[str, Any]) -> Generator[bytes, None, None]:
+        with (
+            self._snapshots.leased() as snapshot,
+            closing(WorkerProcess(self._settings)) as worker,  # denied the network, like the others
+        ):
+            body = request | {"folder": str(snapshot.folder), "max_bytes": NO_LIMIT}
+            yield from worker.stream(body, DUMP_SECONDS, b"G")
 
     def close(self) -> None:
         """Kill the workers and remove the snapshots; a second call does nothing."""
@@ -258,101 +208,67 @@ class QueryPool:
         self.close()
 
     def freshen(self) -> None:
-        """Take a new snapshot if one is due; idle workers open it one after the other."""
-        self._workers.replace_slow()
+        """Take a new snapshot if one is due."""
         if time.monotonic() - self._last_query <= _WARM:
-            self._workers.refresh()
+            self._snapshots.refresh()
 
-    def _query(self, sparql: str, options: QueryOptions) -> QueryCall:
-        check_length(sparql)
-        return self._call(
-            request_of(sparql, options),
-            options.get("timeout"),
-            options.get("at_least", 0),
-            options.get("at"),
-            asker=options.get("asker", ANYONE),
-        )
-
-    def _call(
-        self,
-        request: dict[str, Any],
-        timeout: float | None,
-        at_least: int,
-        at: int | None,
-        kind: bytes = b"Q",
-        asker: Asker = ANYONE,
-    ) -> QueryCall:
-        seconds = self.timeout if timeout is None else max(0.001, min(timeout, self.timeout))
-        limited = request | {"max_bytes": self.max_result_bytes}
-        return QueryCall(limited, seconds, at_least, at, kind, asker)
-
-    def _run(self, call: QueryCall) -> Answer:
+    def _run(self, call: WorkerCall) -> Answer:
         try:
             return self._run_somewhere(call)
         except EngineFailureError:
             # ORDER BY over mixed values failed: a second attempt sorts by a total order
-            if call.kind not in b"QU" or call.request.get("total_order"):
+            if call.kind not in b"QU":
                 raise
-            call.request |= {"total_order": True}
+            call.body = call.body | {"total_order": True}
             return self._run_somewhere(call)
 
-    def _run_somewhere(self, call: QueryCall) -> Answer:
+    def _run_somewhere(self, call: WorkerCall) -> Answer:
         for _ in range(self._workers.size):
             try:
-                with self._snapshots.naming_full_disk():
-                    return self._try(call)
+                return self._try(call)
             except WorkerDiedError:  # killed from outside: a second attempt on another worker
                 if call.cancelled:
                     raise
         # the other workers may have been killed too; this one is new
-        with self._snapshots.naming_full_disk():
-            return self._try(call)
+        return self._try(call)
 
     @property
     def _patience(self) -> float:
         """[s] to wait for a worker; longer than the time limit of a query."""
         return 2 * self.timeout
 
-    def _try(self, call: QueryCall) -> Answer:
+    def _try(self, call: WorkerCall) -> Answer:
         self._last_query = time.monotonic()
-        with self._workers.lent(self._patience, call.at) as worker:
-            try:
-                call.begin(worker)
-                least = max(call.at_least, call.at or 0)
-                snapshot = self._workers.assign(worker, least)
-                request = call.request | {"folder": str(snapshot.folder)}
-                if call.is_of_past:
-                    if self._history is None:
-                        raise HistoryError("this map keeps no history")
-                    request |= self._history.request() | {"at": call.at}
-                return self._answer(worker, call, request)
-            finally:
-                call.end()
+        with (
+            self._snapshots.naming_full_disk(),
+            self._workers.lent(call.at) as worker,
+            call.on(worker),
+            self._snapshots.leased(call.at_least) as snapshot,
+        ):
+            where = {"folder": str(snapshot.folder), "max_bytes": self.max_result_bytes}
+            return self._ask(worker, call, call.body | where)
 
-    def _answer(self, worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
+    def _ask(self, worker: WorkerProcess, call: WorkerCall, request: dict[str, Any]) -> Answer:
+        seconds = self.timeout
+        if call.timeout is not None:
+            seconds = max(0.001, min(call.timeout, self.timeout))
+        if call.is_of_past:
+            if self._history is None:
+                raise HistoryError("this map keeps no history")
+            request |= self._history.request() | {"at": call.at}
         if call.kind == b"U":
             with self._snapshots.scratch() as scratch:
-                return worker.ask(request | {"scratch": str(scratch)}, call.timeout, call.kind)
-        if call.kind == b"Q" and has_allowed_service(request["sparql"], self._services):
-            with closing(WorkerProcess(self._settings, network=True)) as federated:
-                call.begin(federated)
-                return _answer_of(federated, call, request)
-        return _answer_of(worker, call, request)
-
-
-async def _granted(queue: FairQueue, client: str, lane: Lane, seconds: float) -> Turn:
-    """A turn, once it is granted; raises PoolBusyError where too many wait, or after `seconds`."""
-    turn = queue.enter(client, lane)
-    try:
-        if not turn.granted.done():
-            await asyncio.wait_for(asyncio.wrap_future(turn.granted), seconds)
-        turn.granted.result()
-    except BaseException as error:
-        queue.leave(turn)
-        if isinstance(error, TimeoutError):
-            raise all_busy() from error
-        raise
-    return turn
+                return worker.ask(request | {"scratch": str(scratch)}, seconds, b"U")
+        with contextlib.ExitStack() as stack:
+            if call.kind == b"Q" and has_allowed_service(request["sparql"], self._services):
+                federated = WorkerProcess(self._settings, network=True)
+                worker = stack.enter_context(closing(federated))
+                stack.enter_context(call.on(worker))
+            if call.kind == b"Q" and call.at is not None:
+                # the past state is replayed first, with a time limit of its own
+                worker.ask(request | {"max_bytes": 0}, seconds, b"P")
+                worker.past = call.at
+            return worker.ask(request, seconds, call.kind)
 
 
 def _keep_fresh(reference: weakref.ref[QueryPool], closed: threading.Event, refresh: float) -> None:
@@ -371,11 +287,3 @@ def _history_of(semantic_map: SemanticMap, home: Path | None) -> HistoryFile | N
         return HistoryFile(semantic_map.history.log, semantic_map.base, home)
     except HistoryError:
         return None
-
-
-def _answer_of(worker: WorkerProcess, call: QueryCall, request: dict[str, Any]) -> Answer:
-    """The answer of a worker; a past state is replayed first, with a time limit of its own."""
-    if call.at is not None and call.kind == b"Q":
-        worker.ask(request | {"max_bytes": 0}, call.timeout, b"P")
-        worker.past = call.at
-    return worker.ask(request, call.timeout, call.kind)

@@ -27,9 +27,8 @@ from kg.model.errors import (
     QueryTooLargeError,
     WorkerDiedError,
 )
-from kg.serving.workers.evaluation.evaluator import HEAD
+from kg.serving.workers.evaluation import HEAD
 from kg.serving.workers.isolation.confinement import Confinement
-from kg.store.snapshots import Snapshot
 
 _START = """import sys; sys.path[:0] = sys.argv[2:]
 from kg.serving.workers.evaluation.evaluator import main; main()"""
@@ -42,10 +41,7 @@ _PATHS = list(
 )
 _READ = 1 << 20
 _NICE = 5  # so that the writer has priority on a busy machine
-SLOW_AFTER = 0.5  # [s] of one request after which the process gets a lower priority
-# a third of the processor beside a short query; less would starve long queries on a busy machine
-_SLOW_NICE, _SLOW_GROUP_NICE = 10, 5
-START_WITHIN = 60.0  # [s] that a worker has to start, or to open a snapshot
+START_WITHIN = 60.0  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +69,7 @@ class WorkerProcess:
             )
         self._settings = settings
         self._killed = False
-        self.slow = False  # whether its priority was lowered, which needs privileges to undo
         self.confinement = Confinement()
-        self.snapshot: Snapshot | None = None  # the assigned one
         self.past: int | None = None  # transaction of the last replayed past state
         # without site packages and environment: it starts fast and holds no secrets
         option = ["--network" if network else "--no-network"]
@@ -103,10 +97,10 @@ class WorkerProcess:
         os.set_blocking(self._complaints, False)
         self._received = bytearray()
         self._head: dict[str, Any] = {}  # of the last answer
-        self._unready = 0  # number of messages that it has not acknowledged
-        self._slow_at = time.monotonic() + START_WITHIN
-        _set_nice(self.pid, _NICE)
-        self._notify(b"S", settings)
+        self._ready = False
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, self.pid, _NICE)
+        self._send(b"S", settings, time.monotonic() + START_WITHIN)
 
     @property
     def pid(self) -> int:
@@ -118,14 +112,8 @@ class WorkerProcess:
         """Whether it accepts requests."""
         return not self._killed and self._process.poll() is None
 
-    def prepare(self, snapshot: Snapshot, timeout: float) -> None:
-        """Open a snapshot in advance; a failure is raised by the next request."""
-        request = {"folder": str(snapshot.folder), "timeout": timeout}
-        with contextlib.suppress(QueryError):
-            self._notify(b"O", request)
-
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
-        """The answer to a request (kinds: see `kg.serving.workers.evaluation.evaluator`).
+        """The answer to a request (kinds: see `kg.serving.workers.evaluation`).
 
         `timeout` [s] begins when the process is ready.
 
@@ -142,7 +130,6 @@ class WorkerProcess:
         """The parts of an answer as they arrive; raises as `ask`, also between parts."""
         self.wait_ready()
         deadline = time.monotonic() + timeout
-        self._slow_at = time.monotonic() + SLOW_AFTER
         self._send(kind, request | {"timeout": timeout}, deadline)
         while True:
             kind, payload = self._message(deadline)
@@ -168,20 +155,11 @@ class WorkerProcess:
             if pipe is not None:
                 pipe.close()
 
-    def _notify(self, kind: bytes, message: dict[str, Any]) -> None:
-        self._send(kind, message, time.monotonic() + START_WITHIN)
-        self._unready += 1
-
     def wait_ready(self) -> None:
-        """Wait until the process has started and opened its snapshot."""
-        # otherwise a slow start would reduce the time of the first query
-        deadline = time.monotonic() + START_WITHIN
-        self._slow_at = deadline
-        while self._unready:
-            state = json.loads(self._message(deadline)[1])
-            if state:
-                self.confinement = Confinement(**state)
-            self._unready -= 1
+        """Wait until the process has started, which takes nothing off the time of a request."""
+        if not self._ready:
+            started = json.loads(self._message(time.monotonic() + START_WITHIN)[1])
+            self.confinement, self._ready = Confinement(**started), True
 
     def _send(self, kind: bytes, message: dict[str, Any], deadline: float) -> None:
         payload = json.dumps(message).encode()
@@ -216,22 +194,9 @@ class WorkerProcess:
     def _wait(self, pipe: int, event: int, deadline: float) -> None:
         poll = select.poll()
         poll.register(pipe, event)
-        if not self.slow and self._slow_at < deadline:
-            if poll.poll(_milliseconds_until(self._slow_at)):
-                return
-            self.lower_priority()
-        if not poll.poll(_milliseconds_until(deadline)):
+        if not poll.poll(max(0.0, deadline - time.monotonic()) * 1000):
             self.kill()
             raise _too_slow()
-
-    def lower_priority(self) -> None:
-        """Lower its priority permanently."""
-        self.slow = True
-        if self.alive:
-            _set_nice(self.pid, _SLOW_NICE)
-            # Linux may schedule sessions as groups, which ignores niceness between them
-            with contextlib.suppress(OSError):
-                Path(f"/proc/{self.pid}/autogroup").write_text(str(_SLOW_GROUP_NICE), "ascii")
 
     def _cause_of_death(self) -> QueryError:
         code = self._process.wait()
@@ -256,15 +221,6 @@ class WorkerProcess:
             )
         megabytes = self._settings["memory"] >> 20
         return QueryTooLargeError(f"the request needs more than {megabytes} MB of memory")
-
-
-def _set_nice(pid: int, nice: int) -> None:
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, pid, nice)
-
-
-def _milliseconds_until(moment: float) -> float:
-    return max(0.0, moment - time.monotonic()) * 1000
 
 
 def _too_slow() -> QueryTimeoutError:

@@ -23,6 +23,7 @@ from kg.model.errors import ConflictError, OntologyError, QueryError, ShapeError
 from kg.model.transactions import ChangeSet
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import WorkerProcess, settings_of
+from kg.serving.workers.request import WorkerCall
 
 ATTEMPTS: Final = 3  # evaluations without a lock
 HELD: Final = 1.0  # [s] of an evaluation with the lock of the writer; validation needs some, too
@@ -92,9 +93,9 @@ def _evaluated(
     }
     try:
         # an update of data alone needs no new snapshot
-        answer = pool.request(b"U", body, timeout=timeout)
+        answer = pool.answer(WorkerCall(b"U", body, timeout=timeout))
     except ConflictError:
-        answer = pool.request(b"U", body, timeout=timeout, at_least=least)
+        answer = pool.answer(WorkerCall(b"U", body, timeout=timeout, at_least=least))
     return GroundUpdate.decode(dict(answer.details), answer.body), answer.sequence
 
 
@@ -109,7 +110,7 @@ def parsed_document(pool: QueryPool, body: bytes, form: RdfFormat, base: str) ->
         "base_iri": base,
         "body": base64.b64encode(body).decode("ascii"),
     }
-    return list(parse(pool.request(b"L", request).body, format=RdfFormat.N_QUADS))
+    return list(parse(pool.answer(WorkerCall(b"L", request)).body, format=RdfFormat.N_QUADS))
 
 
 SECONDS: Final = 60.0  # for one document

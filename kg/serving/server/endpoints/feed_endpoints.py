@@ -23,14 +23,13 @@ from kg.model.transactions import ChangeSet
 from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.change_broadcast import ChangeBroadcast, Queue
-from kg.serving.server.http.bodies import JSON, query_parameters
-from kg.serving.server.http.clients import asker_of
+from kg.serving.server.http.bodies import JSON, number_in, query_parameters
 from kg.serving.server.http.event_stream import EventStream, event
 from kg.serving.server.http.media_types import EVENTS, SOLUTIONS, accept_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
-from kg.serving.workers.request import Asker
+from kg.serving.workers.request import query_call
 
 PAGE: Final = 256  # changes of one JSON response
 PAGE_BYTES: Final = 4 << 20  # a longer response gets no further change
@@ -89,11 +88,7 @@ async def _commits(
 
 def _since(request: Request) -> int | None:
     text = request.headers.get("last-event-id") or query_parameters(request).one("since")
-    if text is None:
-        return None
-    if not (text.isascii() and text.isdigit() and len(text) < 19):
-        raise Problem(400, f"since must be a sequence number, got {text[:40]!r}")
-    return int(text)
+    return None if text is None else number_in(text, "since")
 
 
 COALESCE = 0.2  # [s] to wait for further commits after a commit
@@ -124,13 +119,13 @@ async def subscribe(serving: AppState, request: Request) -> ASGIApp:
     sparql = query_parameters(request).one("query")
     if not sparql:
         raise Problem(400, "needs ?query=, a SELECT or ASK")
-    follower = QueryFollower(asker_of(request).client)
+    follower = QueryFollower(request.state.client)
     _check_number(serving, follower.client)
-    serving.subscriptions.add(follower)
+    serving.subscriptions.append(follower.client)
     try:
         serving.feed.add(follower, follower.client)
-        asker = Asker(follower.client)
-        first = await _evaluate(serving, sparql, serving.semantic_map.sequence, asker)
+        now = serving.semantic_map.sequence
+        first = await _evaluate(serving, sparql, now, follower.client)
         _rows(first)
     except BaseException:
         _unsubscribe(serving, follower)
@@ -145,8 +140,7 @@ async def subscribe(serving: AppState, request: Request) -> ASGIApp:
 def _check_number(serving: AppState, client: str) -> None:
     """Raises Problem 503 where all clients, or this one, have as many subscriptions as allowed."""
     limits = serving.settings.limits
-    count = len(serving.subscriptions)
-    own = sum(subscription.client == client for subscription in serving.subscriptions)
+    count, own = len(serving.subscriptions), serving.subscriptions.count(client)
     if count >= limits.standing_queries or own >= limits.client_standing_queries:
         raise Problem(
             503,
@@ -157,7 +151,7 @@ def _check_number(serving: AppState, client: str) -> None:
 
 def _unsubscribe(serving: AppState, follower: QueryFollower) -> None:
     serving.feed.remove(follower)
-    serving.subscriptions.discard(follower)
+    serving.subscriptions.remove(follower.client)
 
 
 async def _bindings(
@@ -172,19 +166,26 @@ async def _bindings(
         follower.changed.clear()
         if follower.sequence <= answer.sequence:
             continue
-        asker = Asker(follower.client, standing=True)
-        answer = await _evaluate(serving, sparql, follower.sequence, asker)
+        number, client = follower.sequence, follower.client
+        answer = await _evaluate(serving, sparql, number, client, standing=True)
         before, rows = rows, _rows(answer)
         if rows != before:
             yield _binding_event("bindings", answer.sequence, rows - before, before - rows)
 
 
-async def _evaluate(serving: AppState, sparql: str, at_least: int, asker: Asker) -> Answer:
+async def _evaluate(
+    serving: AppState, sparql: str, at_least: int, client: str, *, standing: bool = False
+) -> Answer:
     """The answer on a state of the map that holds transaction `at_least`."""
-    base = serving.semantic_map.base
-    answer = await serving.pool.run_async(
-        sparql, accept=SOLUTIONS, at_least=at_least, base=base, asker=asker
+    call = query_call(
+        sparql,
+        accept=SOLUTIONS,
+        base=serving.semantic_map.base,
+        at_least=at_least,
+        client=client,
+        standing=standing,
     )
+    answer = await serving.pool.answer_async(call)
     if len(answer.body) > MAX_ANSWER:
         raise Problem(
             503, f"an answer over {MAX_ANSWER} bytes cannot be followed; narrow the query"

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Callable, Generator, Mapping
-from contextlib import closing
+from collections.abc import Callable, Generator, Iterator, Mapping
+from contextlib import AbstractAsyncContextManager, closing
 from dataclasses import asdict
 from functools import partial
 from typing import Final, cast
@@ -32,7 +32,6 @@ from kg.rdf.skolem import anonymous_triple
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.media_types import negotiated
 from kg.serving.server.http.problems import (
     Problem,
@@ -40,11 +39,9 @@ from kg.serving.server.http.problems import (
     check_preconditions,
     problem_of,
     problem_response,
-    state_of,
 )
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import ALIASES, GRAPH_TYPES
-from kg.serving.workers.dumps import Dump
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.updates import parsed_document
 from kg.store.sparql_client import SEQUENCE
@@ -132,7 +129,7 @@ async def _take_ontology(
 ) -> Response:
     """Replace the ontology of the map; the response describes the changes."""
     whole = bodies.query_parameters(request).flag("whole")
-    client = asker_of(request).client
+    client = request.state.client
     document = OntologyDocument(*given, serving.semantic_map.base, whole, client)
     work = serving.pool.ontologies, serving.semantic_map, document
     taken = await serving.write(request, partial(replace_ontology, *work, by=by, check=check))
@@ -157,7 +154,7 @@ async def dump(serving: AppState, request: Request) -> ASGIApp:
     if request.method == "HEAD":
         return Response(headers=headers)
     wanted = {"media_type": media_type, "prefixes": prefixes_of(serving.semantic_map.base)}
-    return DumpStream(await serving.pool.dump_async(wanted, asker_of(request)), headers)
+    return DumpStream(serving.pool.dump(wanted, request.state.client), headers)
 
 
 async def _read(serving: AppState, request: Request, graph: NamedNode | None) -> Response:
@@ -176,9 +173,8 @@ async def _read(serving: AppState, request: Request, graph: NamedNode | None) ->
 
 def _state(serving: AppState, graph: NamedNode | None, form: str) -> State:
     """State of a graph: the last transaction that changed it, or the map for None."""
-    state = state_of(serving.semantic_map)
-    number = state.sequence if graph is None else serving.changed.last(graph)
-    return State(number, state.modified, form, state.past)
+    changed = serving.changed
+    return State(serving.semantic_map.sequence if graph is None else changed.last(graph), form)
 
 
 def _check_preconditions(serving: AppState, request: Request, graph: NamedNode | None) -> None:
@@ -277,26 +273,27 @@ class DumpStream:
     that a client does not take a part of the map for the whole.
     """
 
-    def __init__(self, dump: Dump, headers: Mapping[str, str]) -> None:
+    def __init__(
+        self, dump: AbstractAsyncContextManager[Iterator[bytes]], headers: Mapping[str, str]
+    ) -> None:
         self._dump, self._headers = dump, headers
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
         begun = False
         try:
-            part = await run_in_threadpool(self._dump.read)
-            raw = [(k.lower().encode(), v.encode()) for k, v in self._headers.items()]
-            await send({"type": "http.response.start", "status": 200, "headers": raw})
-            begun = True
-            while part:
-                await send({"type": "http.response.body", "body": part, "more_body": True})
-                part = await run_in_threadpool(self._dump.read)
-            await send({"type": "http.response.body", "body": b""})
+            async with self._dump as parts:
+                part = await run_in_threadpool(next, parts, b"")
+                raw = [(k.lower().encode(), v.encode()) for k, v in self._headers.items()]
+                await send({"type": "http.response.start", "status": 200, "headers": raw})
+                begun = True
+                while part:
+                    await send({"type": "http.response.body", "body": part, "more_body": True})
+                    part = await run_in_threadpool(next, parts, b"")
+                await send({"type": "http.response.body", "body": b""})
         except HereaboutsError as error:
             if begun:
                 log.error("a dump broke off: %s", error)
                 scope["state"]["connection"].abort()
             else:
                 await problem_response(problem_of(error), None)(scope, receive, send)
-        finally:
-            await run_in_threadpool(self._dump.close)

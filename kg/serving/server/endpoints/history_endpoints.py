@@ -5,9 +5,8 @@ Workers compute them within the limits of queries, since a history can be long.
 
 from __future__ import annotations
 
-import asyncio
 import math
-import re
+from collections.abc import Mapping
 from typing import Final
 
 from starlette.concurrency import run_in_threadpool
@@ -18,23 +17,20 @@ from kg.history.reports.comparison import FAR
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON, RequestParameters, query_parameters
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import unless_gone
-from kg.serving.server.http.problems import MAX_DIGITS, Problem, sequence_at
+from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.workers.content_negotiation import negotiate
+from kg.serving.workers.request import WorkerCall
 from kg.store.sparql_client import SEQUENCE
 
-#: media types of the responses
-TYPES: Final[dict[str, tuple[str, ...]]] = {
-    "log": (JSON, "text/plain"),
-    "diff": (JSON, "text/plain"),
-    "why": (JSON, "text/plain", "text/turtle"),
-}
+_TYPES: Final = (JSON, "text/plain")
 
 
 async def log(serving: AppState, request: Request) -> Response:
     """The transactions that changed the thing ``?iri=``; with ``&last=`` the last ones."""
-    return await _response(serving, request, "log")
+    given = query_parameters(request)
+    wanted = {"iri": _needed(given, "iri"), "last": given.number("last")}
+    return await _report(serving, request, "log", wanted)
 
 
 async def diff(serving: AppState, request: Request) -> Response:
@@ -42,45 +38,47 @@ async def diff(serving: AppState, request: Request) -> Response:
 
     With ``&facts=1`` all facts instead.
     """
-    return await _response(serving, request, "diff")
+    given, semantic_map = query_parameters(request), serving.semantic_map
+    before, to = await sequence_at(semantic_map, _needed(given, "from")), given.one("to")
+    after = semantic_map.sequence if to is None else await sequence_at(semantic_map, to)
+    wanted = {
+        "before": before,
+        "after": after,
+        "facts": given.flag("facts"),
+        "far": _far(given.one("far")),
+        "surface": await run_in_threadpool(_areas, semantic_map, before, after),
+    }
+    return await _report(serving, request, "diff", wanted)
 
 
 async def why(serving: AppState, request: Request) -> Response:
     """Explanation of the resource ``?iri=``, or of the resource or fact ``?what=``."""
-    return await _response(serving, request, "why")
-
-
-async def _response(serving: AppState, request: Request, what: str) -> Response:
     given = query_parameters(request)
-    media_type = negotiate(request.headers.get("accept"), TYPES[what])
-    arguments = await _arguments(serving.semantic_map, what, given)
+    if ("iri" in given) == ("what" in given):
+        raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
+    wanted = {"about": given.one("iri") or _needed(given, "what")}
     # the snapshot must not be older than the history
-    least = serving.semantic_map.sequence if what == "why" else 0
-    wanted = {"what": what, "media_type": media_type, **arguments}
-    report = serving.pool.request_async(b"T", wanted, at_least=least, asker=asker_of(request))
-    answer = await unless_gone(request, asyncio.ensure_future(report))
+    least = serving.semantic_map.sequence
+    return await _report(serving, request, "why", wanted, (*_TYPES, "text/turtle"), least)
+
+
+async def _report(
+    serving: AppState,
+    request: Request,
+    what: str,
+    wanted: Mapping[str, object],
+    types: tuple[str, ...] = _TYPES,
+    least: int = 0,
+) -> Response:
+    media_type = negotiate(request.headers.get("accept"), types)
+    body = {"what": what, "media_type": media_type, **wanted}
+    call = WorkerCall(b"T", body, at_least=least, client=request.state.client)
+    answer = await unless_gone(request, serving.pool.answer_async(call))
     return Response(
         answer.body,
         media_type=answer.media_type,
         headers={"Vary": "Accept", SEQUENCE: str(answer.sequence)},
     )
-
-
-async def _arguments(
-    semantic_map: SemanticMap, what: str, given: RequestParameters
-) -> dict[str, object]:
-    if what == "log":
-        return {"iri": _needed(given, "iri"), "last": _last(given)}
-    if what == "diff":
-        before = await sequence_at(semantic_map, _needed(given, "from"))
-        to = given.one("to")
-        after = semantic_map.sequence if to is None else await sequence_at(semantic_map, to)
-        facts, far = given.flag("facts"), _far(given.one("far"))
-        areas = await run_in_threadpool(_areas, semantic_map, before, after)
-        return {"before": before, "after": after, "facts": facts, "far": far, "surface": areas}
-    if ("iri" in given) == ("what" in given):
-        raise Problem(400, "needs ?iri=, or ?what= with a fact: object/17 here:inPlace")
-    return {"about": given.one("iri") or _needed(given, "what")}
 
 
 def _areas(semantic_map: SemanticMap, *sequences: int) -> list[float]:
@@ -104,10 +102,3 @@ def _far(text: str | None) -> float:
     if not 0 <= far < math.inf:
         raise Problem(400, f"far must be a distance in metres, such as 0.3, got {text!r:.40}")
     return far
-
-
-def _last(given: RequestParameters) -> int | None:
-    text = given.one("last")
-    if text is not None and not re.fullmatch(rf"[0-9]{{1,{MAX_DIGITS}}}", text):
-        raise Problem(400, f"last must be a number, got {text[:40]!r}")
-    return None if text is None else int(text)

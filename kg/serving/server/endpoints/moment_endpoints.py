@@ -15,19 +15,18 @@ from kg.maps.surface.voxels import MEDIA_TYPE, Surface, encoded
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import JSON
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.moments import at_moment, moment_of, present_of
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
-from kg.serving.workers.request import Asker
+from kg.serving.workers.request import WorkerCall
 
 MAX_COUNT: Final = 999  # frames, of `/surface`
 MAX_WORDS: Final = 5  # objects of one search
 _MAX_LETTERS: Final = 100  # letters of one
 _PLAN_AGE: Final = 60.0  # [s] in which a plan for an unchanged map is made once
 #: all pages are one client of the query pool, so that they use one worker at a time
-_PAGES: Final = Asker("the pages of this server")
+_PAGES: Final = "the pages of this server"
 
 
 async def state(serving: AppState, request: Request) -> Response:
@@ -39,29 +38,26 @@ async def state(serving: AppState, request: Request) -> Response:
     moment = await moment_of(serving, request)
     whole, frames = moment.given.one("objects") != "0", _frames(serving)
     wanted = {"base": serving.semantic_map.base, "objects": whole, "surface": frames}
-
-    async def make() -> Answer:
-        return await serving.pool.request_async(
-            b"V", wanted, at=moment.past, at_least=moment.sequence, asker=_PAGES
-        )
-
+    call = WorkerCall(b"V", wanted, at=moment.past, at_least=moment.sequence, client=_PAGES)
+    make = partial(serving.pool.answer_async, call)
     return await at_moment(serving, request, moment, make, version=(whole, frames))
 
 
 async def surface(serving: AppState, request: Request) -> Response:
     """The coloured voxels at ``?at=``, or now, that ``?count=`` frames showed (2)."""
     moment = await moment_of(serving, request)
-    count, store = moment.given.one("count") or "2", serving.semantic_map.surface_store
-    if not (count.isascii() and count.isdigit() and len(count) <= len(str(MAX_COUNT))):
-        raise Problem(400, f"count must be a number of frames up to 999, got {count[:40]!r}")
+    given, store = moment.given.number("count"), serving.semantic_map.surface_store
+    count = 2 if given is None else given
+    if count > MAX_COUNT:
+        raise Problem(400, f"count must be a number of frames up to {MAX_COUNT}, got {count}")
 
     def read() -> bytes:
-        return encoded(Surface.empty() if store is None else store.surface(moment.past, int(count)))
+        return encoded(Surface.empty() if store is None else store.surface(moment.past, count))
 
     async def make() -> Answer:
         return Answer(MEDIA_TYPE, await run_in_threadpool(read), moment.sequence)
 
-    return await at_moment(serving, request, moment, make, version=(int(count), _frames(serving)))
+    return await at_moment(serving, request, moment, make, version=(count, _frames(serving)))
 
 
 async def timeline(serving: AppState, request: Request) -> Response:
@@ -69,8 +65,9 @@ async def timeline(serving: AppState, request: Request) -> Response:
     negotiate(request.headers.get("accept"), (JSON,))
     moment = present_of(serving, request)
     wanted = {"what": "timeline", "media_type": JSON}
-    asker, least = asker_of(request), moment.sequence
-    make = partial(serving.pool.request_async, b"T", wanted, at_least=least, asker=asker)
+    client, least = request.state.client, moment.sequence
+    call = WorkerCall(b"T", wanted, at_least=least, client=client)
+    make = partial(serving.pool.answer_async, call)
     try:
         floor = serving.semantic_map.history.log.floor
     except HistoryError:

@@ -16,6 +16,7 @@ from kg.maps.query.label_languages import preferred_languages
 from kg.maps.query.query_files import ParameterizedQuery, find_query, shipped_queries
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError, UnknownQueryError
+from kg.model.iris import whole_number
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import QUERY
 from kg.serving.server.http.bodies import json_response, query_parameters
@@ -49,7 +50,7 @@ async def picture(serving: AppState, request: Request) -> Response:
     """The JPEG of `/object/NUMBER`."""
     number, semantic_map = str(request.path_params["number"]), serving.semantic_map
     data = None
-    if number.isascii() and number.isdigit():
+    if whole_number(number) is not None:
         iri = f"{semantic_map.base}object/{number}"
         data = await run_in_threadpool(semantic_map.picture, iri)
     if data is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from functools import partial
 from typing import Final
@@ -17,13 +16,13 @@ from kg.serving.client.record_codec import change_to_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.description import service_description
 from kg.serving.workers.process import Answer
+from kg.serving.workers.request import query_call
 from kg.serving.workers.updates import UpdateRequest, update_map
 from kg.store.sparql_client import SEQUENCE
 
@@ -42,59 +41,57 @@ async def sparql(serving: AppState, request: Request) -> Response:
         if "query" not in url:
             return await service_description(serving, request)
         return await _query(serving, request, url)
-    kind = bodies.media_type(request)
-    if kind == bodies.FORM:
-        return await _form(serving, request, url)
-    if kind == QUERY:
-        _check_not_in_url(url, "query")
-        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
-        return await _query(serving, request, RequestParameters((("query", body),)) + url)
-    if kind == UPDATE:
-        _check_not_in_url(url, "update")
-        by = serving.author_of(request)
-        body = bodies.text(await bodies.read_body(request, serving.settings.limits))
-        return await _update(serving, request, RequestParameters((("update", body),)) + url, by)
-    raise Problem(
-        415, f"a body of type {kind[:100] or '(none)'}; use {QUERY}, {UPDATE} or {bodies.FORM}"
-    )
-
-
-async def _form(serving: AppState, request: Request, url: RequestParameters) -> Response:
-    form = bodies.form_parameters(await bodies.read_body(request, serving.settings.limits))
-    if ("query" in form) == ("update" in form):
+    for name in ("query", "update"):
+        if name in url:
+            raise Problem(400, f"{name!r} is in the URL of a POST with a body; give one of them")
+    given = await _posted(serving, request) + url
+    if ("query" in given) == ("update" in given):
         raise Problem(400, "the form needs either 'query' or 'update'")
-    _check_not_in_url(url, "query")
-    _check_not_in_url(url, "update")
-    if "query" in form:
-        return await _query(serving, request, form + url)
-    return await _update(serving, request, form + url, serving.author_of(request))
+    if "query" in given:
+        return await _query(serving, request, given)
+    return await _update(serving, request, given, serving.author_of(request))
+
+
+async def _posted(serving: AppState, request: Request) -> RequestParameters:
+    """The parameters in the body: a form, a query or an update."""
+    kind = bodies.media_type(request)
+    if kind not in (bodies.FORM, QUERY, UPDATE):
+        raise Problem(
+            415, f"a body of type {kind[:100] or '(none)'}; use {QUERY}, {UPDATE} or {bodies.FORM}"
+        )
+    if kind == UPDATE:
+        serving.author_of(request)  # before the body is read
+    body = await bodies.read_body(request, serving.settings.limits)
+    if kind == bodies.FORM:
+        return bodies.form_parameters(body)
+    return RequestParameters((("query" if kind == QUERY else "update", bodies.text(body)),))
 
 
 async def _query(serving: AppState, request: Request, given: RequestParameters) -> Response:
     moment = given.one("at")
     at = None if moment is None else await sequence_at(serving.semantic_map, moment)
-    asker = asker_of(request)
-    ask = partial(
-        serving.pool.run_async,
+    client = request.state.client
+    call = partial(
+        query_call,
         given.one("query") or "",
         base=serving.semantic_map.base,
         accept=accept_of(request, given),
         default_graphs=graphs_of(given, "default-graph-uri"),
         named_graphs=graphs_of(given, "named-graph-uri"),
         at=at,
-        asker=asker,
+        client=client,
     )
     least = _least(serving, request)
-    seen = max(serving.sessions.at_least(asker.client), least)
+    seen = max(serving.sessions.at_least(client), least)
     try:
-        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=seen)))
+        answer = await unless_gone(request, serving.pool.answer_async(call(at_least=seen)))
     except DiskFullError:
         if seen == least:
             raise
         # no new snapshot can be made: the last one, whose number the response states
-        answer = await unless_gone(request, asyncio.ensure_future(ask(at_least=least)))
+        answer = await unless_gone(request, serving.pool.answer_async(call(at_least=least)))
     if at is None:
-        serving.sessions.saw(asker.client, answer.sequence)
+        serving.sessions.saw(client, answer.sequence)
     return Response(
         answer.body,
         media_type=answer.media_type,
@@ -110,13 +107,10 @@ def _notes(answer: Answer) -> dict[str, str]:
 
 def _least(serving: AppState, request: Request) -> int:
     """The last transaction that the client has seen; Problem 412 if the map has no such number."""
-    given = request.headers.get(SEQUENCE, "0")
-    if not (given.isascii() and given.isdigit() and len(given) < 19):
-        raise Problem(400, f"{SEQUENCE} must be a sequence number, got {given[:40]!r}")
-    if int(given) > serving.semantic_map.sequence:
-        now = serving.semantic_map.sequence
+    given = bodies.number_in(request.headers.get(SEQUENCE, "0"), SEQUENCE)
+    if given > (now := serving.semantic_map.sequence):
         raise Problem(412, f"this map is at transaction {now}, not at {given}; read it again")
-    return int(given)
+    return given
 
 
 async def _update(
@@ -157,7 +151,7 @@ def written(
     With the preference `return=representation` (RFC 7240) it has the change set as well.
     """
     sequence = change.sequence if change else serving.semantic_map.sequence
-    serving.sessions.saw(asker_of(request).client, sequence)
+    serving.sessions.saw(request.state.client, sequence)
     headers = {SEQUENCE: str(sequence)}
     if "return=representation" in request.headers.get("prefer", "").replace(" ", ""):
         more["change"] = change_to_json(change) if change else None
@@ -181,8 +175,3 @@ def graphs_of(given: RequestParameters, name: str) -> tuple[str, ...]:
         except ValueError as error:
             raise Problem(400, f"{name} must be an absolute IRI, got {iri[:100]!r}") from error
     return given.all(name)
-
-
-def _check_not_in_url(url: RequestParameters, name: str) -> None:
-    if name in url:
-        raise Problem(400, f"{name!r} is in the URL of a POST with a body; give one of them")

@@ -8,12 +8,11 @@ transaction is in the history, so an acknowledged write survives a crash of clie
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import asdict, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeVar
 
 from pyoxigraph import NamedNode, Quad
 from starlette.requests import Request
@@ -23,45 +22,98 @@ from kg.export.serialization import prefixes_of
 from kg.maps.conflict_check import apply_remote_update
 from kg.maps.facts.assertions import NAME, PLACE_PROPERTIES, PROPERTIES, Assertions, is_unicode
 from kg.model import vocabulary as v
+from kg.model.errors import InvalidFactError
 from kg.model.records import Assertion
 from kg.model.room_edit import RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.client.record_codec import assertion_to_json
-from kg.serving.client.update_codec import MAX_WHOLE, update_from_json
+from kg.serving.client.update_codec import codec_of, update_from_json
 from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
-from kg.serving.server.http.clients import asker_of
 from kg.serving.server.http.media_types import document, negotiated
-from kg.serving.server.http.problems import Problem, check_preconditions, sequence_at, state_of
+from kg.serving.server.http.problems import Problem, State, check_preconditions, sequence_at
 from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.resource_description import local_path
 from kg.serving.workers.content_negotiation import GRAPH_TYPES
 from kg.store.sparql_client import SEQUENCE
 
-#: kinds of causes: frames of a mapper, a search of a robot, an import
-_KINDS: Final = ("frame", "search", "import")
 _MAX_TEXT: Final = 500  # characters of a note, a label, the name of a network
 #: a search, which is the author of its transactions
 _SEARCH: Final = re.compile(r"search/[0-9]{1,15}")
 _MAX_ITEMS: Final = 10_000  # labels, or own transactions, of one request
 
-_MEMBERS: Final = ("kind", "places", "points", "name")
-
 _MAX_THINGS: Final = 1000  # things of one request
+_FARTHEST: Final = 1e6  # [m] of a coordinate
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class WriterCause:
+    """Cause of a remote writer's transaction; `by` is its search."""
+
+    kind: Literal["frame", "search", "import"]
+    by: str | None
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteWriter:
+    """What a remote writer has read: its last transaction of others, and its own since then."""
+
+    cause: WriterCause
+    seen: int | None
+    own: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkLabels:
+    """Body of `/labels`: the labels of a network, the kind of what they name, its name."""
+
+    labels: tuple[str, ...]
+    kind: Literal["object", "place"]
+    model: str
+
+
+@dataclass(frozen=True, slots=True)
+class Restoration:
+    """Body of `/restore`: a time or number of a transaction, and scopes and things or none."""
+
+    to: str
+    only: tuple[str, ...]
+    dry_run: bool
+
+
+def _decoded(kind: type[T], content: Mapping[str, Any]) -> T:
+    """A body as a dataclass; Problem 400 for other members, or values of another type."""
+    try:
+        body: T = codec_of(kind).decode(content, "the body")  # type: ignore[arg-type]
+    except InvalidFactError as error:
+        raise Problem(400, str(error)) from error
+    return body
+
+
+async def _body(serving: AppState, request: Request, kind: type[T]) -> T:
+    members = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    return _decoded(kind, await read_json(request, serving.settings.limits, members))
 
 
 async def records(serving: AppState, request: Request) -> Response:
     """Apply an update of records in one transaction; Problem 409 for a conflict with others."""
     by = serving.author_of(request)
-    content = await read_json(request, serving.settings.limits, ("update", "cause", "seen", "own"))
-    known, own = _known_sequence(content["seen"]), _own(content["own"])
-    cause = _cause(content["cause"], by)
+    members = ("update", "cause", "seen", "own")
+    content = await read_json(request, serving.settings.limits, members)
+    told = {name: content[name] for name in ("cause", "seen", "own")}
+    writer = _decoded(RemoteWriter, told)
+    cause = _cause(writer.cause, by)
+    if writer.seen is not None and writer.seen < 0:
+        raise Problem(400, f"'seen' is the number of a transaction, or null, got {writer.seen}")
 
     def apply() -> ChangeSet | None:
         update = update_from_json(content["update"])
         return apply_remote_update(
-            serving.semantic_map, update, cause, known_sequence=known, own=own
+            serving.semantic_map, update, cause, known_sequence=writer.seen, own={*writer.own}
         )
 
     return written(serving, await serving.write(request, apply), request)
@@ -77,92 +129,34 @@ async def numbers(serving: AppState, request: Request) -> Response:
 async def labels(serving: AppState, request: Request) -> Response:
     """Categories of the labels of a network; missing ones are added in one transaction."""
     serving.author_of(request)
-    content = await read_json(request, serving.settings.limits, ("labels", "kind", "model"))
-    names, kind = content["labels"], content["kind"]
-    if not isinstance(names, list) or len(names) > _MAX_ITEMS or not all(map(_is_name, names)):
-        raise Problem(
-            400, f"'labels' must be a list of up to {_MAX_ITEMS} texts of up to {_MAX_TEXT}"
-        )
-    if kind not in ("object", "place"):
-        raise Problem(400, f"'kind' is object or place, got {str(kind)[:100]!r}")
-    if not _is_name(content["model"]):
-        raise Problem(400, f"'model' must be the name of the network, of up to {_MAX_TEXT}")
-
-    learn = partial(serving.semantic_map.ontology.learn, names, kind, model=content["model"])
+    given = await _body(serving, request, NetworkLabels)
+    if len(given.labels) > _MAX_ITEMS or max(map(len, (*given.labels, given.model))) > _MAX_TEXT:
+        raise Problem(400, f"up to {_MAX_ITEMS} labels, and texts of up to {_MAX_TEXT} characters")
+    ontology = serving.semantic_map.ontology
+    learn = partial(ontology.learn, given.labels, given.kind, model=given.model)
     found = await serving.write(request, learn)
-    serving.sessions.saw(asker_of(request).client, serving.semantic_map.sequence)
+    serving.sessions.saw(request.state.client, serving.semantic_map.sequence)
     return json_response({"categories": found, "sequence": serving.semantic_map.sequence})
 
 
-def _known_sequence(content: Any) -> int | None:
-    if content is not None and not _is_number(content):
-        raise Problem(
-            400, f"'seen' is the number of a transaction, or null, got {str(content)[:40]}"
-        )
-    return None if content is None else int(content)
-
-
-def _own(content: Any) -> frozenset[int]:
-    is_list = isinstance(content, list) and len(content) <= _MAX_ITEMS
-    if not is_list or not all(map(_is_number, content)):
-        raise Problem(400, f"'own' must be a list of up to {_MAX_ITEMS} numbers of transactions")
-    return frozenset(content)
-
-
-def _cause(content: object, by: str) -> Cause:
+def _cause(given: WriterCause, by: str) -> Cause:
     """Cause of a transaction; its author is the search, or else the holder of the token."""
-    if not isinstance(content, dict) or set(content) != {"kind", "by", "note"}:
-        raise Problem(400, "'cause' must be an object of kind, by and note")
-    kind, name, note = content["kind"], content["by"], content["note"]
-    if kind not in _KINDS:
-        raise Problem(400, f"'kind' is one of {', '.join(_KINDS)}, got {str(kind)[:40]!r}")
-    if not _is_text(note) or not (name is None or _is_text(name)):
-        raise Problem(400, "'note' must be a text, 'by' a text or null")
-    if kind != "search" or name is None:
-        return Cause(kind, by, note[:_MAX_TEXT])
-    if not _SEARCH.fullmatch(name):
+    note = given.note[:_MAX_TEXT]
+    if given.kind != "search" or given.by is None:
+        return Cause(given.kind, by, note)
+    if not _SEARCH.fullmatch(given.by):
         raise Problem(400, "'by' is the search, as in search/3: the token identifies the author")
-    return Cause(kind, name, note[:_MAX_TEXT])
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and is_unicode(value)
-
-
-def _is_name(value: object) -> bool:
-    return _is_text(value) and len(str(value)) <= _MAX_TEXT
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_WHOLE
+    return Cause("search", given.by, note)
 
 
 async def rooms(serving: AppState, request: Request) -> Response:
     """Apply the edit in the body: a JSON object with the members of `RoomEdit`."""
     by = serving.author_of(request)
-    edit = _edit(**await read_json(request, serving.settings.limits, _MEMBERS))
+    edit = await _body(serving, request, RoomEdit)
+    if any(not abs(number) <= _FARTHEST for point in edit.points for number in point):
+        raise Problem(400, "'points' must be a list of [x, y] in metres")
     change = await serving.write(request, partial(serving.semantic_map.rooms.edit, edit, by=by))
     return written(serving, change, request)
-
-
-def _edit(kind: Any, places: Any, points: Any, name: Any) -> RoomEdit:
-    if not isinstance(kind, str) or not isinstance(name, str):
-        raise Problem(400, "'kind' and 'name' must be texts")
-    if not isinstance(places, list) or not all(isinstance(place, str) for place in places):
-        raise Problem(400, "'places' must be a list of texts, as in [\"place/2\"]")
-    if not isinstance(points, list) or not all(map(_is_point, points)):
-        raise Problem(400, "'points' must be a list of [x, y] in metres")
-    pairs = tuple((float(x), float(y)) for x, y in points)
-    return RoomEdit(kind, tuple(places), pairs, name)  # type: ignore[arg-type]
-
-
-def _is_point(given: Any) -> bool:
-    return (
-        isinstance(given, list)
-        and len(given) == 2
-        and all(isinstance(n, int | float) and not isinstance(n, bool) for n in given)
-        and all(abs(n) <= 1e6 and math.isfinite(n) for n in given)
-    )
 
 
 async def restore(serving: AppState, request: Request) -> Response:
@@ -172,33 +166,21 @@ async def restore(serving: AppState, request: Request) -> Response:
     things (empty: everything), `dry_run` a boolean.
     """
     by = serving.author_of(request)
-    given = await read_json(request, serving.settings.limits, ("to", "only", "dry_run"))
-    if not isinstance(given["to"], str) or not isinstance(given["dry_run"], bool):
-        raise Problem(
-            400,
-            "'to' must be a text, as in #42 or 2026-08-01T12:30:00Z, and 'dry_run' true or false",
-        )
+    given = await _body(serving, request, Restoration)
+    if len(given.only) > _MAX_THINGS:
+        raise Problem(400, f"'only' must be a list of up to {_MAX_THINGS} texts")
     restoration = partial(
         serving.semantic_map.restore,
-        await sequence_at(serving.semantic_map, given["to"]),
-        only=_scopes(given["only"]),
+        await sequence_at(serving.semantic_map, given.to),
+        only=given.only,
         by=by,
         confirmed=is_confirmed(request),
-        dry_run=given["dry_run"],
+        dry_run=given.dry_run,
     )
     done = await serving.write(request, restoration)
     sequence = done.sequence or serving.semantic_map.sequence
-    serving.sessions.saw(asker_of(request).client, sequence)
+    serving.sessions.saw(request.state.client, sequence)
     return json_response(asdict(done), {SEQUENCE: str(sequence)})
-
-
-def _scopes(given: Any) -> Collection[str]:
-    is_list = isinstance(given, list) and len(given) <= _MAX_THINGS
-    if not is_list or not all(isinstance(name, str) for name in given):
-        raise Problem(
-            400, f"'only' must be a list of up to {_MAX_THINGS} texts, as in [\"object/17\"]"
-        )
-    return tuple(given)
 
 
 _KIND: Final = NamedNode(v.ASSERTION)
@@ -222,7 +204,7 @@ async def _list(serving: AppState, request: Request) -> Response:
     if iri is not None:
         iri = full_iri(serving.semantic_map.base, serving.semantic_map.resolve("iri", iri))
     # a strong tag, which the If-Match of an edit can name
-    state = replace(state_of(serving.semantic_map), form="json" if media_type == JSON else "")
+    state = State(serving.semantic_map.sequence, "json" if media_type == JSON else "")
     headers = {"Vary": "Accept", **state.headers}
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
@@ -264,7 +246,7 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
     def write() -> tuple[ChangeSet | None, Assertion]:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
-            check_preconditions(request, state_of(semantic_map), exists=True)
+            check_preconditions(request, State(semantic_map.sequence), exists=True)
             thing = full_iri(base, semantic_map.resolve("iri", named))
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
@@ -292,7 +274,7 @@ async def _retract(serving: AppState, request: Request, by: str) -> Response:
     def retract() -> ChangeSet | None:
         semantic_map = serving.semantic_map
         with semantic_map.hold():
-            check_preconditions(request, state_of(semantic_map), exists=True)
+            check_preconditions(request, State(semantic_map.sequence), exists=True)
             thing = full_iri(semantic_map.base, semantic_map.resolve("iri", iri))
             return semantic_map.assertions.retract(thing, prop, by=by)
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 from urllib.parse import parse_qsl
 
@@ -16,7 +14,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from kg.model.iris import whole_number
-from kg.serving.server.http.clients import ReadingThreads, Upload
+from kg.serving.server.http.clients import Upload
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits
 
@@ -24,9 +22,6 @@ FORM = "application/x-www-form-urlencoded"
 JSON = "application/json"
 MAX_FIELDS = 200  # parameters of one request
 MAX_LEVELS = 32  # levels of JSON
-MAX_MEMBERS = 100  # of a body of gzip
-MAX_RATIO = 1032  # of the sizes of what DEFLATE expands to and of what it is given
-_ENCODINGS = ("identity", "gzip", "x-gzip", "deflate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +48,24 @@ class RequestParameters:
             raise Problem(400, f"{name} is 1 or 0, got {value[:40]!r}")
         return value in ("1", "true")
 
+    def number(self, name: str) -> int | None:
+        """The whole number of that name, or None; Problem 400 for another text."""
+        value = self.one(name)
+        return None if value is None else number_in(value, name)
+
     def __contains__(self, name: str) -> bool:
         return any(key == name for key, _ in self.pairs)
 
     def __add__(self, other: RequestParameters) -> RequestParameters:
         return RequestParameters(self.pairs + other.pairs)
+
+
+def number_in(text: str, name: str) -> int:
+    """The whole number that a client sends as `name`; Problem 400 for another text."""
+    number = whole_number(text)
+    if number is None:
+        raise Problem(400, f"{name} must be a number, got {text[:40]!r}")
+    return number
 
 
 def query_parameters(request: Request) -> RequestParameters:
@@ -122,22 +130,21 @@ def media_type(request: Request) -> str:
 
 
 async def read_body(request: Request, limits: Limits) -> bytes:
-    """The whole body, decompressed.
+    """The whole body.
 
-    Raises Problem: 413 if it is too long, 408 if it does not arrive in time, 415 for another
-    encoding than gzip and deflate, 503 if bodies of others fill the memory.
+    Raises Problem: 413 if it is too long, 408 if it does not arrive in time, 415 if it is
+    compressed, 503 if bodies of others fill the memory.
     """
     length = request.headers.get("content-length", "0")
     if length.isdigit() and (whole_number(length) or 0) > limits.body:
         raise _too_long(limits)
     encoding = request.headers.get("content-encoding", "identity").strip().lower()
-    if encoding not in _ENCODINGS:
-        works = {"Accept-Encoding": "gzip, deflate"}
-        raise Problem(415, f"content encoding {encoding[:40]!r}; there are gzip, deflate", works)
-    upload: Upload = request.state.upload
+    if encoding != "identity":
+        works = {"Accept-Encoding": "identity"}
+        raise Problem(415, f"content encoding {encoding[:40]!r}; send the body as it is", works)
     try:
         async with asyncio.timeout(limits.body_seconds):
-            body = await _collect(request, upload, limits)
+            return await _collect(request, request.state.upload, limits)
     except TimeoutError as error:
         raise Problem(
             408,
@@ -146,13 +153,6 @@ async def read_body(request: Request, limits: Limits) -> bytes:
         ) from error
     except ClientDisconnect as error:
         raise Problem(400, "the client left before the body was complete") from error
-    if encoding == "identity":
-        return body
-    upload.hold(len(body) + min(limits.body, MAX_RATIO * len(body)))
-    threads: ReadingThreads = request.state.threads
-    body = await threads.run(request.state.client, partial(_decompressed, body, limits))
-    upload.hold(len(body))
-    return body
 
 
 async def _collect(request: Request, upload: Upload, limits: Limits) -> bytes:
@@ -162,26 +162,6 @@ async def _collect(request: Request, upload: Upload, limits: Limits) -> bytes:
             raise _too_long(limits)
         upload.hold(len(body) + len(chunk))
         body += chunk
-    return bytes(body)
-
-
-def _decompressed(rest: bytes, limits: Limits) -> bytes:
-    """A body of one or more members of gzip (RFC 1952), or of zlib (RFC 1950)."""
-    body, members = bytearray(), 0
-    try:
-        while rest:
-            members += 1
-            if members > MAX_MEMBERS:
-                raise Problem(413, f"a compressed body may have {MAX_MEMBERS} members")
-            inflate = zlib.decompressobj(wbits=zlib.MAX_WBITS + 32)  # detects gzip and zlib
-            body += inflate.decompress(rest, limits.body - len(body) + 1)
-            if len(body) > limits.body:
-                raise _too_long(limits)
-            if not inflate.eof:
-                raise Problem(400, "the compressed body is incomplete")
-            rest = inflate.unused_data
-    except zlib.error as error:
-        raise Problem(400, f"the body is not compressed as it says: {error}") from error
     return bytes(body)
 
 

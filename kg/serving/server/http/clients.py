@@ -7,21 +7,17 @@ arrive with the next snapshot.
 
 from __future__ import annotations
 
-import asyncio
 import ipaddress
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Final, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
-from starlette.requests import Request
 
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits, Settings
 from kg.serving.workers.admission import FairQueue
-from kg.serving.workers.request import Asker
 from kg.store.process_memory import trim_heap
 
 T = TypeVar("T")
@@ -53,11 +49,6 @@ def client_of_address(address: str) -> str:
     return address
 
 
-def asker_of(request: Request) -> Asker:
-    """The client in whose share of the workers the queries of a request run."""
-    return Asker(request.state.client)
-
-
 class Sessions:
     """The last transaction that each client has seen or made; used on one event loop."""
 
@@ -86,44 +77,24 @@ class ReadingThreads:
 
     async def run(self, client: str, act: Callable[[], T]) -> T:
         """The result of `act`; raises PoolBusyError if too many requests of this client wait."""
-        turn = self._queue.enter(client, "present")
-        try:
-            await asyncio.wrap_future(turn.granted)
+        async with self._queue.turn_async(client):
             return await run_in_threadpool(act)
-        finally:
-            self._queue.leave(turn)
-
-
-class Uploads:
-    """Memory of request bodies, for each client and in all; used on one event loop.
-
-    A body counts from its first byte until its request is answered.
-    """
-
-    def __init__(self, limits: Limits) -> None:
-        self.limits = limits
-        self.held: Counter[str] = Counter()  # client -> [bytes]
-
-    @contextmanager
-    def of(self, client: str) -> Iterator[Upload]:
-        """The body of one request, which is released at the end."""
-        upload = Upload(self, client)
-        try:
-            yield upload
-        finally:
-            upload.release()
 
 
 class Upload:
-    """The body of one request."""
+    """Memory of the body of one request, within the limits of its client and of all.
 
-    def __init__(self, uploads: Uploads, client: str) -> None:
-        self._uploads, self._client = uploads, client
+    A body counts from its first byte until its request is answered. `held` [bytes] by client is
+    that of all requests; used on one event loop.
+    """
+
+    def __init__(self, limits: Limits, held: Counter[str], client: str) -> None:
+        self._limits, self._all, self._client = limits, held, client
         self._held = 0  # [bytes]
 
     def hold(self, size: int) -> None:
         """Hold so many bytes; raises Problem 503 if there is no room for more."""
-        limits, held = self._uploads.limits, self._uploads.held
+        limits, held = self._limits, self._all
         more = (size if size > SMALL else 0) - self._held
         if more > 0 and (
             held[self._client] + more > limits.client_bodies or held.total() + more > limits.bodies
@@ -142,6 +113,7 @@ class Upload:
         if not self._held:
             return
         self.hold(0)
-        self._uploads.held += Counter()  # drops those with nothing
-        if not self._uploads.held:
+        if not self._all[self._client]:
+            del self._all[self._client]
+        if not self._all:
             trim_heap()  # the C library keeps freed pages otherwise

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from typing import Any, TypeVar
 
 from starlette.requests import Request
@@ -89,8 +89,9 @@ def _part(body: bytes) -> dict[str, object]:
     return {"type": "http.response.body", "body": body, "more_body": True}
 
 
-async def unless_gone(request: Request, query: asyncio.Future[T]) -> T:
+async def unless_gone(request: Request, answering: Coroutine[Any, Any, T]) -> T:
     """The answer to a query, which is cancelled if the client leaves."""
+    query = asyncio.ensure_future(answering)
     gone = asyncio.ensure_future(disconnected(request.receive))
     try:
         waiting: set[asyncio.Future[Any]] = {query, gone}

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections import Counter
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from kg.serving.server.http.clients import ReadingThreads, Uploads, client_of
+from kg.serving.server.http.clients import Upload, client_of
 from kg.serving.server.http.problems import Problem, problem_response
 from kg.serving.server.http.request_checks import (
     check_origin,
@@ -61,14 +62,12 @@ _ENDING = problem_response(
 class RequestGuard:
     """Outermost ASGI middleware of every HTTP server of this package.
 
-    The state of a request gets its `client`, `threads` for reading, and its `upload`.
+    The state of a request gets its `client`, and its `upload`.
     """
 
-    def __init__(
-        self, app: ASGIApp, settings: Settings, metrics: Metrics, threads: ReadingThreads
-    ) -> None:
+    def __init__(self, app: ASGIApp, settings: Settings, metrics: Metrics) -> None:
         self._app, self._settings, self._metrics = app, settings, metrics
-        self._threads, self._uploads = threads, Uploads(settings.limits)
+        self._held: Counter[str] = Counter()  # [bytes] of bodies, by client
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Guard a request; pass lifespan messages on."""
@@ -109,9 +108,11 @@ class RequestGuard:
 
     async def _with_upload(self, scope: Scope, receive: Receive, send: Send) -> None:
         state = scope["state"]
-        with self._uploads.of(state["client"]) as upload:
-            state |= {"upload": upload, "threads": self._threads}
+        state["upload"] = Upload(self._settings.limits, self._held, state["client"])
+        try:
             await self._app(scope, receive, send)
+        finally:
+            state["upload"].release()
 
     def _answer_early(self, scope: Scope, headers: Headers) -> Response | None:
         try:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import http
 import json
-import math
 import re
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from email.utils import format_datetime, parsedate_to_datetime
+from datetime import UTC
+from email.utils import parsedate_to_datetime
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -138,9 +137,7 @@ class State:
     """The state of the map in a response."""
 
     sequence: int
-    modified: int | None  # [s] since 1970, of the last change; None: not known
     form: str = ""  # format, if all responses of a state in this format are the same
-    past: bool = True  # whether `modified` is past; until then more may change
 
     @property
     def tag(self) -> str:
@@ -150,22 +147,12 @@ class State:
     @property
     def headers(self) -> dict[str, str]:
         """Response headers."""
-        headers = {"ETag": self.tag, "Cache-Control": "no-cache"}
-        if self.modified is not None and self.past:
-            moment = datetime.fromtimestamp(self.modified, UTC)
-            headers["Last-Modified"] = format_datetime(moment, usegmt=True)
-        return headers
+        return {"ETag": self.tag, "Cache-Control": "no-cache"}
 
     def is_known_to(self, request: Request) -> bool:
-        """Whether the client has this state already; tags take precedence over dates."""
-        tags = request.headers.get("if-none-match")
-        if tags is not None:
-            given = {tag.removeprefix("W/") for tag in _tags(tags)}
-            return "*" in given or self.tag.removeprefix("W/") in given
-        since = _moment(request.headers.get("if-modified-since"))
-        if since is None or self.modified is None or not self.past:
-            return False
-        return self.modified <= since
+        """Whether the client has this state already."""
+        given = {tag.removeprefix("W/") for tag in _tags(request, "if-none-match")}
+        return "*" in given or self.tag.removeprefix("W/") in given
 
 
 def check_preconditions(request: Request, state: State, *, exists: bool) -> None:
@@ -173,51 +160,24 @@ def check_preconditions(request: Request, state: State, *, exists: bool) -> None
 
     The format of the state does not matter. A weak tag never matches in If-Match.
     """
-    match = request.headers.get("if-match")
-    if match is not None:
-        matches = exists and any(_is_of(tag, state) for tag in _tags(match))
-        _check(
-            matches, f"the map is at {state.sequence}, which If-Match does not name; read it again"
+    match = _tags(request, "if-match")
+    if match and not (exists and any(_is_of(tag, state) for tag in match)):
+        raise Problem(
+            412, f"the map is at {state.sequence}, which If-Match does not name; read it again"
         )
-    elif request.headers.get("if-unmodified-since"):
-        since = _moment(request.headers["if-unmodified-since"])
-        unmodified = since is None or (state.modified is not None and state.modified <= since)
-        _check(unmodified, "it was changed since; read it again")
-    none = request.headers.get("if-none-match")
-    if none is not None:
-        tags = [tag.removeprefix("W/") for tag in _tags(none)]
-        absent = not (exists and any(_is_of(tag, state) for tag in tags))
-        _check(absent, "it exists, against If-None-Match")
-
-
-def _check(holds: bool, why: str) -> None:
-    if not holds:
-        raise Problem(412, why)
+    none = [tag.removeprefix("W/") for tag in _tags(request, "if-none-match")]
+    if exists and any(_is_of(tag, state) for tag in none):
+        raise Problem(412, "it exists, against If-None-Match")
 
 
 def _is_of(tag: str, state: State) -> bool:
     return tag == "*" or re.fullmatch(rf'"{state.sequence}(-\w+)?"', tag) is not None
 
 
-def _tags(header: str) -> list[str]:
-    return [tag.strip() for tag in header.split(",")]
-
-
-def state_of(semantic_map: SemanticMap) -> State:
-    """The current state of the map.
-
-    HTTP dates are whole seconds, so a commit has the date of the second after it. Until that second
-    there is no date, so that a further commit of the same second is not missed.
-    """
-    sequence = semantic_map.sequence
-    try:
-        last = semantic_map.history.log.last_time
-    except HistoryError:
-        return State(sequence, None)
-    if not last > 0:
-        return State(sequence, None)
-    modified = math.floor(last) + 1
-    return State(sequence, modified, past=modified <= time.time())
+def _tags(request: Request, header: str) -> list[str]:
+    """The entity tags in a header; none without it."""
+    given = request.headers.get(header)
+    return [] if given is None else [tag.strip() for tag in given.split(",")]
 
 
 async def sequence_at(semantic_map: SemanticMap, text: str) -> int:
@@ -246,10 +206,3 @@ def http_date(text: str) -> float:
         return (given if given.tzinfo else given.replace(tzinfo=UTC)).timestamp()
     except OverflowError as error:
         raise ValueError(str(error)) from error
-
-
-def _moment(text: str | None) -> float | None:
-    try:
-        return http_date(text) if text else None
-    except ValueError:
-        return None

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from email.utils import format_datetime
 from functools import partial
@@ -39,14 +38,6 @@ VARY: Final = "Accept, Accept-Datetime"
 _WITHIN_A_SECOND = 0.9995  # [s] added to HTTP dates, which are whole seconds
 
 
-@dataclass(frozen=True, slots=True)
-class Memento:
-    """A version of a resource as a response."""
-
-    thing: ResourceDescription
-    headers: dict[str, str]
-
-
 def links(serving: AppState, request: Request, iri: str) -> dict[str, str]:
     """The header Link of a resource: original, TimeGate and TimeMap."""
     if not iri.startswith(serving.semantic_map.base) or not _has_history(serving):
@@ -57,8 +48,10 @@ def links(serving: AppState, request: Request, iri: str) -> dict[str, str]:
     return {"Link": ", ".join((*relations, f'<{times}>; rel="timemap"; type="{LINKS}"'))}
 
 
-async def memento(serving: AppState, request: Request, iri: str) -> Memento | None:
-    """State of `iri` at the requested datetime; None where none is requested.
+async def memento(
+    serving: AppState, request: Request, iri: str
+) -> tuple[ResourceDescription, dict[str, str]] | None:
+    """State of `iri` at the requested datetime, and headers; None where none is requested.
 
     Raises Problem: 400 for an invalid datetime, 404 where no facts of then are kept.
     """
@@ -79,7 +72,7 @@ async def memento(serving: AppState, request: Request, iri: str) -> Memento | No
     if version is None or not about:
         headers = {"Vary": VARY, **links(serving, request, iri)}
         raise Problem(404, f"the map had no facts about {iri[:200]} at that time", headers)
-    return Memento(ResourceDescription(iri, about, ()), _headers(serving, request, iri, version))
+    return ResourceDescription(iri, about, ()), _headers(serving, request, iri, version)
 
 
 async def timegate(serving: AppState, request: Request) -> Response:

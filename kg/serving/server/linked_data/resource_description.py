@@ -7,7 +7,7 @@ contain their IRIs, so a server has to dereference them.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
 from typing import Final
@@ -20,9 +20,8 @@ from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError
-from kg.model.iris import AGENT, agent_iri, agent_name
+from kg.model.iris import AGENT, agent_iri, agent_name, whole_number
 from kg.rdf.literals import date_time, properties_of
-from kg.rdf.quad_store import QuadStore
 from kg.rdf.standard_terms import (
     CRS,
     FOOTPRINT,
@@ -51,18 +50,19 @@ class ResourceDescription:
     referring: tuple[Quad, ...]
 
 
-def look_up(engine: QuadStore, iri: str, derived: Sequence[Quad] = ()) -> ResourceDescription:
+def look_up(semantic_map: SemanticMap, iri: str) -> ResourceDescription:
     """Stored and derived facts of `iri`; Problem 404 if there are none."""
     try:
         node = NamedNode(iri)
     except ValueError as error:
         raise Problem(404, f"{iri[:200]!r} is not a valid IRI") from error
+    engine = semantic_map.engine
     about = list(islice(engine.quads_for_pattern(node, None, None), MAX_OUTGOING))
     for quad in about:
         if isinstance(quad.object, BlankNode) and len(about) < MAX_OUTGOING:
             about += islice(engine.quads_for_pattern(quad.object, None, None), MAX_OUTGOING)
     referring = tuple(islice(engine.quads_for_pattern(None, None, node), MAX_INCOMING))
-    about += [quad for quad in derived if quad not in about]
+    about += [quad for quad in derived_quads(semantic_map, iri) if quad not in about]
     if not about and not referring:
         raise Problem(404, f"this map has no {iri[:200]}")
     return ResourceDescription(iri, tuple(about), referring)
@@ -156,8 +156,8 @@ def _of_commit(semantic_map: SemanticMap, iri: str) -> Iterator[Quad]:
     """A transaction as an activity of PROV-O, with its association."""
     number = iri.removeprefix(semantic_map.base + COMMIT).removesuffix("/association")
     try:
-        known = number.isascii() and number.isdigit() and len(number) < 19
-        commit = semantic_map.history.log.commit(int(number)) if known else None
+        known = whole_number(number)
+        commit = None if known is None else semantic_map.history.log.commit(known)
     except HistoryError:
         commit = None
     if commit is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Final
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
@@ -18,12 +18,11 @@ from kg.model import vocabulary as v
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.media_types import HTML, document, negotiated
-from kg.serving.server.http.problems import Problem, state_of
+from kg.serving.server.http.problems import Problem, State
 from kg.serving.server.linked_data.memento import VARY, links, memento
 from kg.serving.server.linked_data.pages import compact, thing_page
 from kg.serving.server.linked_data.resource_description import (
     ResourceDescription,
-    derived_quads,
     local_path,
     look_up,
 )
@@ -56,12 +55,13 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     media_type = negotiated(request, bodies.query_parameters(request))
     then = await memento(serving, request, iri)
     if then is not None:
-        return await _written(serving, then.thing, media_type, then.headers)
+        thing, headers = then
+        return await _written(serving, thing, media_type, headers)
     # before the facts are read: after a concurrent commit the tag is too old, never the facts
-    state = state_of(serving.semantic_map)
+    state = State(serving.semantic_map.sequence)
     headers = {"Vary": VARY, **links(serving, request, iri)}
     try:
-        thing = await serving.read(request, partial(_look_up, serving, iri))
+        thing = await serving.read(request, partial(look_up, serving.semantic_map, iri))
     except Problem as problem:
         problem.headers |= headers  # a removed resource may have versions
         raise
@@ -69,15 +69,6 @@ async def _answer(serving: AppState, request: Request, iri: str) -> Response:
     if state.is_known_to(request):
         return Response(status_code=304, headers=headers)
     return await _written(serving, thing, media_type, headers)
-
-
-def _look_up(serving: AppState, iri: str) -> ResourceDescription:
-    try:
-        NamedNode(iri)
-    except ValueError:
-        return look_up(serving.semantic_map.engine, iri)  # raises Problem 404
-    derived = derived_quads(serving.semantic_map, iri)
-    return look_up(serving.semantic_map.engine, iri, derived)
 
 
 async def _written(

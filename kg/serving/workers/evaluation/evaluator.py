@@ -1,20 +1,8 @@
-"""Evaluation process: reads requests from stdin and answers on stdout, until stdin ends.
+"""Evaluation process: answers requests until stdin ends.
 
 Before it reads a request, the kernel confines it (`kg.serving.workers.isolation`). Its parent may
 kill it, and an alarm of the kernel ends it at its time limit even without a parent. Its address
 space, files and processor time are limited.
-A message has a type byte, a length (4 bytes, little endian) and that many bytes:
-
-    >  S  the settings (JSON), first       <  R  done with S or O; of S the confinement
-    >  O  a snapshot to open (JSON)        <  H  {"media_type", "sequence", ...}
-    >  Q  a query (JSON), perhaps of then  <  D  a part of the answer
-    >  U  an update (JSON) to evaluate     <  .  the end of the answer
-    >  L  an RDF document to parse         <  E  {"error": name of the exception, "message"}
-    >  T  a report on the history
-    >  G  all graphs to serialise
-    >  P  a past state to make
-    >  V  the state of the map that a page draws, perhaps of then
-    >  N  a new ontology (an RDF document) for the map
 """
 
 from __future__ import annotations
@@ -24,24 +12,23 @@ import gc
 import json
 import os
 import signal
-import struct
 import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, Final, cast
+from typing import IO, Any, BinaryIO, Final, cast
 
 from pyoxigraph import (
     Literal,
     NamedNode,
-    QueryBoolean,
     QueryResultsFormat,
-    QuerySolutions,
     QueryTriples,
     RdfFormat,
     Store,
 )
 
+from kg.history.replay.point_in_time import PastStates
 from kg.knowledge.ontology.declared_terms import absent_terms, known_terms
 from kg.model.errors import (
     HereaboutsError,
@@ -59,13 +46,16 @@ from kg.rdf.sparql.vetting import (
     reads_chosen_graphs,
     vet,
 )
+from kg.serving.workers.evaluation import HEAD
+from kg.serving.workers.evaluation.history_tasks import history_report, map_state, past_store
+from kg.serving.workers.evaluation.ingestion import (
+    SnapshotView,
+    evaluate_update,
+    parse_document,
+)
 from kg.serving.workers.isolation.confinement import confine
 from kg.store.disk_space import is_disk_full
 
-if TYPE_CHECKING:
-    from kg.history.replay.point_in_time import PastStates
-
-HEAD = struct.Struct("<cI")
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
 CHUNK = 1 << 16
 
@@ -82,7 +72,7 @@ class Evaluator:
         self._folder = ""
         self._store = Store()
         self._sequence = 0
-        self._past: PastStates | None = None  # made by the first query about the past
+        self._past = PastStates()
 
     def open(self, folder: str) -> None:
         """Open another snapshot."""
@@ -98,22 +88,9 @@ class Evaluator:
     def answer(self, kind: bytes, request: Request) -> None:
         """Write the whole answer to a request, or one error."""
         try:
-            if kind == b"L":
-                from kg.serving.workers.evaluation.ingestion import (
-                    parse_document,  # few workers need it
-                )
-
-                self._send_all("application/n-quads", parse_document(request), request)
-                return
-            self.open(request["folder"])
-            if kind in _OF_SNAPSHOT:
-                _OF_SNAPSHOT[kind](self, request)
-            else:
-                self._vet(request)
-                if "at" in request:
-                    self._write(request, self._past_state(request), int(request["at"]))
-                else:
-                    self._write(request, self._store, self._sequence)
+            if "folder" in request:
+                self.open(request["folder"])
+            _TASKS[kind](self, request)
         except HereaboutsError as error:
             self._fail(type(error).__name__, str(error))
         except MemoryError:
@@ -137,31 +114,24 @@ class Evaluator:
             return "the query cannot be answered: an endpoint of SERVICE gave no usable answer"
         return f"the query cannot be answered: {error}"
 
-    def _vet(self, request: Request) -> None:
+    def _query(self, request: Request) -> None:
         if not self._denied:
             check_network_words(request["sparql"], self._settings["services"])
         vet(request["sparql"], services=self._settings["services"])
+        if "at" in request:
+            past = past_store(self._past, self._store, request)
+            self._write(request, past, int(request["at"]))
+        else:
+            self._write(request, self._store, self._sequence)
+
+    def _parse(self, request: Request) -> None:
+        self._send_all("application/n-quads", parse_document(request), request)
 
     def _prepare_past(self, request: Request) -> None:
-        self._past_state(request)
+        past_store(self._past, self._store, request)
         self._send_all("", b"", request)
 
-    def _past_state(self, request: Request) -> Store:
-        """The state right after the transaction ``at``, replayed or cached."""
-        from kg.history.replay.point_in_time import (
-            PastStates,  # few workers evaluate queries about the past
-        )
-        from kg.serving.workers.evaluation.history_tasks import past_store
-
-        self._past = self._past or PastStates()
-        return past_store(self._past, self._store, request)
-
     def _update(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.ingestion import (  # as above
-            SnapshotView,
-            evaluate_update,
-        )
-
         if not self._denied:
             check_network_words(request["sparql"], ())
         _limit_files(resource.RLIM_INFINITY)  # a later operation sees a changed copy
@@ -175,89 +145,76 @@ class Evaluator:
     def _dump(self, request: Request) -> None:
         media_type = request["media_type"]
         head = {"media_type": media_type, "sequence": self._sequence}
-        self._send(b"H", json.dumps(head).encode())
-        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
+        self.send(b"H", json.dumps(head).encode())
+        sink = _Sink(self.send, request["max_bytes"], xml=is_xml(media_type))
         form = cast(RdfFormat, RdfFormat.from_media_type(media_type))
         self._store.dump(cast(IO[bytes], sink), form, prefixes=request["prefixes"])
         sink.end()
-        self._send(b".", b"")
+        self.send(b".", b"")
 
     def _report_history(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.history_tasks import history_report  # as above
-
         report = history_report(self._store, request)
         self._send_all(request["media_type"], report.encode(), request)
 
     def _draw(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.history_tasks import map_state  # as above
-
         body = map_state(self._store, self._sequence, request)
         self._send_all("application/json", body.encode(), request)
 
     def _plan_ontology(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.ontology_tasks import plan_ontology  # as above
+        from kg.serving.workers.evaluation.ontology_tasks import plan_ontology  # takes a second
 
         head, body = plan_ontology(self._store, request)
         self._send_all("application/n-quads", body, request, **head)
 
     def _send_all(self, media_type: str, body: bytes, request: Request, **more: object) -> None:
-        sink = _Sink(self._send, request["max_bytes"])
+        sink = _Sink(self.send, request["max_bytes"])
         head = {"media_type": media_type, "sequence": self._sequence, **more}
-        self._send(b"H", json.dumps(head).encode())
+        self.send(b"H", json.dumps(head).encode())
         sink.write(body)
         sink.end()
-        self._send(b".", b"")
+        self.send(b".", b"")
 
     def _write(self, request: Request, state: Store, sequence: int) -> None:
-        results = self._results(request, state)
+        sparql = request["sparql"]
+        results = state.query(
+            with_total_order(sparql) if request.get("total_order") else sparql,
+            base_iri=request["base_iri"],
+            prefixes=self._settings["prefixes"],
+            custom_functions=extension_functions.FUNCTIONS,
+            **_dataset(request),
+        )
         media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]
         if media_type is None:
             what = "triples" if isinstance(results, QueryTriples) else "a table or truth value"
             raise NotAcceptableError(f"the answer is {what}: no format accepted can carry it")
-        notes = absent_terms(request["sparql"], state)
+        notes = absent_terms(sparql, state)
         head = {"media_type": media_type, "sequence": sequence, "notes": notes}
-        self._send(b"H", json.dumps(head).encode())
-        sink = _Sink(self._send, request["max_bytes"], xml=is_xml(media_type))
+        self.send(b"H", json.dumps(head).encode())
+        sink = _Sink(self.send, request["max_bytes"], xml=is_xml(media_type))
         if isinstance(results, QueryTriples):
             results.serialize(cast(IO[bytes], sink), RdfFormat.from_media_type(media_type))
         else:
             results.serialize(cast(IO[bytes], sink), QueryResultsFormat.from_media_type(media_type))
         sink.end()
-        self._send(b".", b"")
-
-    def _results(
-        self, request: Request, state: Store
-    ) -> QuerySolutions | QueryBoolean | QueryTriples:
-        total = request.get("total_order", False)
-        written = with_total_order(request["sparql"]) if total else request["sparql"]
-        dataset = _dataset(request)
-        return state.query(
-            written,
-            base_iri=request["base_iri"],
-            prefixes=self._settings["prefixes"],
-            custom_functions=extension_functions.FUNCTIONS,
-            **dataset,
-        )
+        self.send(b".", b"")
 
     def _fail(self, name: str, message: str) -> None:
         line = " ".join(message.split())[:2000]
-        self._send(b"E", json.dumps({"error": name, "message": line}).encode())
+        self.send(b"E", json.dumps({"error": name, "message": line}).encode())
 
-    def ready(self, **state: object) -> None:
-        """Acknowledge a message without an answer."""
-        self._send(b"R", json.dumps(state).encode())
-
-    def _send(self, kind: bytes, payload: bytes | bytearray) -> None:
+    def send(self, kind: bytes, payload: bytes) -> None:
+        """Send a message to the parent."""
         self._out.write(HEAD.pack(kind, len(payload)) + payload)
         self._out.flush()
 
 
-#: requests about a snapshot, except queries
-_OF_SNAPSHOT: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
-    b"T": Evaluator._report_history,
-    b"P": Evaluator._prepare_past,
+_TASKS: Final[dict[bytes, Callable[[Evaluator, Request], None]]] = {
+    b"Q": Evaluator._query,
     b"U": Evaluator._update,
+    b"L": Evaluator._parse,
+    b"T": Evaluator._report_history,
     b"G": Evaluator._dump,
+    b"P": Evaluator._prepare_past,
     b"V": Evaluator._draw,
     b"N": Evaluator._plan_ontology,
 }
@@ -347,18 +304,6 @@ def _read(stream: BinaryIO) -> tuple[bytes, Request] | None:
     return kind, json.loads(stream.read(length))
 
 
-def _load_extensions(*, ontologies: bool) -> None:
-    """Import the modules of all requests: a confined process loads no machine code."""
-    import kg.serving.workers.evaluation.history_tasks
-    import kg.serving.workers.evaluation.ingestion  # noqa: F401
-
-    extension_functions.load_libraries()
-    if ontologies:
-        from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
-
-        load_libraries()
-
-
 def main() -> None:
     """Serve requests until stdin ends; ``--network`` allows the network."""
     requests, answers = sys.stdin.buffer, sys.stdout.buffer
@@ -366,21 +311,19 @@ def main() -> None:
     if first is None:
         return
     settings = first[1]
-    _load_extensions(ontologies=settings.get("ontologies", False))
+    # a confined process loads no machine code
+    extension_functions.load_libraries()
+    if settings.get("ontologies"):
+        from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
+
+        load_libraries()
     _limit_process(settings["memory"])
     readable, writable = (map(Path, settings[key]) for key in ("readable", "writable"))
     found = confine(readable, writable, network="--network" in sys.argv)
     evaluator = Evaluator(settings, answers, denied=found.denies_network)
-    evaluator.ready(network=found.network, files=found.files)
+    evaluator.send(b"R", json.dumps(asdict(found)).encode())
     while (message := _read(requests)) is not None:
         kind, request = message
         _limit_time(request["timeout"])
-        if kind == b"O":
-            with contextlib.suppress(
-                OSError
-            ):  # the next request has the same folder, and reports the error
-                evaluator.open(request["folder"])
-            evaluator.ready()
-        else:
-            evaluator.answer(kind, request)
+        evaluator.answer(kind, request)
         _limit_time(0)

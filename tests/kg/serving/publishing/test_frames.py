@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +19,6 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.publishing.publisher import merged
 from kg.serving.server import BearerTokens, MapServer, Settings
-from kg.store.sparql_backend import GRAPHS
-from kg.store.sparql_client import SparqlClient
-from tests.conftest import running_server
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, see
 
 CUP, CHAIR = f"{SOUTH}object/1", f"{NORTH}object/1"
@@ -44,22 +40,6 @@ def folders(tmp_path: Path) -> tuple[str, str]:
             pose = RobotRecord(np.array([0.0, 0.0, 0.0]), 0.0, 1e9)
             made.apply(MapUpdate(places=(room,), robot=pose))
     return str(tmp_path / "north"), str(tmp_path / "south")
-
-
-@pytest.fixture(scope="module")
-def oxigraph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with running_server(tmp_path_factory.mktemp("oxigraph")) as address:
-        yield address
-
-
-@pytest.fixture
-def url(oxigraph: str) -> str:
-    """An empty SPARQL server."""
-    endpoint = SparqlClient.at(oxigraph)
-    for graph in (*GRAPHS, v.PUBLISHED_GRAPH.value):
-        endpoint.update(f"DROP SILENT GRAPH <{graph}>")
-    endpoint.close()
-    return oxigraph
 
 
 @pytest.mark.parametrize("rule", ["viewpoints", "nearest-first"])

@@ -27,8 +27,6 @@ from kg.serving.publishing.publisher import Publisher
 from kg.serving.publishing.target import PublishTarget
 from kg.serving.server import MapServer, Settings
 from kg.store.sparql_backend import GRAPHS
-from kg.store.sparql_client import SparqlClient
-from tests.conftest import running_server, running_virtuoso
 from tests.waiting import until
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -58,29 +56,6 @@ def own(quads: Iterable[Quad]) -> set[Quad]:
 def published(url: str) -> set[Quad]:
     with open_map(url, read_only=True) as mirror:
         return own(mirror.engine)
-
-
-@pytest.fixture(scope="module")
-def oxigraph(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with running_server(tmp_path_factory.mktemp("oxigraph")) as address:
-        yield address
-
-
-@pytest.fixture(scope="module")
-def virtuoso(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    with running_virtuoso(tmp_path_factory.mktemp("virtuoso")) as address:
-        yield address
-
-
-@pytest.fixture(params=["oxigraph"])
-def url(request: pytest.FixtureRequest) -> str:
-    """Address of a SPARQL server of another maker, without any map."""
-    address: str = request.getfixturevalue(request.param)
-    endpoint = SparqlClient.at(address)
-    for graph in (*GRAPHS, v.PUBLISHED_GRAPH.value):
-        endpoint.update(f"DROP SILENT GRAPH <{graph}>")
-    endpoint.close()
-    return address
 
 
 both = pytest.mark.parametrize("url", ["oxigraph", "virtuoso"], indirect=True)
@@ -122,7 +97,6 @@ def caught_up(publishers: list[Publisher], robots: tuple[SemanticMap, ...]) -> b
     return all(p.acknowledged == r.sequence for p, r in zip(publishers, robots, strict=True))
 
 
-@both
 def test_two_robots_that_map_are_one_question(
     live: list[Publisher], robots: tuple[SemanticMap, SemanticMap], url: str
 ) -> None:
@@ -256,7 +230,6 @@ def _settled(target: PublishTarget, url: str) -> tuple[int, set[Quad]]:
             return number, quads
 
 
-@both
 def test_a_publisher_that_is_killed_leaves_exactly_what_was_acknowledged(
     tmp_path: Path, url: str
 ) -> None:

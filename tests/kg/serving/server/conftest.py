@@ -27,7 +27,8 @@ TOKEN = "a-token-of-the-tests-0123"
 READER = "a-token-that-only-reads"
 BASE = "https://example.org/maps/flat/"
 PATIENCE = 120.0  # [s] for what comes at once, on a machine however slow
-LIMITS = Limits(query_seconds=PATIENCE, workers=2)
+LIMITS = Limits(query_seconds=PATIENCE, workers=1)
+ANN = BearerTokens((("ann", TOKEN.encode()),))
 
 
 class Stream:
@@ -158,25 +159,26 @@ def flat() -> Iterator[SemanticMap]:
         yield semantic_map
 
 
+@contextmanager
+def running(**settings: object) -> Iterator[Served]:
+    """A running server of a flat of its own, whose clients may write with `bearer()`."""
+    wanted = Settings(port=0, **{"tokens": ANN, "limits": LIMITS, **settings})  # type: ignore[arg-type]
+    with furnished() as semantic_map, MapServer(semantic_map, wanted) as server:
+        yield Served(semantic_map, server)
+
+
 @pytest.fixture(scope="module")
 def lasting() -> Iterator[Served]:
     """A server that all tests of a module share, whose clients may write with `bearer()`."""
-    settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)), limits=LIMITS)
-    with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
-        yield Served(semantic_map, server)
+    with running() as served:
+        yield served
 
 
 @pytest.fixture(scope="module")
 def private() -> Iterator[Served]:
     """A server whose map is read with a token too."""
-    settings = Settings(
-        port=0,
-        tokens=BearerTokens((("ann", TOKEN.encode()),)),
-        read_tokens=BearerTokens((("bob", READER.encode()),)),
-        limits=LIMITS,
-    )
-    with furnished() as semantic_map, MapServer(semantic_map, settings) as server:
-        yield Served(semantic_map, server)
+    with running(read_tokens=BearerTokens((("bob", READER.encode()),))) as served:
+        yield served
 
 
 @pytest.fixture
@@ -187,7 +189,7 @@ def serve(flat: SemanticMap) -> Iterator[Callable[..., Served]]:
         def start(
             *, limits: Limits | None = None, planner: Planner | None = None, **settings: object
         ) -> Served:
-            settings.setdefault("tokens", BearerTokens((("ann", TOKEN.encode()),)))
+            settings.setdefault("tokens", ANN)
             wanted = Settings(port=0, limits=limits or LIMITS, **settings)  # type: ignore[arg-type]
             server = stack.enter_context(MapServer(flat, wanted, planner=planner))
             return Served(flat, server)
@@ -214,7 +216,7 @@ def on_disk() -> Callable[..., AbstractContextManager[Served]]:
 
     @contextmanager
     def start(folder: Path, *, read_only: bool = False, **settings: object) -> Iterator[Served]:
-        settings.setdefault("tokens", BearerTokens((("ann", TOKEN.encode()),)))
+        settings.setdefault("tokens", ANN)
         wanted = Settings(port=0, limits=LIMITS, **settings)  # type: ignore[arg-type]
         with (
             open_map(folder, read_only=read_only) as semantic_map,

@@ -19,12 +19,13 @@ from kg.model.errors import (
     RemoteError,
     UnknownCategoryError,
 )
+from kg.model.room_edit import RoomEdit
 from kg.model.transactions import ChangeSet
 from kg.model.vocabulary import HERE
 from kg.serving.client.remote_map import RemoteHistory
 from kg.serving.client.served_server import ServedClient as FarServer
 from kg.serving.opening import open_map
-from kg.serving.server import BearerTokens, Limits
+from kg.serving.server import Limits
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -169,12 +170,6 @@ def test_saying_needs_a_token_and_a_body_of_some_size(serve: Callable[..., Serve
     assert served.map.sequence == before
 
 
-def test_a_server_that_only_reads_takes_nothing_said(serve: Callable[..., Served]) -> None:
-    served = serve(tokens=BearerTokens())
-    assert served.post("assertions", json=BOWL).status_code == 403
-    assert served.get("assertions").json()["assertions"] == []
-
-
 def assert_recorded(served: Served, change: ChangeSet) -> None:
     (kept,) = served.map.history.changes(change.sequence - 1)
     assert (change.sequence, change.time, change.cause) == (kept.sequence, kept.time, kept.cause)
@@ -223,17 +218,6 @@ def test_what_the_server_refuses_is_the_same_error_from_afar(served: Served) -> 
     ):
         far.assertions.add("object/1", "category", "bowl", by="ann")
     assert served.map.sequence == before
-
-
-def test_without_a_token_nothing_is_said_from_afar(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("HEREABOUTS_TOKEN", raising=False)
-    with (
-        open_map(served.url) as far,
-        pytest.raises(RemoteError, match="HEREABOUTS_TOKEN"),
-    ):
-        far.assertions.add("object/1", "category", "bowl", by="ann")
 
 
 @pytest.mark.usefixtures("token")
@@ -295,3 +279,35 @@ def test_answers_of_another_make_are_one_line(alike: str) -> None:
     ):
         with pytest.raises(RemoteError, match="not of this version of `hereabouts serve`"):
             ask()
+
+
+@pytest.mark.usefixtures("token")
+def test_rooms_are_edited_over_http(served: Served) -> None:
+    (place,) = served.map.places()
+    x, y = place.area.centre
+    with open_map(served.url) as far:
+        short = place.iri.removeprefix(far.base)
+        line = ((x, place.ymin), (x, place.ymax))
+        far.rooms.edit(RoomEdit("split", (short,), line, "pantry"))
+        assert len(far.places()) == 2
+        with pytest.raises(InvalidFactError, match="does not divide"):
+            far.rooms.edit(RoomEdit("split", (short,), ((x + 99, y), (x + 99, y + 1))))
+        far.rooms.edit(RoomEdit("undo"))
+        assert len(far.places()) == 1
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        {"kind": 3, "places": [], "points": [], "name": ""},
+        {"kind": "split", "places": "place/1", "points": [], "name": ""},
+        {"kind": "draw", "places": [], "points": [[0, 1, 2]], "name": ""},
+        {"kind": "draw", "places": [], "points": [[0, 1e9]], "name": ""},
+        {"kind": "undo"},
+    ],
+)
+def test_a_body_of_another_shape_is_refused_in_one_line(
+    lasting: Served, body: dict[str, object]
+) -> None:
+    answer = lasting.post("rooms", json=body, headers=lasting.bearer())
+    assert answer.status_code == 400 and answer.text.count("\n") <= 1

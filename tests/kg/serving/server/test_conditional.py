@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
-from email.utils import format_datetime, parsedate_to_datetime
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,12 +12,6 @@ if TYPE_CHECKING:
 
 THING, GRAPH = "object/1", "graphs/map"
 PAGES = (THING, GRAPH, "resource?iri=https://w3id.org/hereabouts%23Cup")
-
-
-def long_ago(served: Served, monkeypatch: pytest.MonkeyPatch, seconds: float = 5.0) -> None:
-    """As if the map's last commit had been so long ago."""
-    last = served.map.history.log.last_time
-    monkeypatch.setattr("kg.serving.server.http.problems.time.time", lambda: last + seconds)
 
 
 @pytest.mark.parametrize("path", PAGES)
@@ -40,30 +32,6 @@ def test_what_a_client_has_is_not_sent_again(served: Served, path: str) -> None:
     assert moved.headers["ETag"] != tag
 
 
-@pytest.mark.parametrize("path", PAGES)
-def test_dates_tell_what_has_changed(
-    served: Served, path: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long_ago(served, monkeypatch)
-    date = served.get(path).headers["Last-Modified"]
-    moment = parsedate_to_datetime(date)
-    last = datetime.fromtimestamp(served.map.history.log.last_time, UTC)
-    assert timedelta(0) < moment - last <= timedelta(seconds=1)
-    assert served.get(path, headers={"If-Modified-Since": date}).status_code == 304
-    before = format_datetime(moment - timedelta(seconds=1), usegmt=True)
-    for given in (before, "yesterday", ""):
-        assert served.get(path, headers={"If-Modified-Since": given}).status_code == 200
-    tagged = {"If-Modified-Since": date, "If-None-Match": '"other"'}
-    assert served.get(path, headers=tagged).status_code == 200
-
-
-def test_two_commits_in_one_second_do_not_pass_for_one(
-    served: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    long_ago(served, monkeypatch, 0.0)
-    assert "Last-Modified" not in served.get(THING).headers
-
-
 @pytest.mark.parametrize("path", [*PAGES, "", "health", "metrics", "dump.nq", "sparql?query=ASK{}"])
 def test_head_is_get_without_its_body(lasting: Served, path: str) -> None:
     whole, head = lasting.get(path), lasting.request("HEAD", path)
@@ -82,15 +50,15 @@ def test_head_of_a_stream_ends(lasting: Served, path: str) -> None:
     assert not served.server.serving.subscriptions
 
 
-def test_well_known_void_describes_the_map(served: Served) -> None:
-    answer = served.get(".well-known/void", headers={"Accept": "text/turtle"})
+def test_well_known_void_describes_the_map(lasting: Served) -> None:
+    answer = lasting.get(".well-known/void", headers={"Accept": "text/turtle"})
     graph = rdflib.Graph().parse(data=answer.text, format="turtle")
-    base, void = rdflib.URIRef(served.map.base), rdflib.Namespace("http://rdfs.org/ns/void#")
+    base, void = rdflib.URIRef(lasting.map.base), rdflib.Namespace("http://rdfs.org/ns/void#")
     assert (base, rdflib.RDF.type, void.Dataset) in graph
-    assert (base, void.sparqlEndpoint, rdflib.URIRef(f"{served.url}sparql")) in graph
+    assert (base, void.sparqlEndpoint, rdflib.URIRef(f"{lasting.url}sparql")) in graph
     (count,) = graph.objects(base, void.triples)
-    assert int(str(count)) == len(served.get("dump.nq").text.splitlines())
+    assert int(str(count)) == len(lasting.get("dump.nq").text.splitlines())
     for dump in graph.objects(base, void.dataDump):
-        assert served.get(str(dump).removeprefix(served.url)).status_code == 200
-    front = served.get("", headers={"Accept": "text/turtle"})
+        assert lasting.get(str(dump).removeprefix(lasting.url)).status_code == 200
+    front = lasting.get("", headers={"Accept": "text/turtle"})
     assert len(rdflib.Graph().parse(data=front.text, format="turtle")) == len(graph)

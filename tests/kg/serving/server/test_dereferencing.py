@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 TURTLE = {"Accept": "text/turtle"}
 
 
-@pytest.fixture
-def full(served: Served) -> Served:
+@pytest.fixture(scope="module")
+def full(lasting: Served) -> Served:
     """The flat with a robot, a search, a detection and what somebody asserted."""
-    own = served.map
+    own = lasting.map
     (cup, *_) = own.objects()
     seen = Evidence("frame 1", "a/b c", 1e9, (1, 2, 3, 4), 0.8, "deimv2 s")
     record = ObjectRecord(
@@ -33,7 +33,7 @@ def full(served: Served) -> Served:
     robot = RobotRecord(cup.p_map, 1.0, 7.0)
     own.apply(MapUpdate(objects=(record,), robot=robot, search=search))
     own.assertions.add(record.iri, "label", "my cup", by="ann b")
-    return served
+    return lasting
 
 
 def address(served: Served, iri: str) -> tuple[str, dict[str, str]]:

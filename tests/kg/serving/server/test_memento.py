@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from email.utils import format_datetime, parsedate_to_datetime
-from typing import TYPE_CHECKING
 
 import pytest
 import rdflib
@@ -16,9 +15,7 @@ from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.serving.server.linked_data import memento
 from kg.store import transactional as store
-
-if TYPE_CHECKING:
-    from conftest import Served
+from tests.kg.serving.server.conftest import Served, running
 
 CUP, CHAIR = (f"https://example.org/maps/flat/object/{n}" for n in (1, 2))
 TURTLE = {"Accept": "text/turtle"}
@@ -31,18 +28,19 @@ def date(moment: datetime) -> str:
     return format_datetime(moment.replace(microsecond=0), usegmt=True)
 
 
-@pytest.fixture
-def moved(served: Served, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+@pytest.fixture(scope="module")
+def moved() -> Iterator[Served]:
     """The cup stood at 2 m (#2) and 3 m (#3); the chair left (#4); the cup went to 4 m (#5)."""
     hours = iter(range(2, 10))
-    monkeypatch.setattr(
-        store.TransactionalStore, "_now", lambda _: (START + next(hours) * HOUR).timestamp()
-    )
-    served.move(1, 2.0)
-    served.move(1, 3.0)
-    served.map.apply(MapUpdate(removed=(CHAIR,)))
-    served.move(1, 4.0)
-    yield served
+    with running() as served, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            store.TransactionalStore, "_now", lambda _: (START + next(hours) * HOUR).timestamp()
+        )
+        served.move(1, 2.0)
+        served.move(1, 3.0)
+        served.map.apply(MapUpdate(removed=(CHAIR,)))
+        served.move(1, 4.0)
+        yield served
 
 
 def x(answer: object) -> float:
@@ -161,17 +159,18 @@ def test_a_long_list_has_the_latest_versions(
     assert [one[-4:] for one, rel, _ in listed if rel == "memento"] == ["at=3", "at=5"]
 
 
+@pytest.mark.parametrize("iri", ["not an iri", "x:<y>", "object/1"])
+def test_what_is_no_iri_was_never_there(lasting: Served, iri: str) -> None:
+    for params, headers in (({"at": "1"}, {}), ({}, {"Accept-Datetime": date(START)})):
+        answer = lasting.get("resource", params={"iri": iri, **params}, headers=headers)
+        assert (answer.status_code, "IRI" in answer.text) == (404, True), answer.text
+
+
 def test_versions_begin_where_the_history_does(moved: Served) -> None:
+    # the last test: what it drops is gone
     moved.map.history.compact(keep=time.time() - (START + 6 * HOUR).timestamp())
     listed = links_of(moved.get("timemap", params={"iri": CUP}).text)
     assert [address[-4:] for address, rel, _ in listed if rel == "memento"] == ["at=5"]
     old = moved.get("object/1", headers={**TURTLE, "Accept-Datetime": date(START)})
     assert (old.status_code, x(old)) == (200, 4.0)
     assert moved.get("object/1", params={"at": "3"}).status_code == 404
-
-
-@pytest.mark.parametrize("iri", ["not an iri", "x:<y>", "object/1"])
-def test_what_is_no_iri_was_never_there(lasting: Served, iri: str) -> None:
-    for params, headers in (({"at": "1"}, {}), ({}, {"Accept-Datetime": date(START)})):
-        answer = lasting.get("resource", params={"iri": iri, **params}, headers=headers)
-        assert (answer.status_code, "IRI" in answer.text) == (404, True), answer.text

@@ -212,14 +212,14 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_an_ontology_beyond_the_limits_is_refused_by_name(served: Served, name: str) -> None:
+def test_an_ontology_beyond_the_limits_is_refused_by_name(lasting: Served, name: str) -> None:
     text, reason = HOSTILE[name]
-    before = served.map.sequence
-    answer = _put(served, text)
+    before = lasting.map.sequence
+    answer = _put(lasting, text)
     assert (answer.status_code, reason in answer.text) == (422, True), answer.text
     assert "\n" not in answer.text.strip()
-    assert served.map.sequence == before
-    assert served.write("INSERT DATA { GRAPH <urn:g> { <urn:a> rdfs:label 'b' } }").ok
+    assert lasting.map.sequence == before
+    assert lasting.write("INSERT DATA { GRAPH <urn:g> { <urn:a> rdfs:label 'b' } }").ok
 
 
 def test_others_write_while_an_ontology_is_checked(served: Served) -> None:

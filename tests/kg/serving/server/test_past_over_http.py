@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -27,10 +26,8 @@ from kg.model.errors import HistoryError, QueryParameterError, QueryTimeoutError
 from kg.model.records import MapUpdate
 from kg.serving.client.record_codec import comparison_from_json
 from kg.serving.opening import open_map
-from kg.serving.server import Limits
-
-if TYPE_CHECKING:
-    from conftest import Served
+from kg.serving.server import Limits, MapServer, Settings
+from tests.kg.serving.server.conftest import Served, running
 
 CUP, CHAIR = (f"https://example.org/maps/flat/object/{n}" for n in (1, 2))
 COMMANDS = (
@@ -43,7 +40,7 @@ COMMANDS = (
     ("why", "object/2", "--format", "ttl"),
     ("ask", "objects", "--at", "#3", "--format", "csv"),
 )
-OnDisk = Callable[..., AbstractContextManager["Served"]]
+OnDisk = Callable[..., AbstractContextManager[Served]]
 X = f"SELECT ?x {{ <{CUP}> <{v.X}> ?x }}"
 
 
@@ -53,14 +50,15 @@ def xs(served: Served, at: object, **more: object) -> list[float]:
     return [float(row["x"]["value"]) for row in answer.json()["results"]["bindings"]]
 
 
-@pytest.fixture
-def moved(served: Served) -> Served:
+@pytest.fixture(scope="module")
+def moved() -> Iterator[Served]:
     """The cup stood at 1 m, then at 2, 3 and 4 m; the chair left with the last."""
-    for x in (2.0, 3.0):
-        served.move(1, x)
-    served.map.apply(MapUpdate(removed=(CHAIR,)))
-    served.move(1, 4.0)
-    return served
+    with running() as served:
+        for x in (2.0, 3.0):
+            served.move(1, x)
+        served.map.apply(MapUpdate(removed=(CHAIR,)))
+        served.move(1, 4.0)
+        yield served
 
 
 def test_a_query_is_answered_as_it_was(moved: Served) -> None:
@@ -110,8 +108,13 @@ def test_the_past_cannot_be_written(moved: Served) -> None:
     assert moved.map.sequence == 5
 
 
-def test_limits_hold_in_the_past(moved: Served, serve: Callable[..., Served]) -> None:
-    small = serve(limits=Limits(query_seconds=120.0, result=200))
+def test_limits_hold_in_the_past(moved: Served) -> None:
+    limits = Limits(query_seconds=120.0, result=200, workers=1)
+    with MapServer(moved.map, Settings(port=0, limits=limits)) as server:
+        check_limits(Served(moved.map, server))
+
+
+def check_limits(small: Served) -> None:
     assert xs(small, 2) == [2.0]
     everything = {"query": "SELECT * { ?s ?p ?o }", "at": 2}
     assert small.get("sparql", params=everything).status_code == 503
@@ -130,13 +133,13 @@ def test_limits_hold_in_the_past(moved: Served, serve: Callable[..., Served]) ->
     assert small.get("sparql", params=one).json()["boolean"] is True
 
 
-def test_the_copy_of_a_history_in_memory_goes_with_the_server(moved: Served) -> None:
-    assert [xs(moved, at) for at in (3, 1)] == [[3.0], [1.0]]
-    history = moved.server.serving.pool._history
+def test_the_copy_of_a_history_in_memory_goes_with_the_server(served: Served) -> None:
+    assert xs(served, 1) == [1.0]
+    history = served.server.serving.pool._history
     assert history is not None
     file = Path(history.request()["log"])
     assert file.is_file()
-    moved.server.stop()
+    served.server.stop()
     assert not file.parent.exists()
 
 
@@ -290,3 +293,35 @@ def test_commands_on_the_past_take_a_server_for_a_folder(
     assert all(out for out, _ in here)
     with on_disk(folder, read_only=True) as served:
         assert said(served.url) == here
+
+
+def test_a_transaction_of_a_person_is_an_activity_with_an_agent(served: Served) -> None:
+    served.map.assertions.add(f"{served.map.base}object/1", "label", "my cup", by="ann")
+    asked = {"what": "object/1 rdfs:label"}
+    answer = served.get("why", params=asked, headers={"Accept": "text/turtle"})
+    assert answer.status_code == 200, answer.text
+    graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+    commit = rdflib.URIRef(f"{served.map.base}commit/2")
+    assert graph.value(commit, rdflib.RDF.type) == rdflib.URIRef(v.PROV_ACTIVITY)
+    association = graph.value(commit, rdflib.URIRef(v.PROV_QUALIFIED_ASSOCIATION))
+    agent = graph.value(association, rdflib.URIRef(v.PROV_HAS_AGENT))
+    assert agent == graph.value(commit, rdflib.URIRef(v.PROV_ASSOCIATED_WITH))
+    assert graph.value(agent, rdflib.RDF.type) == rdflib.URIRef(v.PROV_AGENT)
+
+
+def test_an_author_is_one_resource_in_explanations_and_transactions(served: Served) -> None:
+    cup = f"{served.map.base}object/1"
+    sparql = f"INSERT DATA {{ GRAPH graph:map {{ <{cup}> rdfs:comment 'chipped' }} }}"
+    served.map.update(sparql, by="bob / b")
+    agent = rdflib.URIRef(f"{served.map.base}agent/bob%20%2F%20b")
+    turtle = {"Accept": "text/turtle"}
+    why = served.get("why", params={"what": "object/1 rdfs:comment"}, headers=turtle)
+    commit = rdflib.URIRef(f"{served.map.base}commit/2")
+    for answer in (why, served.get("commit/2", headers=turtle)):
+        graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+        assert graph.value(commit, rdflib.URIRef(v.PROV_ASSOCIATED_WITH)) == agent
+    answer = served.get("agent/bob%20%2F%20b", headers=turtle)
+    assert answer.status_code == 200, answer.text
+    graph = rdflib.Graph().parse(data=answer.text, format="turtle")
+    assert graph.value(agent, rdflib.RDFS.label) == rdflib.Literal("bob / b")
+    assert served.get("agent/nobody", headers=turtle).status_code == 404

@@ -7,30 +7,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from conftest import Served
 
-from kg.serving.server import BearerTokens
 
-UPDATE = "application/sparql-update"
 MAP = "https://w3id.org/hereabouts/graph/map"
 ASSERTIONS = "https://example.org/graphs/notes"
 CUP = "<https://example.org/maps/flat/object/1>"
 NOTE = f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "chipped" }} }}'
 NOTES = f"SELECT ?note ?g WHERE {{ GRAPH ?g {{ {CUP} rdfs:comment ?note }} }} ORDER BY ?g ?note"
-
-
-def test_update_by_posted_form(served: Served) -> None:
-    answer = served.post("sparql", data={"update": NOTE}, headers=served.bearer())
-    assert answer.status_code == 200, answer.text
-    assert served.rows(NOTES) == [{"note": "chipped", "g": MAP}]
-
-
-def test_update_posted_directly(served: Served) -> None:
-    answer = served.write(NOTE)
-    assert answer.status_code == 200, answer.text
-    assert served.rows(NOTES) == [{"note": "chipped", "g": MAP}]
 
 
 def test_update_tells_what_it_changed_and_is_one_commit_in_its_writers_name(served: Served) -> None:
@@ -72,24 +56,6 @@ COPY = (
 def labels(served: Served) -> set[str]:
     query = f"SELECT ?label WHERE {{ GRAPH graph:map {{ {CUP} rdfs:label ?label }} }}"
     return {row["label"] for row in served.rows(query)} - {"cup 1"}
-
-
-def test_using_graph_is_the_default_graph_of_where(noted: Served) -> None:
-    answer = copy_comments(noted, COPY, **{"using-graph-uri": ASSERTIONS})
-    assert answer.status_code == 200, answer.text
-    assert labels(noted) == {"asserted"}
-
-
-def test_several_using_graphs_are_merged(noted: Served) -> None:
-    only_cup = COPY.replace("?s rdfs:comment", f"{CUP} rdfs:comment")
-    copy_comments(noted, only_cup, **{"using-graph-uri": [ASSERTIONS, MAP]})
-    assert labels(noted) == {"asserted", "perceived"}
-
-
-def test_using_named_graph_limits_graph_clauses(noted: Served) -> None:
-    update = COPY.replace("?s rdfs:comment ?note", f"GRAPH ?g {{ {CUP} rdfs:comment ?note }}")
-    copy_comments(noted, update, **{"using-named-graph-uri": ASSERTIONS})
-    assert labels(noted) == {"asserted"}
 
 
 def test_using_and_using_named_together(noted: Served) -> None:
@@ -137,35 +103,9 @@ def refused(served: Served, status: int, answer: object) -> None:
     assert served.rows(NOTES) == []
 
 
-def test_update_by_get_is_refused(lasting: Served) -> None:
-    answer = lasting.get("sparql", params={"update": NOTE}, headers=lasting.bearer())
-    refused(lasting, 400, answer)
-
-
-def test_two_updates_are_refused(lasting: Served) -> None:
-    answer = lasting.post("sparql", data={"update": [NOTE, NOTE]}, headers=lasting.bearer())
-    refused(lasting, 400, answer)
-
-
 def test_query_and_update_in_one_form_are_refused(lasting: Served) -> None:
     both = {"update": NOTE, "query": "ASK {}"}
     refused(lasting, 400, lasting.post("sparql", data=both, headers=lasting.bearer()))
-
-
-def test_update_of_another_media_type_is_refused(lasting: Served) -> None:
-    headers = {"Content-Type": "text/plain", **lasting.bearer()}
-    refused(lasting, 415, lasting.post("sparql", data=NOTE, headers=headers))
-
-
-def test_update_without_a_media_type_is_refused(lasting: Served) -> None:
-    answer = lasting.post("sparql", data=NOTE.encode(), headers=lasting.bearer())
-    refused(lasting, 415, answer)
-
-
-def test_update_that_is_not_utf_8_is_refused(lasting: Served) -> None:
-    body = NOTE.replace("chipped", "tür").encode("latin-1")
-    headers = {"Content-Type": UPDATE, **lasting.bearer()}
-    refused(lasting, 400, lasting.post("sparql", data=body, headers=headers))
 
 
 @pytest.mark.parametrize("update", ["INSERT nothing", "INSERT DATA { ?s ?p ?o }", "SELECT * {}"])
@@ -187,12 +127,6 @@ def test_update_that_reaches_out_is_refused(lasting: Served, update: str) -> Non
     assert lasting.map.sequence == before
 
 
-def test_update_without_a_token_is_unauthorised(lasting: Served) -> None:
-    answer = lasting.post("sparql", data={"update": NOTE})
-    refused(lasting, 401, answer)
-    assert answer.headers["WWW-Authenticate"].startswith("Bearer")
-
-
 @pytest.mark.parametrize(
     "authorization",
     [
@@ -208,15 +142,3 @@ def test_update_with_a_wrong_token_is_unauthorised(lasting: Served, authorizatio
     answer = lasting.post("sparql", data={"update": NOTE}, headers=headers)
     refused(lasting, 401, answer)
     assert "a-token" not in answer.text
-
-
-def test_server_without_tokens_only_reads(serve: Callable[..., Served]) -> None:
-    served = serve(tokens=BearerTokens())
-    refused(served, 403, served.write(NOTE))
-
-
-def test_what_was_written_is_read_right_afterwards(served: Served) -> None:
-    for number in range(20):
-        update = f'INSERT DATA {{ GRAPH graph:map {{ {CUP} rdfs:comment "{number}" }} }}'
-        assert served.write(update).status_code == 200
-        assert len(served.rows(NOTES)) == number + 1

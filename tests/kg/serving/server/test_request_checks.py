@@ -197,3 +197,33 @@ def test_a_token_is_for_one_of_both() -> None:
     Settings(host="0.0.0.0", read_tokens=tokens)
     with pytest.raises(ServerError, match="no name of a host"):
         Settings(public_hosts=("http://maps.example.org/",))
+
+
+WRITING = [
+    *[("POST", path) for path in ("sparql", "assertions", "rooms", "records", "numbers", "labels")],
+    ("POST", "restore"),
+    ("DELETE", "assertions?iri=object/1&property=label"),
+    *[(method, "graphs/map") for method in ("PUT", "POST", "DELETE")],
+]
+
+
+@pytest.mark.parametrize(("method", "path"), WRITING)
+def test_writing_needs_a_token_at_every_door(lasting: Served, method: str, path: str) -> None:
+    before = lasting.map.sequence
+    kind = {"sparql": "application/sparql-update", "graphs/map": "text/turtle"}
+    headers = {"Content-Type": kind.get(path, "application/json")}
+    for token in ({}, lasting.bearer("another-token-of-nobody-0")):
+        answer = lasting.request(method, path, data=b"{}", headers={**headers, **token})
+        assert answer.status_code == 401
+        assert answer.headers["WWW-Authenticate"].startswith("Bearer")
+    assert lasting.map.sequence == before
+
+
+def test_a_server_without_tokens_only_reads(serve: Callable[..., Served]) -> None:
+    served = serve(tokens=BearerTokens())
+    before = served.map.sequence
+    for method, path in WRITING:
+        kind = {"Content-Type": "application/sparql-update"} if path == "sparql" else {}
+        assert served.request(method, path, data=b"{}", headers=kind).status_code == 403
+    assert served.get("assertions").json()["assertions"] == []
+    assert served.map.sequence == before

@@ -8,7 +8,7 @@ from pyoxigraph import Quad
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.update.deletion_guard import DeletionLimit
 from kg.model import vocabulary as v
-from kg.model.errors import HistoryError, RemoteError, UnconfirmedDeletionError
+from kg.model.errors import HistoryError, UnconfirmedDeletionError
 from kg.serving.opening import open_map
 from tests.kg.serving.server.conftest import TOKEN, Served
 
@@ -84,14 +84,6 @@ def test_a_dry_run_and_a_part_from_afar(guarded: Served) -> None:
         assert far.restore(number, only=["object/1"]).objects_back == 1
         with pytest.raises(HistoryError):
             far.restore(number + 40)
-
-
-def test_who_may_not_write_may_not_restore(
-    guarded: Served, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.delenv("HEREABOUTS_TOKEN")
-    with open_map(guarded.url) as far, pytest.raises(RemoteError, match="401"):
-        far.restore(0, confirmed=True)
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,7 @@ def test_a_timeline_has_marks_where_things_came_and_went(served: Served) -> None
     assert told["spans"][0][0] == told["first"]["time"]
 
 
-def test_long_answers_are_compressed(served: Served) -> None:
+def test_long_answers_are_compressed(lasting: Served) -> None:
     query = {"query": "SELECT * { ?s ?p ?o } LIMIT 100"}
-    assert served.get("sparql", params=query).headers["Content-Encoding"] == "gzip"
-    assert "Content-Encoding" not in served.get("health").headers
+    assert lasting.get("sparql", params=query).headers["Content-Encoding"] == "gzip"
+    assert "Content-Encoding" not in lasting.get("health").headers

@@ -23,10 +23,10 @@ def places(rows: object) -> list[float]:
     return sorted(float(row["x"]["value"]) for row in rows)  # type: ignore[attr-defined]
 
 
-def test_first_event_is_the_whole_answer(served: Served) -> None:
-    with served.stream("subscribe", params={"query": CUPS}) as stream:
+def test_first_event_is_the_whole_answer(lasting: Served) -> None:
+    with lasting.stream("subscribe", params={"query": CUPS}) as stream:
         number, kind, data = stream.next()
-    assert (number, kind) == (served.map.sequence, "result")
+    assert (number, kind) == (lasting.map.sequence, "result")
     assert places(data["added"]) == [1.0]
     assert data["removed"] == []
 
@@ -90,10 +90,10 @@ def test_ask_can_be_followed(served: Served) -> None:
         "CLEAR ALL",
     ],
 )
-def test_what_cannot_be_followed_is_refused_and_leaves_nothing(served: Served, query: str) -> None:
-    assert served.get("subscribe", params={"query": query}).status_code in (400, 406)
-    assert not served.server.serving.subscriptions
-    assert served.server.serving.feed.followers == 0
+def test_what_cannot_be_followed_is_refused_and_leaves_nothing(lasting: Served, query: str) -> None:
+    assert lasting.get("subscribe", params={"query": query}).status_code in (400, 406)
+    assert not lasting.server.serving.subscriptions
+    assert lasting.server.serving.feed.followers == 0
 
 
 def test_standing_queries_are_limited(serve: Callable[..., Served]) -> None:
@@ -102,11 +102,11 @@ def test_standing_queries_are_limited(serve: Callable[..., Served]) -> None:
         assert served.get("subscribe", params={"query": CUPS}).status_code == 503
 
 
-def test_relative_iris_are_the_maps_as_everywhere(served: Served) -> None:
+def test_relative_iris_are_the_maps_as_everywhere(lasting: Served) -> None:
     query = "SELECT ?n { <object/1> <note> ?n }"
-    with served.stream("subscribe", params={"query": query}) as stream:
+    with lasting.stream("subscribe", params={"query": query}) as stream:
         _, _, data = stream.next()
         assert data["added"] == []
-        assert served.write("INSERT DATA { <object/1> <note> 'blue' }").status_code == 200
+        assert lasting.write("INSERT DATA { <object/1> <note> 'blue' }").status_code == 200
         _, _, data = stream.next()
         assert [row["n"]["value"] for row in data["added"]] == ["blue"]  # type: ignore[index, attr-defined]

@@ -1,4 +1,4 @@
-"""The W3C's SPARQL 1.1 Protocol tests, one function a case and under its name.
+"""The W3C's SPARQL 1.1 Protocol tests, each case under its name.
 
 Source: w3c/rdf-tests, sparql/sparql11/protocol/manifest.ttl, all 34 approved cases. Two things
 differ, on purpose. A case that begins with CLEAR ALL or DROP ALL clears a graph of its own or none:
@@ -110,20 +110,17 @@ def kind_of(served: Served, query: str) -> str:
     return answer.headers["Content-Type"].partition(";")[0]
 
 
-def test_query_content_type_select(loaded: Served) -> None:
-    assert kind_of(loaded, "SELECT (1 AS ?value) {}") in TABLES
-
-
-def test_query_content_type_ask(loaded: Served) -> None:
-    assert kind_of(loaded, "ASK {}") in BOOLEANS
-
-
-def test_query_content_type_describe(loaded: Served) -> None:
-    assert kind_of(loaded, "DESCRIBE <http://example.org/>") in GRAPHS
-
-
-def test_query_content_type_construct(loaded: Served) -> None:
-    assert kind_of(loaded, "CONSTRUCT { <s> <p> 1 } WHERE {}") in GRAPHS
+@pytest.mark.parametrize(
+    ("query", "kinds"),
+    [
+        ("SELECT (1 AS ?value) {}", TABLES),
+        ("ASK {}", BOOLEANS),
+        ("DESCRIBE <http://example.org/>", GRAPHS),
+        ("CONSTRUCT { <s> <p> 1 } WHERE {}", GRAPHS),
+    ],
+)
+def test_query_content_type(loaded: Served, query: str, kinds: tuple[str, ...]) -> None:
+    assert kind_of(loaded, query) in kinds
 
 
 def copied(target: str, where: str = "?s a foaf:Document") -> str:
@@ -205,77 +202,38 @@ def test_query_post_direct(loaded: Served) -> None:
     is_true(direct(loaded, "ASK {}"))
 
 
-def test_bad_query_method(loaded: Served) -> None:
-    given = {"query": "ASK {}", "default-graph-uri": DATA[0]}
-    refused(loaded.request("PUT", "sparql/", params=given))
+CLEAR = f"CLEAR GRAPH <{DATA[1]}>"
+FORM = "application/x-www-form-urlencoded"
+#: name of a case -> method, type of the body, body, parameters
+BAD: dict[str, tuple[str, str | None, bytes, dict[str, object]]] = {
+    "bad_query_method": ("PUT", None, b"", {"query": "ASK {}", "default-graph-uri": DATA[0]}),
+    "bad_multiple_queries": ("GET", None, b"", {"query": ["ASK {}", "SELECT * {}"]}),
+    "bad_query_wrong_media_type": ("POST", "text/plain", b"ASK {}", {}),
+    "bad_query_missing_form_type": ("POST", None, b"query=ASK%20%7B%7D", {}),
+    "bad_query_missing_direct_type": ("POST", None, b"ASK {}", {}),
+    "bad_query_non_utf8": ("POST", f"{QUERY}; charset=UTF-16", "ASK {}".encode("utf-16"), {}),
+    "bad_query_syntax": ("GET", None, b"", {"query": "ASK {"}),
+    "bad_update_get": ("GET", None, b"", {"update": CLEAR}),
+    "bad_multiple_updates": ("POST", FORM, f"update={CLEAR}&update={CLEAR}".encode(), {}),
+    "bad_update_wrong_media_type": ("POST", "text/plain", CLEAR.encode(), {}),
+    "bad_update_missing_form_type": ("POST", None, b"update=CLEAR%20NAMED", {}),
+    "bad_update_non_utf8": ("POST", f"{UPDATE}; charset=UTF-16", CLEAR.encode("utf-16"), {}),
+    "bad_update_syntax": ("POST", FORM, b"update=CLEAR%20XYZ", {}),
+}
 
 
-def test_bad_multiple_queries(loaded: Served) -> None:
-    refused(loaded.get("sparql/", params={"query": ["ASK {}", "SELECT * {}"]}))
-
-
-def test_bad_query_wrong_media_type(loaded: Served) -> None:
-    refused(direct(loaded, "ASK {}", "text/plain"))
-
-
-def untyped(served: Served, body: bytes) -> requests.Response:
-    answer = served.post("sparql/", data=body, headers=served.bearer())
-    assert "Content-Type" not in answer.request.headers
-    return answer
-
-
-def test_bad_query_missing_form_type(loaded: Served) -> None:
-    refused(untyped(loaded, b"query=ASK%20%7B%7D"))
-
-
-def test_bad_query_missing_direct_type(loaded: Served) -> None:
-    refused(untyped(loaded, b"ASK {}"))
-
-
-def test_bad_query_non_utf8(loaded: Served) -> None:
-    headers = {"Content-Type": f"{QUERY}; charset=UTF-16"}
-    refused(loaded.post("sparql/", data="ASK {}".encode("utf-16"), headers=headers))
-
-
-def test_bad_query_syntax(loaded: Served) -> None:
-    refused(loaded.get("sparql/", params={"query": "ASK {"}))
+@pytest.mark.parametrize("name", BAD)
+def test_what_is_refused(loaded: Served, name: str) -> None:
+    method, kind, body, params = BAD[name]
+    headers = loaded.bearer() | ({} if kind is None else {"Content-Type": kind})
+    answer = loaded.request(method, "sparql/", data=body, params=params, headers=headers)
+    assert kind is not None or "Content-Type" not in answer.request.headers
+    unchanged(loaded, answer)
 
 
 def unchanged(served: Served, answer: requests.Response) -> None:
     refused(answer)
     is_true(direct(served, f"ASK {{ GRAPH <{DATA[1]}> {{ ?s a ?type }} }}"))
-
-
-CLEAR = f"CLEAR GRAPH <{DATA[1]}>"
-
-
-def test_bad_update_get(loaded: Served) -> None:
-    given = {"params": {"update": CLEAR}, "headers": loaded.bearer()}
-    unchanged(loaded, loaded.get("sparql/", **given))
-
-
-def test_bad_multiple_updates(loaded: Served) -> None:
-    form = {"update": [CLEAR, CLEAR]}
-    unchanged(loaded, loaded.post("sparql/", data=form, headers=loaded.bearer()))
-
-
-def test_bad_update_wrong_media_type(loaded: Served) -> None:
-    unchanged(loaded, direct(loaded, CLEAR, "text/plain"))
-
-
-def test_bad_update_missing_form_type(loaded: Served) -> None:
-    unchanged(loaded, untyped(loaded, b"update=CLEAR%20NAMED"))
-
-
-def test_bad_update_non_utf8(loaded: Served) -> None:
-    headers = {"Content-Type": f"{UPDATE}; charset=UTF-16", **loaded.bearer()}
-    answer = loaded.post("sparql/", data=CLEAR.encode("utf-16"), headers=headers)
-    unchanged(loaded, answer)
-
-
-def test_bad_update_syntax(loaded: Served) -> None:
-    form = {"update": "CLEAR XYZ"}
-    unchanged(loaded, loaded.post("sparql/", data=form, headers=loaded.bearer()))
 
 
 def test_bad_update_dataset_conflict(loaded: Served) -> None:

@@ -10,7 +10,6 @@ kept, since no update is involved.
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -29,7 +28,6 @@ from pyoxigraph import (
     Quad,
     QueryBoolean,
     QueryResultsFormat,
-    QueryTriples,
     RdfFormat,
     Store,
     parse,
@@ -140,13 +138,6 @@ def data(suites: Path) -> list[Quad]:
 
 
 @pytest.fixture(scope="module")
-def raw(data: list[Quad]) -> Store:
-    store = Store()
-    store.extend(data)
-    return store
-
-
-@pytest.fixture(scope="module")
 def endpoint(data: list[Quad]) -> Iterator[str]:
     """The address of a server of a map that holds the data."""
     limits = Limits(query_seconds=120.0)
@@ -154,10 +145,6 @@ def endpoint(data: list[Quad]) -> Iterator[str]:
         cast(Store, semantic_map.engine).extend(data)
         with MapServer(semantic_map, Settings(port=0, limits=limits)) as server:
             yield server.url
-
-
-def masked(value: str) -> str:
-    return re.sub(r"_:\w+", "_:b", value)
 
 
 def graphs_of(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -171,33 +158,6 @@ def graphs_of(case: Case) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return ((NOTHING,), ()) if case.syntax or none else (case.default, case.named)
 
 
-def answer_of(raw: Store, case: Case, base: str) -> object:
-    """What pyoxigraph answers: a truth value, a multiset of rows or triples, or None: an error."""
-    default, named = graphs_of(case)
-    chosen: dict[str, Any] = {}
-    if default or named:
-        chosen["default_graph"] = [NamedNode(iri) for iri in default]
-        chosen["named_graphs"] = [NamedNode(iri) for iri in named]
-    try:
-        found = raw.query(case.text, base_iri=base, prefixes=v.PREFIXES, **chosen)
-        if isinstance(found, QueryBoolean):
-            return bool(found)
-        if isinstance(found, QueryTriples):
-            return Counter(masked(str(triple)) for triple in found)
-        return rows_of(json.loads(found.serialize(format=QueryResultsFormat.JSON) or b""))
-    except (SyntaxError, ValueError, OSError, RuntimeError):
-        return None
-
-
-def rows_of(results: dict[str, Any]) -> Counter[str]:
-    rows = results["results"]["bindings"]
-    for row in rows:
-        for term in row.values():
-            if term["type"] == "bnode":
-                term["value"] = "b"
-    return Counter(json.dumps(row, sort_keys=True) for row in rows)
-
-
 def asked(
     endpoint: str, session: requests.Session, case: Case, accept: str = ACCEPTED
 ) -> requests.Response:
@@ -205,36 +165,6 @@ def asked(
     default, named = graphs_of(case)
     given = {"query": case.text, "default-graph-uri": default, "named-graph-uri": named}
     return session.post(f"{endpoint}sparql", data=given, headers={"Accept": accept})
-
-
-def response_of(endpoint: str, session: requests.Session, case: Case) -> object:
-    """What the server answers, in the same form."""
-    answer = asked(endpoint, session, case)
-    if answer.status_code != 200:
-        assert answer.status_code == 400, (answer.status_code, answer.text)
-        return None
-    if answer.headers["Content-Type"].startswith("application/n-triples"):
-        triples = parse(answer.content, format=RdfFormat.N_TRIPLES)
-        return Counter(masked(str(quad.triple)) for quad in triples)
-    results = answer.json()
-    return results["boolean"] if "boolean" in results else rows_of(results)
-
-
-def test_every_query_is_answered_as_by_the_engine_alone(
-    suites: Path, raw: Store, endpoint: str
-) -> None:
-    found = list(cases(suites))
-    other = {}
-    with requests.Session() as session:
-        for case in found:
-            expected = answer_of(raw, case, BASE)
-            answer = response_of(endpoint, session, case)
-            if answer != expected:
-                other[case.name.rpartition("data-")[2]] = (expected, answer)
-    assert other == {}
-    # an empty run is no success
-    kinds = Counter(case.syntax for case in found)
-    assert kinds == {False: EVALUATED, True: PARSED}
 
 
 Rows = list[dict[str, Any]]

@@ -15,6 +15,7 @@ from kg.serving.workers import process
 from kg.serving.workers.local_evaluation import ACCEPTED, table_of
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.request import WorkerCall
 from kg.serving.workers.updates import UpdateRequest, parsed_document, update_map
 
 #: a worker that ends with its first import after it was confined
@@ -69,15 +70,12 @@ def test_updates_and_documents(live: StoredMap, pool: QueryPool) -> None:
 def test_reports_and_states(live: StoredMap, pool: QueryPool) -> None:
     thing = live.base + "thing"
     for form in ("application/json", "text/plain"):
-        report = asyncio.run(
-            pool.request_async(
-                b"T", {"what": "log", "media_type": form, "iri": thing, "last": None}
-            )
-        )
+        wanted = {"what": "log", "media_type": form, "iri": thing, "last": None}
+        report = pool.answer(WorkerCall(b"T", wanted))
         assert b"thing" in report.body
     wanted = {"surface": [], "objects": True, "base": live.base}
     for at in (None, 1):
-        answer = asyncio.run(pool.request_async(b"V", wanted, at=at))
+        answer = asyncio.run(pool.answer_async(WorkerCall(b"V", wanted, at=at)))
         assert b'"robot"' in answer.body
 
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
-import json
-import queue
 import subprocess
 import sys
 import threading
@@ -31,6 +29,7 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers import process
 from kg.serving.workers.pool import QueryPool
+from kg.serving.workers.request import query_call
 from tests.waiting import until
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
@@ -62,11 +61,6 @@ def rows(pool: QueryPool, sparql: str, **options: object) -> list[list[str]]:
     return list(csv.reader(io.StringIO(answer.body.decode())))[1:]
 
 
-def test_an_answer_is_what_the_map_itself_answers(live: SemanticMap, pool: QueryPool) -> None:
-    sparql = "SELECT ?label {here:Kitchen rdfs:label ?label} ORDER BY ?label"
-    assert rows(pool, sparql) == [[str(cell) for cell in row] for row in live.query(sparql).rows]
-
-
 def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) -> None:
     live.update("INSERT DATA { <object/1> a here:Cup ; here:x 3.0 ; here:y 4.0 ; here:z 0.5 }")
     question = find_query("objects-within-radius")
@@ -75,15 +69,6 @@ def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) 
     with QueryPool(live, timeout=60) as pool:
         (row,) = rows(pool, question.bind(around, lambda _, text: text))
     assert float(row[distance]) == 5.0 == live.query(question.name, **around).rows[0][distance]
-
-
-def test_each_form_comes_in_the_format_asked_for(pool: QueryPool) -> None:
-    table = pool.run("SELECT ?p {graph:dataset ?p ?o}", accept="application/json")
-    triples = pool.run("CONSTRUCT WHERE {?s a here:SemanticMap}", accept="application/n-triples")
-    assert "bindings" in json.loads(table.body)["results"]
-    assert table.media_type == "application/json"
-    assert triples.body.decode().rstrip().endswith(f"<{v.SEMANTIC_MAP}> .")
-    assert b"true" in pool.run("ASK {}", accept="application/sparql-results+xml").body
 
 
 def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(
@@ -95,27 +80,6 @@ def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(
         pool.run("ASK {}", accept="text/turtle")
     with pytest.raises(NotAcceptableError, match="triples"):
         pool.run("DESCRIBE here:Kitchen", accept="text/csv")
-
-
-def test_the_default_graph_is_the_union_unless_graphs_are_chosen(
-    live: SemanticMap, pool: QueryPool
-) -> None:
-    write(live, 7)
-    ask = "SELECT ?n {?s <urn:says> ?n}"
-    elsewhere = "SELECT ?n FROM graph:map {?s <urn:says> ?n}"
-    by_name = "SELECT ?n FROM NAMED graph:assertions {GRAPH ?g {?s <urn:says> ?n}}"
-    assert rows(pool, ask, at_least=1) == [["7"]]
-    assert rows(pool, elsewhere) == []
-    assert rows(pool, by_name) == [["7"]]
-    assert rows(pool, ask, default_graphs=[v.MAP_GRAPH.value]) == []
-    assert rows(pool, elsewhere, default_graphs=[v.ASSERTIONS_GRAPH.value]) == [["7"]]
-    assert rows(pool, by_name, named_graphs=[v.MAP_GRAPH.value]) == []
-
-
-def test_graphs_that_the_map_has_not_are_empty_in_the_request_too(pool: QueryPool) -> None:
-    assert rows(pool, "SELECT ?s {?s ?p ?o}", default_graphs=["file:///etc/passwd"]) == []
-    with pytest.raises(QueryError, match="IRI"):
-        pool.run("ASK {}", named_graphs=["no iri"])
 
 
 def test_answers_say_which_transaction_they_saw_and_catch_up_when_told(live: SemanticMap) -> None:
@@ -209,9 +173,9 @@ def test_a_full_queue_says_so_at_once(live: SemanticMap) -> None:
 
         async def crowd() -> list[object]:
             asked = [
-                pool.run_async(ENDLESS, timeout=0.7),
-                pool.run_async("ASK {}"),
-                pool.run_async("ASK {}"),
+                pool.answer_async(query_call(ENDLESS, timeout=0.7)),
+                pool.answer_async(query_call("ASK {}")),
+                pool.answer_async(query_call("ASK {}")),
             ]
             return await asyncio.gather(*asked, return_exceptions=True)
 
@@ -227,8 +191,8 @@ def test_a_cancelled_query_is_killed_and_its_worker_free_again(live: SemanticMap
 
         async def give_up() -> None:
             with pytest.raises(TimeoutError):
-                await asyncio.wait_for(pool.run_async(ENDLESS), 0.3)
-            assert (await pool.run_async("ASK {}")).body
+                await asyncio.wait_for(pool.answer_async(query_call(ENDLESS)), 0.3)
+            assert (await pool.answer_async(query_call("ASK {}"))).body
 
         asyncio.run(give_up())
 
@@ -272,54 +236,6 @@ def test_closing_ends_queries_that_still_run(live: SemanticMap) -> None:
     pool.close()
     thread.join()
     assert len(raised) == 1
-
-
-def test_questions_about_the_past_leave_a_worker_for_the_present(live: SemanticMap) -> None:
-    for number in range(3):
-        write(live, number)
-    refused: list[BaseException] = []
-
-    def ask(at: int) -> None:
-        try:
-            pool.run(ENDLESS, at=at)
-        except GraphError as error:
-            refused.append(error)
-
-    with QueryPool(live, workers=2, timeout=600) as pool:
-        asking = [threading.Thread(target=ask, args=(at,)) for at in (0, 1, 2)]
-        for thread in asking:
-            thread.start()
-        until(lambda: pool.busy)
-        for _ in range(3):  # however many wait for the other, this one is never theirs
-            assert rows(pool, "SELECT (COUNT(*) AS ?n) {?s <urn:says> ?o}", at_least=3) == [["3"]]
-        assert all(thread.is_alive() for thread in asking)
-    for thread in asking:
-        thread.join()
-    assert len(refused) == 3
-
-
-def test_questions_about_the_past_leave_places_in_the_queue_for_the_present(
-    live: SemanticMap,
-) -> None:
-    write(live, 0)
-    ended: queue.Queue[BaseException] = queue.Queue()
-
-    def ask() -> None:
-        try:
-            pool.run(ENDLESS, at=0)
-        except (GraphError, QueryError) as error:
-            ended.put(error)
-
-    with QueryPool(live, workers=2, queue=4, timeout=600) as pool:
-        asking = [threading.Thread(target=ask) for _ in range(9)]
-        for thread in asking:
-            thread.start()
-        refused = [ended.get(timeout=120) for _ in range(6)]  # one is answered, two wait for that
-        assert {type(error) for error in refused} == {PoolBusyError}
-        assert b"true" in pool.run("ASK {}", accept="application/json").body
-    for thread in asking:
-        thread.join()
-    assert ended.qsize() == 3
 
 
 def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: QueryPool) -> None:

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import gzip
 import select
 import socket
-import struct
 import threading
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from functools import partial
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import pytest
-import requests
 
 from kg.serving.server import Limits
-from kg.serving.server.http.lifecycle import listen
 from tests.kg.serving.server.conftest import TOKEN
 from tests.kg.serving.server.raw_answers import whole_answer
 
@@ -225,50 +219,14 @@ def test_an_upgrade_is_ignored(lasting: Served, sockets: Callable[[Served], Sock
     assert status(sockets(lasting).open(), HEAD + upgrade) == b"200"
 
 
-def send(served: Served, encoding: str, body: bytes) -> requests.Response:
+@pytest.mark.parametrize(
+    ("encoding", "status_code"), [("identity", 200), ("gzip", 415), ("deflate", 415), ("br", 415)]
+)
+def test_bodies_are_read_as_they_are(lasting: Served, encoding: str, status_code: int) -> None:
     kind = {"Content-Type": "application/sparql-query", "Content-Encoding": encoding}
-    return served.post("sparql", data=body, headers=kind)
-
-
-QUERY = b"ASK { FILTER(1 < 2) }"
-packed = partial(gzip.compress, mtime=0)  # the same name of a test in each second
-
-
-@pytest.mark.parametrize(
-    ("encoding", "body"),
-    [
-        ("gzip", packed(QUERY)),
-        ("x-gzip", packed(QUERY[:9]) + packed(QUERY[9:])),
-        ("deflate", zlib.compress(QUERY)),
-        ("identity", QUERY),
-    ],
-)
-def test_compressed_bodies_are_read(lasting: Served, encoding: str, body: bytes) -> None:
-    assert send(lasting, encoding, body).json()["boolean"] is True
-
-
-@pytest.mark.parametrize(
-    ("encoding", "body", "status_code", "words"),
-    [
-        ("br", QUERY, 415, "there are gzip, deflate"),
-        ("gzip, gzip", packed(packed(QUERY)), 415, "there are gzip, deflate"),
-        ("gzip", QUERY, 400, "not compressed as it says"),
-        ("gzip", packed(QUERY)[:-9], 400, "incomplete"),
-        ("gzip", packed(QUERY) + b"more", 400, "not compressed as it says"),
-        ("gzip", packed(b" " * (9 << 20)), 413, "a body may have 8388608 bytes"),
-        ("deflate", zlib.compress(b" " * (80 << 20)), 413, "a body may have 8388608 bytes"),
-        ("gzip", packed(b" " * (1 << 20)) * 9, 413, "a body may have 8388608 bytes"),
-        ("gzip", packed(b" ") * 101, 413, "a compressed body may have 100 members"),
-    ],
-)
-def test_other_encodings_and_bombs_are_refused(
-    lasting: Served, encoding: str, body: bytes, status_code: int, words: str
-) -> None:
-    refused = send(lasting, encoding, body)
-    assert refused.status_code == status_code
-    assert words in refused.text
-    if status_code == 415:
-        assert refused.headers["Accept-Encoding"] == "gzip, deflate"
+    answer = lasting.post("sparql", data=b"ASK {}", headers=kind)
+    assert answer.status_code == status_code
+    assert answer.headers.get("Accept-Encoding") == (None if answer.ok else "identity")
 
 
 def test_a_body_of_tiny_chunks_is_taken_in_smaller_turns(
@@ -279,17 +237,3 @@ def test_a_body_of_tiny_chunks_is_taken_in_smaller_turns(
     for chunks in (b"1\r\n \r\n" * 3000, b"a\r\n          \r\n" * 300):
         client = sockets(served).open(chunked + chunks + b"6\r\nASK {}\r\n0\r\n\r\n")
         assert status(client, b"") == b"200"
-
-
-def test_clients_that_hung_up_before_they_were_accepted_are_passed_over() -> None:
-    with listen("127.0.0.1", 0) as listening:
-        listening.setblocking(False)
-        for _ in range(20):
-            with socket.create_connection(listening.getsockname()) as gone:
-                gone.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        with socket.create_connection(listening.getsockname()) as here:
-            accepted, address = listening.accept()
-            accepted.close()
-            assert address == here.getsockname()
-        with pytest.raises(BlockingIOError):
-            listening.accept()
