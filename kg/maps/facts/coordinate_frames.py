@@ -55,24 +55,6 @@ def frame_quads(base: str) -> list[Quad]:
     return [states, *subject_quads(own, facts, v.DATASET_GRAPH)]
 
 
-def placed_frame_quads(base: str, relative_to: str, T: ArrayLike) -> list[Quad]:
-    """Facts of a map's frame whose coordinates `T` (4, 4) takes to the frame `relative_to`.
-
-    Raises InvalidFactError for a transform that is not rigid or tilts the vertical, and for the
-    map's own frame.
-    """
-    if relative_to == frame_iri(base):
-        raise InvalidFactError(
-            "a frame cannot be relative to itself; give the frame of another map"
-        )
-    matrix = checked_transform(T)
-    facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RELATIVE_TO, iri_node(relative_to, "a frame")),
-        (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in matrix.flat))),
-    ]
-    return [*frame_quads(base), *subject_quads(frame_iri(base), facts, v.DATASET_GRAPH)]
-
-
 def checked_transform(T: ArrayLike) -> NDArray[np.float64]:
     """`T` (4, 4) [m] if it is rigid and keeps the vertical; raises InvalidFactError otherwise."""
     matrix = np.asarray(T, np.float64)
@@ -161,9 +143,18 @@ def changed_frame(
 ) -> tuple[list[Quad], list[Quad]]:
     """Quads to delete and to insert so that `T` (4, 4) takes the map `base` to `relative_to`.
 
-    Raises InvalidFactError as `placed_frame_quads`.
+    Raises InvalidFactError for a transform that is not rigid or tilts the vertical, and for the
+    map's own frame.
     """
-    new = placed_frame_quads(base, relative_to, T)
+    if relative_to == frame_iri(base):
+        raise InvalidFactError(
+            "a frame cannot be relative to itself; give the frame of another map"
+        )
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RELATIVE_TO, iri_node(relative_to, "a frame")),
+        (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in checked_transform(T).flat))),
+    ]
+    new = [*frame_quads(base), *subject_quads(frame_iri(base), facts, v.DATASET_GRAPH)]
     old = [
         quad
         for node in (NamedNode(base), NamedNode(frame_iri(base)))
@@ -301,8 +292,8 @@ def apart_from(engine: QuadStore, base: str) -> tuple[MapFrame, ...]:
 
 def check_one_map(engine: QuadStore, where: str) -> None:
     """Raises GraphError where a store has several maps, which only a query or a plan can choose."""
-    frames = frames_in(engine) if len(maps_in(engine)) > 1 else ()
-    if frames:
+    frames = frames_in(engine)
+    if len(frames) > 1:
         titles = ", ".join(frame.title for frame in frames)
         raise GraphError(
             f"{where} holds {len(frames)} maps ({titles}), each with its own frame; this needs one "

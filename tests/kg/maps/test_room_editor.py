@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 from hereabouts.cli import main
-from kg.export.serialization import export_map as export
 from kg.maps.semantic_map import SemanticMap
-from kg.model import vocabulary as v
 from kg.model.areas import area_of
 from kg.model.errors import InvalidFactError, ShapeError
 from kg.model.records import DoorRecord, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
@@ -202,13 +200,7 @@ def test_an_outline_is_read_as_it_was_written_to_a_centimetre(flat):
     assert hall.area == ROUND
     assert room.outline == ()
     assert outline(flat) == [f"<{BASE}crs> POLYGON ((0 0, 6 0, 6 2, 2 2, 2 5, 0 5, 0 0))"]
-
-
-def test_what_did_not_change_is_not_written(flat):
     assert flat.apply(MapUpdate(places=flat.places())) is None
-
-
-def test_the_robot_is_in_the_place_whose_polygon_holds_it(flat):
     assert [row["place"] for row in flat.query("robot").records()] == ["room"]
 
 
@@ -253,10 +245,3 @@ def test_a_record_whose_outline_crosses_itself_is_refused(flat):
     bad = PlaceRecord(PLACE, "hall", 0, 4, 0, 4, outline=(ring,))
     with pytest.raises(InvalidFactError, match="crosses itself"):
         flat.apply(MapUpdate(places=(bad,)))
-
-
-def test_an_export_has_the_polygon_as_geometry(flat, tmp_path):
-    path = tmp_path / "flat.nq"
-    export(flat, path)
-    lines = [line for line in path.read_text().splitlines() if f"<{PLACE}/geometry>" in line]
-    assert any("6 2, 2 2" in line and v.GEO_AS_WKT in line for line in lines)
