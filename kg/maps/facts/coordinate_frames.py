@@ -319,23 +319,15 @@ def quads_in_one_frame(engine: QuadStore, base: str, *, rest: bool = False) -> l
     quads = [
         quad for graph in _SHARED for quad in engine.quads_for_pattern(None, None, None, graph)
     ]
+    states, home = NamedNode(v.COORDINATE_FRAME), frame_iri(base)
     for one, facts in of_map.items():
-        if one in ways:
-            quads.extend(in_frame(facts, ways[one], one, base))
-        elif rest:
+        if one in ways and not np.array_equal(ways[one], np.eye(4)):
+            kept = (quad for quad in facts if quad.predicate != states)
+            quads.extend(moved(kept, ways[one], home))
+            quads.append(Quad(NamedNode(one), states, NamedNode(home), v.DATASET_GRAPH))
+        elif one in ways or rest:
             quads.extend(facts)
     return quads
-
-
-def in_frame(quads: Iterable[Quad], T: NDArray[np.float64], own: str, base: str) -> Iterator[Quad]:
-    """Facts of the map `own` by `T` (4, 4) in the frame of `base`, and stated to be in it."""
-    if np.array_equal(T, np.eye(4)):
-        yield from quads
-        return
-    states = NamedNode(v.COORDINATE_FRAME)
-    kept = (quad for quad in quads if quad.predicate != states)
-    yield from moved(kept, T, frame_iri(base))
-    yield Quad(NamedNode(own), states, NamedNode(frame_iri(base)), v.DATASET_GRAPH)
 
 
 def _by_map(engine: QuadStore, maps: list[str], base: str) -> dict[str, list[Quad]]:

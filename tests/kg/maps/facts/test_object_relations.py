@@ -77,18 +77,12 @@ def test_a_removed_support_leaves_nothing_behind(chart: SemanticMap) -> None:
     assert not {q for q in set(chart.engine) - before if "sequence" not in str(q.predicate)}
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        (Relation("on", CUP, 0.8),),
-        (Relation("on", TABLE, 1.2),),
-        (Relation("on", "no iri", 0.8),),
-        (Relation("on", TABLE, 0.8), Relation("on", TABLE, 0.8)),
-    ],
-)
-def test_impossible_relations_are_refused(chart: SemanticMap, wrong: tuple[Relation, ...]) -> None:
-    with pytest.raises(InvalidFactError):
-        write(chart, *wrong)
+def test_impossible_relations_are_refused(chart: SemanticMap) -> None:
+    on_table = Relation("on", TABLE, 0.8)
+    wrong = (Relation("on", CUP, 0.8), replace(on_table, probability=1.2), Relation("on", "no", 1))
+    for relations in (*((one,) for one in wrong), (on_table, on_table)):
+        with pytest.raises(InvalidFactError):
+            write(chart, *relations)
 
 
 def test_an_assertion_outranks_the_mapper_until_it_is_retracted(chart: SemanticMap) -> None:
@@ -103,10 +97,10 @@ def test_an_assertion_outranks_the_mapper_until_it_is_retracted(chart: SemanticM
     assert chart.objects()[0].relations == (Relation("on", TABLE, 0.9),)
 
 
-@pytest.mark.parametrize("other", ["object/1", "object/99", "the table", ""])
-def test_an_assertion_names_another_object(chart: SemanticMap, other: str) -> None:
-    with pytest.raises(InvalidFactError):
-        chart.assertions.add(CUP, "on", other, by="ann")
+def test_an_assertion_names_another_object(chart: SemanticMap) -> None:
+    for other in ("object/1", "object/99", "the table", ""):
+        with pytest.raises(InvalidFactError):
+            chart.assertions.add(CUP, "on", other, by="ann")
 
 
 def test_an_assertion_goes_with_the_object_it_names(chart: SemanticMap) -> None:

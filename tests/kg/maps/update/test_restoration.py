@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import random
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -32,7 +26,6 @@ from kg.model.records import MapUpdate
 from kg.serving.opening import in_memory_map, open_map
 from tests.kg.conftest import thing
 
-ROOT = Path(__file__).resolve().parents[4]
 BASE = "https://example.org/flat/"
 EVERYTHING = "DELETE WHERE { ?s ?p ?o }"
 Written = Callable[[int], SemanticMap]
@@ -124,6 +117,9 @@ def test_one_object_comes_back_with_all_that_belonged_to_it(flat: SemanticMap) -
     mine = {quad for quad in before if about in ends[quad]}
     assert mine and mine <= facts(flat)
     assert {a.by for a in flat.assertions.all("object/1")} == {"ann"}
+    flat.restore(5)
+    flat.restore(number, only=["object/1"])
+    assert {a.by for a in flat.assertions.all("object/1")} == {"ann"}, "an author comes back too"
 
 
 def test_objects_and_places_are_restored_apart(flat: SemanticMap) -> None:
@@ -233,58 +229,3 @@ def test_the_command_restores_and_counts(
     assert capsys.readouterr().err.startswith("error: no transaction #500 is kept")
     with open_map(path) as again:
         assert facts(again) == before
-
-
-# restores the one state and the other for ever, and says of each when it is done
-_RESTORER = """
-import os, sys
-from kg.serving.opening import open_map
-from kg.store.transactional import TransactionalStore
-semantic_map = open_map(sys.argv[1])
-if "between" in sys.argv:  # the log has the transaction, the store will never get it
-    TransactionalStore._write = lambda *_: os.kill(os.getpid(), 9)
-while True:
-    for when in (2, 5):
-        print(when, semantic_map.restore(when).sequence, flush=True)
-"""
-
-
-def _restorer(path: Path, *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", _RESTORER, str(path), *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-
-
-def test_a_restoration_that_is_killed_is_whole_or_did_not_happen(
-    flat: SemanticMap, tmp_path: Path
-) -> None:
-    path, states = Path(flat.store.where), {}
-    for when in (2, 5):
-        with flat.at(when) as then:
-            states[when] = _but_counter(facts(then))
-    flat.close()
-    rng = random.Random(3)
-    for words in ((), (), ("between",)):
-        process = _restorer(path, *words)
-        assert process.stdout is not None
-        lines = [process.stdout.readline()] if not words else []
-        time.sleep(rng.uniform(0.0, 0.1))
-        if not words:
-            process.kill()
-        lines += process.stdout.read().splitlines(keepends=True)
-        assert process.wait() == -signal.SIGKILL
-        process.stdout.close()
-        done = [line for line in lines if line.endswith("\n")]
-        with open_map(path) as killed:
-            assert _but_counter(facts(killed)) in states.values()
-            numbers = [int(line.split()[1]) for line in done if "None" not in line]
-            assert killed.sequence >= max(numbers, default=0)
-            with killed.at(killed.sequence) as now:
-                assert facts(now) == facts(killed)
-
-
-def _but_counter(quads: set[Quad]) -> set[Quad]:
-    return {quad for quad in quads if quad.predicate.value != v.NEXT_OBJECT}
