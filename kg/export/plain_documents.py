@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,10 +104,7 @@ class _Names:
         return whole_number(self.short(iri).removeprefix("place/"))
 
     def place(self, place: PlaceRecord) -> dict[str, Any]:
-        beliefs = {
-            self._catalogue.label(iri): round(belief, 4)
-            for iri, belief in sorted(place.beliefs.items(), key=lambda item: (-item[1], item[0]))
-        }
+        beliefs = self._shares(place.beliefs)
         return {
             "name": self.short(place.iri),
             "label": place.label,
@@ -125,10 +122,7 @@ class _Names:
             "yaw": _finite(record.yaw),
             "deviation": None if deviation is None else _finite(deviation),
             "existence": round(record.existence, 4),
-            "may_be": {
-                self._catalogue.label(iri): round(p, 4)
-                for iri, p in sorted(record.labels.items(), key=lambda item: (-item[1], item[0]))
-            },
+            "may_be": self._shares(record.labels),
             "observations": record.observations,
             "last_seen": record.last_seen,
             "seen_in": None
@@ -148,6 +142,11 @@ class _Names:
                 for relation in record.relations or ()
             ],
         }
+
+    def _shares(self, shares: Mapping[str, float]) -> dict[str, float]:
+        """Labels of categories with their probabilities, the most probable one first."""
+        ordered = sorted(shares.items(), key=lambda item: (-item[1], item[0]))
+        return {self._catalogue.label(iri): round(share, 4) for iri, share in ordered}
 
     def departed(self, record: DepartedRecord) -> dict[str, Any]:
         return {

@@ -38,6 +38,14 @@ FORMATS: Final[dict[str, tuple[str, ...]]] = {
     "jsonld": (".jsonld", ".json"),
     "rdfxml": (".rdf", ".owl", ".xml"),
 }
+#: the engine's formats; it writes JSON-LD without a context
+_NATIVE: Final = {
+    "ttl": RdfFormat.TURTLE,
+    "trig": RdfFormat.TRIG,
+    "nq": RdfFormat.N_QUADS,
+    "nt": RdfFormat.N_TRIPLES,
+    "rdfxml": RdfFormat.RDF_XML,
+}
 #: aliases of the formats in other RDF tools
 _ALIASES: Final = {
     "turtle": "ttl",
@@ -148,17 +156,12 @@ def _statements(
 
 def _text(statements: list[Quad] | list[Triple], form: str, prefixes: _Prefixes) -> str:
     name = _known(form)
-    if name == "trig":
-        return _tidy(statements, RdfFormat.TRIG, prefixes)
-    if name == "nq":
-        return serialised(statements, RdfFormat.N_QUADS, {})
-    if name == "ttl":
-        return _tidy(statements, RdfFormat.TURTLE, prefixes)
-    if name == "nt":
-        return serialised(statements, RdfFormat.N_TRIPLES, {})
-    if name == "rdfxml":
-        return serialised(statements, RdfFormat.RDF_XML, prefixes)
-    return to_jsonld(cast(list[Triple], statements), prefixes) + "\n"
+    if name == "jsonld":
+        return to_jsonld(cast(list[Triple], statements), prefixes) + "\n"
+    native = _NATIVE[name]
+    if native in (RdfFormat.TURTLE, RdfFormat.TRIG):
+        return _tidy(statements, native, prefixes)
+    return serialised(statements, native, prefixes if native == RdfFormat.RDF_XML else {})
 
 
 def is_format(form: str) -> bool:

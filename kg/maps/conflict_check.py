@@ -125,19 +125,15 @@ def _check_where(semantic_map: StoredMap, update: MapUpdate) -> None:
 
 def _things(update: MapUpdate, base: str) -> Iterator[tuple[str, str]]:
     yield from ((record.iri, "object") for record in update.objects)
-    yield from ((iri, _removed_kind(iri, base)) for iri in update.removed)
+    for iri in update.removed:
+        kind = iri.removeprefix(base).partition("/")[0]
+        yield iri, kind if kind in ("place", "door") else "object"
     yield from ((place.iri, "place") for place in update.places)
     if update.search is not None:
         yield update.search.iri, "search"
     for kind, records in (("look", update.looks), ("obstacle", update.obstacles)):
         yield from ((record.iri, kind) for record in records)
         yield from ((record.search, "search") for record in records)
-
-
-def _removed_kind(iri: str, base: str) -> str:
-    """Kind of a thing that leaves the map: an object, a place or a door."""
-    first = iri.removeprefix(base).partition("/")[0]
-    return first if first in ("place", "door") else "object"
 
 
 def _is_own(base: str, iri: str, kind: str, highest: int) -> bool:

@@ -43,9 +43,8 @@ from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
 from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
 from kg.maps.update.completion import complete_change
-from kg.maps.update.deletion_guard import DeletionLimit, check_confirmed
 from kg.maps.update.execution import evaluate_update
-from kg.maps.update.validation import drop_inferred_types
+from kg.maps.update.validation import DeletionLimit, check_confirmed, drop_inferred_types
 from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet

@@ -52,13 +52,9 @@ class RoomEdit:
             raise InvalidFactError(f"{self.kind} needs {places} different places")
         if len(self.points) < points:
             raise InvalidFactError(f"{self.kind} needs {points} points or more, got {self.points}")
-        _check_corners(len(self.points))
+        from kg.model.areas import MAX_CORNERS  # which loads numpy: not for the help of a command
+
+        if len(self.points) > MAX_CORNERS:
+            raise InvalidFactError(f"an edit has at most {MAX_CORNERS} points")
         if self.kind == "here" and not self.name.strip():
             raise InvalidFactError("here needs the name of the room, as in 'room 315'")
-
-
-def _check_corners(points: int) -> None:
-    from kg.model.areas import MAX_CORNERS  # which loads numpy: not for the help of a command
-
-    if points > MAX_CORNERS:
-        raise InvalidFactError(f"an edit has at most {MAX_CORNERS} points")

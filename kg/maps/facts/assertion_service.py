@@ -28,7 +28,6 @@ from kg.maps.facts.replaced_values import ago, noted, shown_value
 from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name
-from kg.model.areas import Area
 from kg.model.errors import (
     HereaboutsError,
     InvalidFactError,
@@ -167,8 +166,8 @@ class AssertionService:
             cause = Cause("retract", by, f"{record.iri} {prop}")
             gone = asserted[prop]
             rest = {k: a for k, a in asserted.items() if k != prop and not self._is_pair(gone, a)}
-            if isinstance(record, PlaceRecord) and prop == "area":
-                record = record.with_area(_area_before(record, asserted[prop]))
+            if isinstance(record, PlaceRecord) and prop == "area" and gone.perceived:
+                record = record.with_area(area_of_polygon(gone.perceived))  # a drawn one stays
             if _exists_by_assertion_alone(record, asserted, rest):
                 return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
             change = self._restate(record, rest, cause)
@@ -185,23 +184,18 @@ class AssertionService:
         `target` has the assertions by IRI. Perception's present estimates are kept. The third value
         has the IRIs that are not in the map and so cannot have assertions.
         """
-        with self._guard:  # the writer's cache belongs to one thread at a time
-            return self._restatement(target)
-
-    def _restatement(
-        self, target: Mapping[str, PropertyAssertions]
-    ) -> tuple[tuple[Quad, ...], tuple[Quad, ...], tuple[str, ...]]:
         deleted: list[Quad] = []
         kept: list[tuple[ObjectRecord | PlaceRecord, PropertyAssertions]] = []
-        records: list[ObjectRecord | PlaceRecord] = [*self._perceived.objects(tuple(target))]
-        records += (place for place in self._perceived.places() if place.iri in target)
-        for record in records:
-            asserted = target[record.iri]
-            if _exists_by_assertion_alone(record, self._of(record.iri), asserted):
-                deleted += self._writer.all_quads_of(record.iri)
-            else:
-                kept.append((self._placed(record, asserted), asserted))
-        stored, wanted = self._writer.restatement(kept)
+        with self._guard:  # the writer's cache belongs to one thread at a time
+            records: list[ObjectRecord | PlaceRecord] = [*self._perceived.objects(tuple(target))]
+            records += (place for place in self._perceived.places() if place.iri in target)
+            for record in records:
+                asserted = target[record.iri]
+                if _exists_by_assertion_alone(record, self._of(record.iri), asserted):
+                    deleted += self._writer.all_quads_of(record.iri)
+                else:
+                    kept.append((self._placed(record, asserted), asserted))
+            stored, wanted = self._writer.restatement(kept)
         missing = target.keys() - {record.iri for record, _ in kept}
         gone = {quad.subject.value for quad in deleted if isinstance(quad.subject, NamedNode)}
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
@@ -350,11 +344,6 @@ class AssertionService:
 
     def _of(self, iri: str) -> dict[str, Assertion]:
         return self._assertions.of(self._store.engine, iri)
-
-
-def _area_before(record: PlaceRecord, assertion: Assertion) -> Area:
-    """The area that a place had before one was asserted; a drawn place keeps its own."""
-    return area_of_polygon(assertion.perceived) if assertion.perceived else record.area
 
 
 def _exists_by_assertion_alone(

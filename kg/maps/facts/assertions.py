@@ -23,8 +23,8 @@ from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
-from kg.model.records import Assertion, ObjectRecord, PlaceRecord, RelationKind, likeliest
-from kg.rdf.literals import date_time, seconds
+from kg.model.records import Assertion, ObjectRecord, PlaceRecord, likeliest
+from kg.rdf.literals import date_time, first, properties_of, stamp_of
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.wkt import area_of_polygon, polygon_text
 
@@ -131,23 +131,21 @@ class Assertions:
                 yield self._read(store, quad.subject.value)
 
     def _read(self, store: QuadStore, node: str) -> Assertion:
-        values = _values(store, node)
-        author = _values(store, values.get(v.PROV_ATTRIBUTED_TO, [self.base])[0])
-        beliefs = [_values(store, held) for held in values.get(v.PERCEIVED_BELIEF, ())]
-
-        def one(predicate: str, default: str = "") -> str:
-            return values.get(predicate, [default])[0]
-
+        values = properties_of(store, node, v.ASSERTIONS_GRAPH)
+        agent = first(values, v.PROV_ATTRIBUTED_TO, self.base)
+        author = properties_of(store, agent, v.ASSERTIONS_GRAPH)
+        held = values.get(v.PERCEIVED_BELIEF, ())
+        beliefs = [properties_of(store, one, v.ASSERTIONS_GRAPH) for one in held]
         return Assertion(
-            subject=one(v.ASSERTED_OF),
-            property=one(v.ASSERTED_PROPERTY),
-            value=one(v.ASSERTED_VALUE),
-            by=author.get(v.RDFS_LABEL, [""])[0],
-            stamp=seconds(one(v.PROV_GENERATED_AT, "1970-01-01T00:00:00Z")),
-            perceived=one(v.PERCEIVED_VALUE) or None,
-            strength=float(one(v.PERCEIVED_STRENGTH, "0")),
-            since=seconds(one(v.CONFLICT_SINCE)) if v.CONFLICT_SINCE in values else None,
-            beliefs={held[v.OF_CATEGORY][0]: float(held[v.BELIEF][0]) for held in beliefs},
+            subject=first(values, v.ASSERTED_OF, ""),
+            property=first(values, v.ASSERTED_PROPERTY, ""),
+            value=first(values, v.ASSERTED_VALUE, ""),
+            by=first(author, v.RDFS_LABEL, ""),
+            stamp=stamp_of(values, v.PROV_GENERATED_AT),
+            perceived=first(values, v.PERCEIVED_VALUE, "") or None,
+            strength=float(first(values, v.PERCEIVED_STRENGTH, "0")),
+            since=stamp_of(values, v.CONFLICT_SINCE) if v.CONFLICT_SINCE in values else None,
+            beliefs={one[v.OF_CATEGORY][0]: float(one[v.BELIEF][0]) for one in beliefs},
         )
 
 
@@ -203,48 +201,47 @@ def is_unicode(text: str) -> bool:
 
 def believed_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
     """The object with its assertions in place of perception's estimates."""
-    if (category := assertions.get("category")) is not None:
-        record = replace(record, category=category.value, labels={})
-    if (position := assertions.get("position")) is not None:
-        record = replace(record, p_map=point(position.value))
-    if (extent := assertions.get("extent")) is not None:
-        *sides, yaw = point(extent.value)
-        record = replace(record, extent=np.array(sides), yaw=float(yaw))
-    if (existence := assertions.get("existence")) is not None:
-        if existence.value == "present":
+    if not assertions:
+        return record
+    for prop, assertion in assertions.items():
+        record = _with_value(record, prop, assertion.value)
+        if prop in SINGLE:
+            record = _related(record, prop, assertion.value, 1.0)
+        elif prop == "category":
+            record = replace(record, labels={})
+        elif prop == "existence" and assertion.value == "present":
             record = replace(record, existence=1.0)
-        else:
+        elif prop == "existence":
             record = replace(record, existence=0.0, labels={})
-    for kind in SINGLE:
-        if (relation := assertions.get(kind)) is not None:
-            record = _related(record, kind, relation.value, 1.0)
-    return (
-        replace(record, confidence=max(record.confidence, MIN_CONFIDENCE)) if assertions else record
-    )
+    return replace(record, confidence=max(record.confidence, MIN_CONFIDENCE))
 
 
 def perceived_object(record: ObjectRecord, assertions: PropertyAssertions) -> ObjectRecord:
     """Perception's estimate of an object, from the map's record and its assertions."""
     for prop, assertion in assertions.items():
-        if assertion.perceived is None:
-            continue
-        if prop == "category":
-            record = replace(record, category=assertion.perceived)
-        elif prop == "position":
-            record = replace(record, p_map=point(assertion.perceived))
-        elif prop == "extent":
-            *sides, yaw = point(assertion.perceived)
-            record = replace(record, extent=np.array(sides), yaw=float(yaw))
-        elif prop == "existence":
+        if prop in SINGLE:
+            record = _related(record, prop, assertion.perceived, assertion.strength)
+        elif assertion.perceived is not None and prop == "existence":
             record = replace(record, existence=float(assertion.perceived))
-    for kind in SINGLE:
-        if (relation := assertions.get(kind)) is not None:
-            record = _related(record, kind, relation.perceived, relation.strength)
+        elif assertion.perceived is not None:
+            record = _with_value(record, prop, assertion.perceived)
+    return record
+
+
+def _with_value(record: ObjectRecord, prop: str, text: str) -> ObjectRecord:
+    """The object with the category, position or extent that `text` says."""
+    if prop == "category":
+        return replace(record, category=text)
+    if prop == "position":
+        return replace(record, p_map=point(text))
+    if prop == "extent":
+        *sides, yaw = point(text)
+        return replace(record, extent=np.array(sides), yaw=float(yaw))
     return record
 
 
 def _related(
-    record: ObjectRecord, kind: RelationKind, target: str | None, probability: float
+    record: ObjectRecord, kind: str, target: str | None, probability: float
 ) -> ObjectRecord:
     if record.relations is None:
         return record
@@ -272,17 +269,21 @@ def perceived_place(record: PlaceRecord, assertions: PropertyAssertions) -> Plac
     return record
 
 
-def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Assertion:
+def compared(assertion: Assertion, record: ObjectRecord | PlaceRecord, now: float) -> Assertion:
     """The assertion with perception's present estimate; a conflict begins at `now` [s]."""
+    if isinstance(record, PlaceRecord):
+        return _about_place(assertion, record, now)
+    return _about_object(assertion, record, now)
+
+
+def _about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Assertion:
     if assertion.property == "label":
         return assertion
-    for kind in SINGLE:
-        if assertion.property == kind:
-            if record.relations is None:
-                return assertion
-            perceived, strength = perceived_value(record.relations, kind)
-            updated = replace(assertion, perceived=perceived, strength=strength)
-            return _compared(updated, now)
+    if assertion.property in SINGLE:
+        if record.relations is None:
+            return assertion
+        perceived, strength = perceived_value(record.relations, assertion.property)
+        return _compared(replace(assertion, perceived=perceived, strength=strength), now)
     box = None if record.extent is None else _number_text((*record.extent, record.yaw))
     estimate = {
         "category": record.category,
@@ -296,8 +297,7 @@ def about_object(assertion: Assertion, record: ObjectRecord, now: float) -> Asse
     return _compared(replace(assertion, perceived=estimate, strength=strength), now)
 
 
-def about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
-    """As `about_object`, of a place."""
+def _about_place(assertion: Assertion, record: PlaceRecord, now: float) -> Assertion:
     if assertion.property in ("area", "note"):
         return assertion
     if assertion.property == "label":
@@ -337,25 +337,19 @@ def _contradicts(assertion: Assertion) -> bool:
 
 
 def _position(given: object) -> str:
-    try:
-        numbers = given.replace(",", " ").split() if isinstance(given, str) else list(given)  # type: ignore[call-overload]
-        x, y, z = (round(float(number), 2) + 0.0 for number in numbers)
-    except (TypeError, ValueError, OverflowError):
-        x = y = z = math.nan
-    if not all(abs(number) <= MAX_COORDINATE for number in (x, y, z)):
+    numbers = [round(number, 2) + 0.0 for number in _numbers(given)]
+    if len(numbers) != 3 or not all(abs(number) <= MAX_COORDINATE for number in numbers):
         raise InvalidFactError(
             f"a position must be three finite numbers x y z [m], up to {MAX_COORDINATE:g}, "
             f"got {given!r}"
         )
-    return f"{x:g} {y:g} {z:g}" if max(abs(x), abs(y), abs(z)) < 1e4 else f"{x} {y} {z}"
+    short = all(abs(number) < 1e4 for number in numbers)
+    return " ".join(f"{number:g}" if short else f"{number}" for number in numbers)
 
 
 def _extent(given: object) -> str:
-    try:
-        numbers = given.replace(",", " ").split() if isinstance(given, str) else list(given)  # type: ignore[call-overload]
-        *sides, yaw = map(float, numbers if len(numbers) == 4 else (*numbers, 0.0))
-    except (TypeError, ValueError, OverflowError):
-        sides, yaw = [], 0.0
+    numbers = _numbers(given)
+    *sides, yaw = numbers if len(numbers) == 4 else (*numbers, 0.0)
     whole = len(sides) == 3 and all(0 < side <= MAX_COORDINATE for side in sides)
     if not whole or not abs(yaw) <= math.pi:
         raise InvalidFactError(
@@ -363,6 +357,15 @@ def _extent(given: object) -> str:
             f"yaw of -3.14 to 3.14 [rad], as in 1.2 0.8 0.75 0.3; got {given!r}"
         )
     return _number_text((*sides, yaw))
+
+
+def _numbers(given: object) -> list[float]:
+    """The numbers of a sequence, or of text with commas or spaces; none where one is no number."""
+    try:
+        parts = given.replace(",", " ").split() if isinstance(given, str) else given
+        return [float(number) for number in parts]  # type: ignore[attr-defined]
+    except (TypeError, ValueError, OverflowError):
+        return []
 
 
 def _number_text(numbers: Iterable[float]) -> str:
@@ -389,12 +392,3 @@ def area_text(area: Area) -> str:
 def _term(prop: str, value: str) -> NamedNode | Literal:
     is_iri = prop == "category" or (prop in SINGLE and value != NOTHING)
     return NamedNode(value) if is_iri else Literal(value)
-
-
-def _values(store: QuadStore, node: str) -> dict[str, list[str]]:
-    """Values of one node in graph:assertions: IRIs and lexical forms by predicate."""
-    values: dict[str, list[str]] = {}
-    for quad in store.quads_for_pattern(NamedNode(node), None, None, v.ASSERTIONS_GRAPH):
-        text = str(getattr(quad.object, "value", quad.object))
-        values.setdefault(quad.predicate.value, []).append(text)
-    return values

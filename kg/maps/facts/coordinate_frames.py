@@ -55,24 +55,6 @@ def frame_quads(base: str) -> list[Quad]:
     return [states, *subject_quads(own, facts, v.DATASET_GRAPH)]
 
 
-def placed_frame_quads(base: str, relative_to: str, T: ArrayLike) -> list[Quad]:
-    """Facts of a map's frame whose coordinates `T` (4, 4) takes to the frame `relative_to`.
-
-    Raises InvalidFactError for a transform that is not rigid or tilts the vertical, and for the
-    map's own frame.
-    """
-    if relative_to == frame_iri(base):
-        raise InvalidFactError(
-            "a frame cannot be relative to itself; give the frame of another map"
-        )
-    matrix = checked_transform(T)
-    facts: list[tuple[str, NamedNode | Literal]] = [
-        (v.RELATIVE_TO, iri_node(relative_to, "a frame")),
-        (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in matrix.flat))),
-    ]
-    return [*frame_quads(base), *subject_quads(frame_iri(base), facts, v.DATASET_GRAPH)]
-
-
 def checked_transform(T: ArrayLike) -> NDArray[np.float64]:
     """`T` (4, 4) [m] if it is rigid and keeps the vertical; raises InvalidFactError otherwise."""
     matrix = np.asarray(T, np.float64)
@@ -161,9 +143,18 @@ def changed_frame(
 ) -> tuple[list[Quad], list[Quad]]:
     """Quads to delete and to insert so that `T` (4, 4) takes the map `base` to `relative_to`.
 
-    Raises InvalidFactError as `placed_frame_quads`.
+    Raises InvalidFactError for a transform that is not rigid or tilts the vertical, and for the
+    map's own frame.
     """
-    new = placed_frame_quads(base, relative_to, T)
+    if relative_to == frame_iri(base):
+        raise InvalidFactError(
+            "a frame cannot be relative to itself; give the frame of another map"
+        )
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RELATIVE_TO, iri_node(relative_to, "a frame")),
+        (v.TRANSFORM, Literal(" ".join(repr(float(n)) for n in checked_transform(T).flat))),
+    ]
+    new = [*frame_quads(base), *subject_quads(frame_iri(base), facts, v.DATASET_GRAPH)]
     old = [
         quad
         for node in (NamedNode(base), NamedNode(frame_iri(base)))
@@ -301,8 +292,8 @@ def apart_from(engine: QuadStore, base: str) -> tuple[MapFrame, ...]:
 
 def check_one_map(engine: QuadStore, where: str) -> None:
     """Raises GraphError where a store has several maps, which only a query or a plan can choose."""
-    frames = frames_in(engine) if len(maps_in(engine)) > 1 else ()
-    if frames:
+    frames = frames_in(engine)
+    if len(frames) > 1:
         titles = ", ".join(frame.title for frame in frames)
         raise GraphError(
             f"{where} holds {len(frames)} maps ({titles}), each with its own frame; this needs one "
@@ -328,23 +319,15 @@ def quads_in_one_frame(engine: QuadStore, base: str, *, rest: bool = False) -> l
     quads = [
         quad for graph in _SHARED for quad in engine.quads_for_pattern(None, None, None, graph)
     ]
+    states, home = NamedNode(v.COORDINATE_FRAME), frame_iri(base)
     for one, facts in of_map.items():
-        if one in ways:
-            quads.extend(in_frame(facts, ways[one], one, base))
-        elif rest:
+        if one in ways and not np.array_equal(ways[one], np.eye(4)):
+            kept = (quad for quad in facts if quad.predicate != states)
+            quads.extend(moved(kept, ways[one], home))
+            quads.append(Quad(NamedNode(one), states, NamedNode(home), v.DATASET_GRAPH))
+        elif one in ways or rest:
             quads.extend(facts)
     return quads
-
-
-def in_frame(quads: Iterable[Quad], T: NDArray[np.float64], own: str, base: str) -> Iterator[Quad]:
-    """Facts of the map `own` by `T` (4, 4) in the frame of `base`, and stated to be in it."""
-    if np.array_equal(T, np.eye(4)):
-        yield from quads
-        return
-    states = NamedNode(v.COORDINATE_FRAME)
-    kept = (quad for quad in quads if quad.predicate != states)
-    yield from moved(kept, T, frame_iri(base))
-    yield Quad(NamedNode(own), states, NamedNode(frame_iri(base)), v.DATASET_GRAPH)
 
 
 def _by_map(engine: QuadStore, maps: list[str], base: str) -> dict[str, list[Quad]]:

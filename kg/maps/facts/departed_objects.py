@@ -34,9 +34,6 @@ from kg.rdf.literals import (
 from kg.rdf.quad_store import QuadStore
 from kg.store.sparql_backend import reading_ahead
 
-#: Predicates that only departed objects have.
-OWN: Final = frozenset((v.FOUND_GONE, v.PEAK_EXISTENCE))
-
 _DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
@@ -11,9 +9,6 @@ from kg.model.errors import InvalidFactError
 from kg.model.records import DoorRecord
 from kg.rdf.literals import first, iri_node, iri_order, known_iri, number_literal, properties_of
 from kg.rdf.quad_store import QuadStore
-
-#: Predicates of a door that the writer owns; it keeps others, which persons wrote.
-OWN: Final = {v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.WIDTH, v.BOT_INTERFACE_OF}
 
 
 def facts_of_door(door: DoorRecord) -> list[Quad]:

@@ -10,38 +10,34 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.assertions import (
     Assertions,
     PropertyAssertions,
-    about_object,
-    about_place,
     believed_object,
     believed_place,
+    compared,
 )
-from kg.maps.facts.departed_objects import OWN as OWN_OF_DEPARTED
 from kg.maps.facts.departed_objects import departed_quads
-from kg.maps.facts.doors import OWN as OWN_OF_DOORS
 from kg.maps.facts.doors import facts_of_door
-from kg.maps.facts.object_relations import OF_NODE, OF_OBJECT, SINGLE, relation_nodes
+from kg.maps.facts.object_relations import OF_OBJECT, SINGLE, relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.facts.observations import OWN as OWN_OF_LABELS
 from kg.maps.facts.observations import label_nodes
-from kg.maps.facts.occupancy import OWN as OWN_OF_TILES
 from kg.maps.facts.occupancy import facts_of_tile, iri_of
 from kg.maps.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads
-from kg.maps.facts.searches import OWN as OWN_OF_SEARCHES
-from kg.maps.facts.searches import facts_of, subjects_of
-from kg.maps.facts.write_cache import WriteCache
+from kg.maps.facts.searches import facts_of_look, facts_of_obstacle, facts_of_search
+from kg.maps.facts.write_cache import WriteCache, is_owned
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri, whole_number
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
+from kg.rdf.literals import iri_node
 from kg.store.transactional import TransactionalStore
 from kg.store.write_limit import check_time
 from kg.store.writer_priority import writing
@@ -51,24 +47,8 @@ _HAS_BELIEF = NamedNode(v.HAS_BELIEF)
 _LINKS = (NamedNode(v.HAS_RELATION), NamedNode(v.HAS_LABEL_BELIEF))  # to parts of an object
 _PARTS = {v.HAS_LABEL_BELIEF, v.HAS_RELATION, *OF_OBJECT}
 _NEXT = NamedNode(v.NEXT_OBJECT)
-_STRUCTURAL = {
-    *(v.PLACE, v.BOT_SPACE, v.ROBOT, v.PLACE_BELIEF, v.SOSA_OBSERVATION, v.RECORDING),
-    *(v.FLOOR_TILE, v.DOOR, v.SPATIAL_RELATION, v.LABEL_BELIEF, v.DEPARTED_OBJECT),
-}
-_OWN = {
-    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.X, v.Y, v.Z, v.HEADING, v.IN_CELL, v.IN_PLACE),
-    *(v.X_MIN, v.X_MAX, v.Y_MIN, v.Y_MAX, v.VIEW_COUNT, v.HAS_BELIEF, v.OF_CATEGORY, v.BELIEF),
-    *(v.OUTLINE, v.FROM_FLOOR, v.BOT_ADJACENT_ZONE, v.WIDTH, v.BOT_INTERFACE_OF),
-    *(v.VIEWED_SHARE, v.CLOSELY_VIEWED_SHARE, v.LAST_VIEWED),
-    *(v.SCENE_BELIEF, v.TOLD_BY),
-    *(v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.FIRST_SEEN, v.LAST_SEEN, v.EXPLAINED_BY),
-    *(v.EXTENT_X, v.EXTENT_Y, v.EXTENT_Z, v.YAW, v.DEVIATION),
-    *(v.SOSA_FEATURE, v.SOSA_RESULT_TIME, v.FRAME, v.FROM_RECORDING, v.BOX, v.SCORE, v.MODEL),
-    *(v.FRAMES_APPLIED, v.LAST_FRAME, v.TRANSFORM, v.SCENE_MODEL, v.DETECTS),
-    *(v.STOREY, v.CELL_SIZE, v.FLOOR_CELLS, v.VIEW_TIMES, *OF_OBJECT, *OF_NODE),
-    *OWN_OF_LABELS,
-    *OWN_OF_DEPARTED,
-}
+#: of other things, beside the predicates that they always have
+_OPTIONAL = {v.PROV_ENDED_AT, v.FOUND, v.GLIMPSES, v.VIEW_TIMES, v.SCENE_MODEL, v.DETECTS}
 
 
 @dataclass(slots=True)
@@ -124,21 +104,18 @@ class FrameWriter:
         Raises InvalidFactError, before anything is written, for a record that is not valid.
         """
         self._store.check_writable()
-        _check_unique(update)
+        _check_unique(update, (iri for iri, _ in self._single_things(update)))
         with writing():
             self._synchronise()
-            if asserted:
-                self._has_assertions = True
-            return self._change(update, cause, asserted or {})
+            self._has_assertions |= bool(asserted)
+            return self._commit(self._draft(update, asserted or {}), cause)
 
     def _synchronise(self) -> None:
         """Synchronise the write cache with the graph."""
         self._synchronised_at = self._recent.catch_up()
         self._has_assertions = self._assertions.any(self._store.engine)
 
-    def _change(
-        self, update: MapUpdate, cause: Cause, asserted: Mapping[str, PropertyAssertions]
-    ) -> ChangeSet | None:
+    def _draft(self, update: MapUpdate, asserted: Mapping[str, PropertyAssertions]) -> _Draft:
         draft = _Draft()
         for record in update.objects:
             check_time()
@@ -147,42 +124,40 @@ class FrameWriter:
         for place in update.places:
             check_time()
             self._place(place, draft, asserted.get(place.iri))
-        self._doors_and_floor(update, draft)
-        self._robot_and_recording(update, draft)
-        self._searches(update, draft)
+        for _, facts in self._single_things(update):
+            check_time()
+            self._replace(facts(), draft)
         for iri in update.removed:
             check_time()
             draft.replace(self.all_quads_of(iri))
         for departed in update.departed:
             self._departed(departed, draft)
         self._advance_number(update.objects, draft)
-        return self._commit(draft, cause)
+        return draft
 
-    def _doors_and_floor(self, update: MapUpdate, draft: _Draft) -> None:
-        for door in update.doors:
-            draft.want(facts_of_door(door))
-            draft.replace(_with(OWN_OF_DOORS, self._recent.of(_node(door.iri))))
-        for tile in update.floor:
-            check_time()
-            draft.want(facts_of_tile(self._facts.base, tile))
-            node = NamedNode(iri_of(self._facts.base, tile))
-            draft.replace(_with(OWN_OF_TILES, self._recent.of(node)))
-
-    def _robot_and_recording(self, update: MapUpdate, draft: _Draft) -> None:
+    def _single_things(self, update: MapUpdate) -> Iterator[tuple[str, Callable[[], list[Quad]]]]:
+        """IRIs and facts of what has no parts and no assertions: doors, floor, robot, searches."""
+        base = self._facts.base
+        yield from ((door.iri, partial(facts_of_door, door)) for door in update.doors)
+        yield from ((iri_of(base, one), partial(facts_of_tile, base, one)) for one in update.floor)
         if update.robot is not None:
-            draft.want(robot_quads(update.robot, self._facts.base))
-            draft.replace(self._recent.of(NamedNode(self._facts.base + "robot")))
+            yield base + "robot", partial(robot_quads, update.robot, base)
         if update.recording is not None:
-            draft.want(recording_quads(update.recording, self._facts.base))
-            recording = NamedNode(recording_iri(update.recording.name, self._facts.base))
-            quads = self._store.engine.quads_for_pattern(recording, None, None, v.DATASET_GRAPH)
-            draft.replace(filter(self._owns, quads))
+            iri = recording_iri(update.recording.name, base)
+            yield iri, partial(recording_quads, update.recording, base)
+        if update.search is not None:
+            yield update.search.iri, partial(facts_of_search, update.search)
+        yield from ((look.iri, partial(facts_of_look, look)) for look in update.looks)
+        yield from ((one.iri, partial(facts_of_obstacle, one)) for one in update.obstacles)
 
-    def _searches(self, update: MapUpdate, draft: _Draft) -> None:
-        draft.want(facts_of(update))
-        for iri in subjects_of(update):
-            quads = self._store.engine.quads_for_pattern(_node(iri), None, None, v.MAP_GRAPH)
-            draft.replace(_with(OWN_OF_SEARCHES, quads))
+    def _replace(self, facts: list[Quad], draft: _Draft) -> None:
+        """Replace the stored facts of one subject by `facts`, whose predicates the writer owns."""
+        owned = {quad.predicate.value for quad in facts} | _OPTIONAL
+        draft.want(facts)
+        subject, graph = facts[0].subject, facts[0].graph_name
+        for quad in self._store.engine.quads_for_pattern(subject, None, None, graph):
+            if quad.predicate.value in owned and (quad.predicate != v.RDF_TYPE or self._owns(quad)):
+                draft.replace([quad])
 
     def restate(
         self, record: ObjectRecord | PlaceRecord, assertions: PropertyAssertions, cause: Cause
@@ -226,17 +201,11 @@ class FrameWriter:
     def subjects(self, update: MapUpdate) -> Iterator[NamedNode]:
         """Subjects whose quads `update` may change; raises InvalidFactError for an invalid IRI."""
         objects = [*(record.iri for record in update.objects), *update.removed]
-        yield from map(_node, objects)
-        yield from (_node(observation_iri(self._facts.base, iri)) for iri in objects)
-        yield from (_node(place.iri) for place in update.places)
-        yield from (_node(door.iri) for door in update.doors)
-        yield from map(_node, subjects_of(update))
-        yield from (NamedNode(iri_of(self._facts.base, tile)) for tile in update.floor)
-        yield NamedNode(self._facts.base)
-        if update.robot is not None:
-            yield NamedNode(self._facts.base + "robot")
-        if update.recording is not None:
-            yield NamedNode(recording_iri(update.recording.name, self._facts.base))
+        single = (iri for iri, _ in self._single_things(update))
+        places = (place.iri for place in update.places)
+        observations = (observation_iri(self._facts.base, iri) for iri in objects)
+        for iri in (*objects, *observations, *places, *single, self._facts.base):
+            yield iri_node(iri, "a thing")
 
     def _object(
         self,
@@ -260,11 +229,7 @@ class FrameWriter:
         draft.want(facts)
         draft.replace(before)
         draft.replace(self._recent.of(NamedNode(observation_iri(self._facts.base, record.iri))))
-        if assertions or previous:
-            draft.replace(self._assertions.stored(self._store.engine, record.iri))
-            for assertion in assertions.values():
-                about = about_object(assertion, record, time.time())
-                draft.want(self._assertions.quads(about))
+        self._state(record, assertions, previous, draft)
 
     def _departed(self, record: DepartedRecord, draft: _Draft) -> None:
         """Facts of a departed object, with its former label."""
@@ -291,11 +256,20 @@ class FrameWriter:
         if "category" in assertions:  # even if no view has given the place a type yet
             kind = NamedNode(assertions["category"].value)
             draft.want([Quad(NamedNode(record.iri), v.RDF_TYPE, kind, v.MAP_GRAPH)])
+        self._state(record, assertions, previous, draft)
+
+    def _state(
+        self,
+        record: ObjectRecord | PlaceRecord,
+        assertions: PropertyAssertions,
+        previous: PropertyAssertions,
+        draft: _Draft,
+    ) -> None:
+        """Replace the `previous` assertions about a thing, with perception's present estimate."""
         if assertions or previous:
             draft.replace(self._assertions.stored(self._store.engine, record.iri))
-            for assertion in assertions.values():
-                about = about_place(assertion, record, time.time())
-                draft.want(self._assertions.quads(about))
+        for assertion in assertions.values():
+            draft.want(self._assertions.quads(compared(assertion, record, time.time())))
 
     def _with_parts(self, node: NamedNode, record: ObjectRecord) -> dict[Quad, None]:
         """Stored facts that `record` replaces: of the object, its relations and alternatives."""
@@ -317,10 +291,7 @@ class FrameWriter:
         return {p: a for p, a in assertions.items() if p not in SINGLE or a.value not in without}
 
     def _owns(self, quad: Quad) -> bool:
-        if quad.predicate != v.RDF_TYPE:
-            return quad.predicate.value in _OWN
-        kind = getattr(quad.object, "value", "")
-        return kind in _STRUCTURAL or self._facts.catalogue.by_iri(kind) is not None
+        return is_owned(quad, self._facts.catalogue)
 
     def all_quads_of(self, iri: str) -> Iterator[Quad]:
         """All quads of an object: its facts, observation, assertions and links to it."""
@@ -328,9 +299,10 @@ class FrameWriter:
         for node in label_nodes(engine, iri):
             yield from engine.quads_for_pattern(node, None, None, v.MAP_GRAPH)
         for subject in (iri, observation_iri(self._facts.base, iri), *relation_nodes(engine, iri)):
-            yield from engine.quads_for_pattern(_node(subject), None, None, v.MAP_GRAPH)
-            yield from engine.quads_for_pattern(None, None, _node(subject), v.MAP_GRAPH)
-            for quad in engine.quads_for_pattern(_node(subject), _HAS_BELIEF, None, v.MAP_GRAPH):
+            node = iri_node(subject, "a thing")
+            yield from engine.quads_for_pattern(node, None, None, v.MAP_GRAPH)
+            yield from engine.quads_for_pattern(None, None, node, v.MAP_GRAPH)
+            for quad in engine.quads_for_pattern(node, _HAS_BELIEF, None, v.MAP_GRAPH):
                 if isinstance(quad.object, NamedNode):
                     yield from engine.quads_for_pattern(quad.object, None, None, v.MAP_GRAPH)
         yield from self._assertions.stored(engine, iri)
@@ -352,10 +324,6 @@ class FrameWriter:
             draft.want([Quad(base, _NEXT, Literal(self._next), v.DATASET_GRAPH)])
 
 
-def _with(predicates: Collection[str], quads: Iterable[Quad]) -> Iterator[Quad]:
-    return (quad for quad in quads if quad.predicate.value in predicates)
-
-
 def _kind(node: NamedNode, category: str) -> set[Quad]:
     """Facts of the category of an object or of a departed object."""
     kind = NamedNode(category)
@@ -373,19 +341,10 @@ def _asserted_label(assertions: PropertyAssertions, previous: PropertyAssertions
     return None
 
 
-def _node(iri: str) -> NamedNode:
-    try:
-        return NamedNode(iri)
-    except ValueError as error:
-        raise InvalidFactError(f"an object's IRI must be absolute, got {iri!r}") from error
-
-
-def _check_unique(update: MapUpdate) -> None:
-    written = Counter(record.iri for record in update.objects)
-    written.update(place.iri for place in update.places)
-    written.update(door.iri for door in update.doors)
-    written.update(subjects_of(update))
-    written.update(f"floor/{t.storey}/{t.column}_{t.row}" for t in update.floor)
+def _check_unique(update: MapUpdate, single: Iterable[str]) -> None:
+    """Raise InvalidFactError for things, such as the `single` ones (IRIs), that occur twice."""
+    objects, places = (one.iri for one in update.objects), (one.iri for one in update.places)
+    written = Counter((*objects, *places, *single))
     for iri, times in written.items():
         if times > 1:
             raise InvalidFactError(f"{iri} is written {times} times in one update; give one record")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from pyoxigraph import NamedNode
 
@@ -18,69 +17,6 @@ from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord, PlaceRecord, likeliest
 from kg.rdf.literals import cells_of_disc
 from kg.rdf.quad_store import QuadStore
-
-
-@dataclass(frozen=True, slots=True)
-class Disc:
-    """A disc over the floor, map frame."""
-
-    x: float  # [m]
-    y: float  # [m]
-    radius: float  # [m]
-
-    def distance(self, record: ObjectRecord) -> float:
-        """Distance of an object from the centre, over the floor [m]."""
-        return math.hypot(record.p_map[0] - self.x, record.p_map[1] - self.y)
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectFilter:
-    """Criteria that objects must meet; None stands for any value."""
-
-    categories: frozenset[str] | None = None
-    place: str | None = None
-    disc: Disc | None = None
-    other_than: str | None = None
-
-    @property
-    def everything(self) -> bool:
-        """Whether there is no criterion, so that all objects match."""
-        return self.categories is None and self.place is None and self.disc is None
-
-    def candidates(self, engine: QuadStore) -> set[str]:
-        """IRIs of a superset of the matches; needs at least one criterion."""
-        found = set()
-        for predicate, value in self._lookups(engine):
-            for quad in engine.quads_for_pattern(
-                None, NamedNode(predicate), NamedNode(value), v.MAP_GRAPH
-            ):
-                if isinstance(quad.subject, NamedNode):
-                    found.add(quad.subject.value)
-        return found - {self.other_than or ""}
-
-    def admits(self, record: ObjectRecord) -> bool:
-        """Whether an object meets all criteria."""
-        return (
-            (
-                record.category != v.UNNAMED_THING
-                if self.categories is None
-                else record.category in self.categories
-            )
-            and (self.place is None or record.place == self.place)
-            and (self.disc is None or self.disc.distance(record) <= self.disc.radius)
-        )
-
-    def _lookups(self, engine: QuadStore) -> Iterator[tuple[str, str]]:
-        cells = cells_of_disc(self.disc.x, self.disc.y, self.disc.radius) if self.disc else None
-        if cells is not None:
-            yield from ((v.IN_CELL, cell) for cell in cells)
-        elif self.place is not None:
-            yield v.IN_PLACE, self.place
-        else:
-            classes = self.categories
-            if classes is None:  # objects have the types of their categories alone
-                classes = subcategories(engine, v.OBJECT)
-            yield from ((v.RDF_TYPE.value, category) for category in classes)
 
 
 def select_objects(
@@ -95,21 +31,47 @@ def select_objects(
 
     `category` and `place` are IRIs. Raises QueryParameterError for an invalid `near`.
     """
-    chosen = ObjectFilter(
-        categories=None if category is None else subcategories(engine, category),
-        place=place,
-        disc=None if near is None else _disc(engine, facts, near, radius),
-        other_than=near if isinstance(near, str) else None,
-    )
-    if chosen.everything:
+    if category is None and place is None and near is None:
         return facts.objects(engine)
-    found = filter(chosen.admits, facts.some_objects(engine, chosen.candidates(engine)))
-    return tuple(sorted(found, key=chosen.disc.distance) if chosen.disc else found)
+    kinds = None if category is None else subcategories(engine, category)
+    centre = None if near is None else _centre(engine, facts, near, radius)
+    cells = None if centre is None else cells_of_disc(*centre, radius)
+    candidates: set[str] = set()
+    for predicate, value in _lookups(engine, kinds, place, cells):
+        found = engine.quads_for_pattern(None, NamedNode(predicate), NamedNode(value), v.MAP_GRAPH)
+        candidates.update(q.subject.value for q in found if isinstance(q.subject, NamedNode))
+    records = [
+        record
+        for record in facts.some_objects(engine, candidates - {near})
+        if (record.category != v.UNNAMED_THING if kinds is None else record.category in kinds)
+        and (place is None or record.place == place)
+    ]
+    if centre is None:
+        return tuple(records)
+    by_distance = [(math.dist(record.p_map[:2], centre), record) for record in records]
+    by_distance.sort(key=lambda pair: pair[0])
+    return tuple(record for distance, record in by_distance if distance <= radius)
 
 
-def _disc(
+def _lookups(
+    engine: QuadStore,
+    kinds: frozenset[str] | None,
+    place: str | None,
+    cells: tuple[str, ...] | None,
+) -> Iterator[tuple[str, str]]:
+    """Predicates and values that find all matches, by the most selective of the criteria."""
+    if cells is not None:
+        yield from ((v.IN_CELL, cell) for cell in cells)
+    elif place is not None:
+        yield v.IN_PLACE, place
+    else:  # objects have the types of their categories alone
+        classes = subcategories(engine, v.OBJECT) if kinds is None else kinds
+        yield from ((v.RDF_TYPE.value, category) for category in classes)
+
+
+def _centre(
     engine: QuadStore, facts: RecordCodec, near: tuple[float, float] | str, radius: float
-) -> Disc:
+) -> tuple[float, float]:
     if isinstance(near, str):
         found = facts.some_objects(engine, [near])
         if not found:
@@ -120,7 +82,7 @@ def _disc(
         raise QueryParameterError(
             f"near must be finite (x, y) with a radius of 0 m or more, got {near}, {radius}"
         )
-    return Disc(x, y, radius)
+    return x, y
 
 
 def subcategories(engine: QuadStore, category: str) -> frozenset[str]:

@@ -7,7 +7,7 @@ triple too (``?cup here:on ?table``). An object has at most one triple of on, an
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Final
+from typing import Final, cast
 from urllib.parse import quote
 
 from pyoxigraph import NamedNode, Quad
@@ -104,14 +104,16 @@ def relations_of(
 
 
 def asserted_relations(
-    relations: Iterable[Relation], kind: RelationKind, target: str | None, probability: float
+    relations: Iterable[Relation], kind: str, target: str | None, probability: float
 ) -> tuple[Relation, ...]:
-    """The relations with a single one of `kind`, to `target`; none for None or "nothing"."""
+    """The relations with a single one of `kind` (on, inside), to `target`, unless "nothing"."""
     kept = tuple(relation for relation in relations if relation.kind != kind)
-    return kept if target in (None, NOTHING) else (*kept, Relation(kind, str(target), probability))
+    if target in (None, NOTHING):
+        return kept
+    return (*kept, Relation(cast(RelationKind, kind), str(target), probability))
 
 
-def perceived_value(relations: Iterable[Relation], kind: RelationKind) -> tuple[str, float]:
+def perceived_value(relations: Iterable[Relation], kind: str) -> tuple[str, float]:
     """The most probable object of a relation (on, inside) or "nothing", and its probability."""
     found = [relation for relation in relations if relation.kind == kind]
     for relation in believed_relations(found):

@@ -8,7 +8,6 @@ person may add an object by SPARQL with only a class and a position.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad
@@ -162,14 +161,21 @@ class RecordCodec:
     def of_beliefs(self, record: PlaceRecord) -> list[Quad]:
         """Quads of a place's category beliefs, links included."""
         nodes: list[Quad] = []
-        for category, properties in self._stored_beliefs(record).items():
-            node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
-            nodes += subject_quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
-            facts = [
+        scene = record.scene_beliefs if record.evidence_objects else {}
+        what = f"place {record.iri}: belief"
+        for category in sorted(record.beliefs.keys() | scene.keys()):
+            self.known_category(category, what, "place")
+            belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
+            facts: list[tuple[str, NamedNode | Literal]] = [
                 (v.RDF_TYPE.value, known_iri(v.PLACE_BELIEF)),
                 (v.OF_CATEGORY, NamedNode(category)),
+                (v.BELIEF, share_literal(belief, what)),
+                (v.SCENE_BELIEF, share_literal(views, what)),
             ]
-            nodes += subject_quads(node, [*facts, *properties])
+            if max(belief, views) >= MIN_BELIEF:
+                node = f"{record.iri}/belief/{quote(category.removeprefix(v.HERE), safe='')}"
+                nodes += subject_quads(record.iri, [(v.HAS_BELIEF, NamedNode(node))])
+                nodes += subject_quads(node, facts if views >= MIN_BELIEF else facts[:-1])
         return nodes
 
     def objects(self, store: QuadStore) -> tuple[ObjectRecord, ...]:
@@ -220,11 +226,7 @@ class RecordCodec:
             category = self._category(properties)
             if category is None or v.X not in properties or v.Y not in properties:
                 continue
-            observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
-            record = self._object(iri, category, properties, observation)
-            relations = relations_of(properties, subjects)
-            labels = labels_of(properties, subjects)
-            found.append(replace(record, relations=relations, labels=labels))
+            found.append(self._object(iri, category, properties, subjects))
         return tuple(sorted(found, key=lambda record: iri_order(record.iri)))
 
     def places(self, store: QuadStore) -> tuple[PlaceRecord, ...]:
@@ -266,22 +268,6 @@ class RecordCodec:
         """Default label of an object: its category and its number; a person's name as it is."""
         return self.catalogue.title(record.category, record.iri)
 
-    def _stored_beliefs(self, record: PlaceRecord) -> dict[str, list[tuple[str, Literal]]]:
-        """Properties of a place's belief in each category."""
-        scene = record.scene_beliefs if record.evidence_objects else {}
-        held: dict[str, list[tuple[str, Literal]]] = {}
-        for category in sorted(record.beliefs.keys() | scene.keys()):
-            what = f"place {record.iri}: belief"
-            self.known_category(category, what, "place")
-            belief, views = record.beliefs.get(category, 0.0), scene.get(category, 0.0)
-            stated = [(v.BELIEF, share_literal(belief, what))]
-            scene_share = share_literal(views, what)
-            if views >= MIN_BELIEF:
-                stated.append((v.SCENE_BELIEF, scene_share))
-            if max(belief, views) >= MIN_BELIEF:
-                held[category] = stated
-        return held
-
     def _category(self, properties: Properties) -> str | None:
         for iri in sorted(properties.get(v.RDF_TYPE.value, ())):
             category = self.catalogue.by_iri(iri)
@@ -290,12 +276,9 @@ class RecordCodec:
         return None
 
     def _object(
-        self,
-        iri: str,
-        category: str,
-        properties: Properties,
-        observation: Properties | None,
+        self, iri: str, category: str, properties: Properties, subjects: dict[str, Properties]
     ) -> ObjectRecord:
+        observation = subjects.get(first(properties, v.EXPLAINED_BY, ""))
         deviation = first(properties, v.DEVIATION, "")
         return ObjectRecord(
             iri=iri,
@@ -310,6 +293,8 @@ class RecordCodec:
             evidence=None if observation is None else evidence_of(observation, self.base),
             extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
             deviation=float(deviation) if deviation else None,
+            relations=relations_of(properties, subjects),
+            labels=labels_of(properties, subjects),
             yaw=float(first(properties, v.YAW, "0")),
         )
 
@@ -318,13 +303,13 @@ class RecordCodec:
     ) -> PlaceRecord:
         nodes = [subjects.get(held, {}) for held in sorted(properties.get(v.HAS_BELIEF, ()))]
         evidence_objects = tuple(sorted(properties.get(v.TOLD_BY, ()), key=iri_order))
+        nodes = [node for node in nodes if v.OF_CATEGORY in node]
         beliefs, scene = (
-            {
-                first(node, v.OF_CATEGORY, ""): float(first(node, predicate, "0"))
-                for node in nodes
-                if v.OF_CATEGORY in node and (predicate in node or predicate == required)
-            }
-            for predicate, required in ((v.BELIEF, v.BELIEF), (v.SCENE_BELIEF, ""))
+            {first(node, v.OF_CATEGORY, ""): float(first(node, share, "0")) for node in stating}
+            for share, stating in (
+                (v.BELIEF, nodes),
+                (v.SCENE_BELIEF, [node for node in nodes if v.SCENE_BELIEF in node]),
+            )
         )
         if evidence_objects:
             beliefs = {category: belief for category, belief in beliefs.items() if belief > 0}

@@ -73,8 +73,6 @@ def evidence_of(properties: Properties, base: str) -> Evidence:
 
 STEP: Final = 0.05  # of quantised probabilities; less probable alternatives are not stored
 MAX_ALTERNATIVES: Final = 3  # alternatives of one object
-#: Predicates of the nodes, and of an object that links them.
-OWN: Final = frozenset((v.HAS_LABEL_BELIEF, v.LABEL_PROBABILITY))
 
 _HAS: Final = NamedNode(v.HAS_LABEL_BELIEF)
 

@@ -28,12 +28,6 @@ MAX_CELLS: Final = 1024
 #: tiles along x or y from the origin of the map
 MAX_TILES: Final = 1 << 20
 
-#: Predicates of a tile that the writer owns; it keeps others, which persons wrote.
-OWN: Final = {
-    *(v.RDF_TYPE.value, v.STOREY, v.X, v.Y, v.Z, v.CELL_SIZE, v.FLOOR_CELLS, v.SOSA_RESULT_TIME),
-    v.VIEW_TIMES,
-}
-
 _KIND = NamedNode(v.FLOOR_TILE)
 
 

@@ -10,7 +10,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.records import LookRecord, MapUpdate, ObstacleRecord, SearchRecord, SearchState
+from kg.model.records import LookRecord, ObstacleRecord, SearchRecord, SearchState
 from kg.rdf.literals import (
     Properties,
     first,
@@ -30,35 +30,7 @@ from kg.store.transactional import TransactionalStore
 _PART = NamedNode(v.PART_OF_SEARCH)
 _STATES: Final[tuple[str, ...]] = get_args(SearchState)
 
-#: Predicates that the writer owns; it keeps others, which persons wrote.
-OWN = {
-    *(v.RDF_TYPE.value, v.RDFS_LABEL, v.SEARCH_WORDS, v.SEARCHED_FOR, v.SEARCH_STATE),
-    *(v.SEARCH_SECONDS, v.PROV_STARTED_AT, v.PROV_ENDED_AT, v.FOUND, v.PART_OF_SEARCH, v.NUMBER),
-    *(v.PROBABILITY_LEFT, v.SOSA_RESULT_TIME, v.X, v.Y, v.HEADING, v.EXTENT, v.GLIMPSES, v.REASON),
-}
-
 _Fact = tuple[str, NamedNode | Literal]
-
-
-def facts_of(update: MapUpdate) -> Iterator[Quad]:
-    """Facts of the search, looks and obstacles in `update`.
-
-    Raises InvalidFactError for numbers that are not finite or out of range.
-    """
-    if update.search is not None:
-        yield from subject_quads(update.search.iri, _of_search(update.search))
-    for look in update.looks:
-        yield from subject_quads(look.iri, _of_look(look))
-    for obstacle in update.obstacles:
-        yield from subject_quads(obstacle.iri, _of_obstacle(obstacle))
-
-
-def subjects_of(update: MapUpdate) -> Iterator[str]:
-    """IRIs of the search, looks and obstacles in `update`."""
-    if update.search is not None:
-        yield update.search.iri
-    yield from (look.iri for look in update.looks)
-    yield from (obstacle.iri for obstacle in update.obstacles)
 
 
 class SearchRecords:
@@ -76,15 +48,31 @@ class SearchRecords:
 
     def looks(self, search: str) -> tuple[LookRecord, ...]:
         """The looks of the search with IRI `search`, in their order."""
-        parts = _parts(self._store.engine, search, v.LOOK)
-        found = [_look(iri, search, properties) for iri, properties in parts]
-        return tuple(sorted(found, key=lambda look: look.number))
+        return tuple(
+            _look(part, found) for part, found in _parts(self._store.engine, search, v.LOOK)
+        )
 
     def obstacles(self, search: str) -> tuple[ObstacleRecord, ...]:
         """The obstacles that the search with IRI `search` met, in order."""
         parts = _parts(self._store.engine, search, v.OBSTACLE)
-        found = [_obstacle(iri, search, properties) for iri, properties in parts]
-        return tuple(sorted(found, key=lambda obstacle: obstacle.number))
+        return tuple(
+            ObstacleRecord(*part, reason=first(found, v.REASON, "")) for part, found in parts
+        )
+
+
+def facts_of_search(record: SearchRecord) -> list[Quad]:
+    """Facts of a search; raises InvalidFactError for what is not finite or out of range."""
+    return subject_quads(record.iri, _of_search(record))
+
+
+def facts_of_look(record: LookRecord) -> list[Quad]:
+    """Facts of a look; raises as `facts_of_search`."""
+    return subject_quads(record.iri, _of_look(record))
+
+
+def facts_of_obstacle(record: ObstacleRecord) -> list[Quad]:
+    """Facts of an obstacle; raises as `facts_of_search`."""
+    return subject_quads(record.iri, _of_obstacle(record))
 
 
 def _of_search(record: SearchRecord) -> Iterator[_Fact]:
@@ -156,40 +144,31 @@ def _search(iri: str, properties: Properties) -> SearchRecord:
     )
 
 
-def _look(iri: str, search: str, properties: Properties) -> LookRecord:
+#: IRI, IRI of the search, number, time [s] and position (x, y) [m]
+_Part = tuple[str, str, int, float, tuple[float, float]]
+
+
+def _parts(engine: QuadStore, search: str, kind: str) -> list[tuple[_Part, Properties]]:
+    """What looks and obstacles of a search have in common, and their properties, by number."""
+    found = []
+    for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), v.MAP_GRAPH):
+        iri = text_of(quad.subject)
+        properties = properties_of(engine, iri, v.MAP_GRAPH)
+        if kind in properties.get(v.RDF_TYPE.value, ()):
+            number = int(first(properties, v.NUMBER, "0"))
+            position = float(first(properties, v.X, "0")), float(first(properties, v.Y, "0"))
+            stamp = stamp_of(properties, v.SOSA_RESULT_TIME)
+            found.append(((iri, search, number, stamp, position), properties))
+    return sorted(found, key=lambda one: one[0][2])
+
+
+def _look(part: _Part, properties: Properties) -> LookRecord:
     numbers = [float(n) for n in first(properties, v.GLIMPSES, "").split()]
     return LookRecord(
-        iri=iri,
-        search=search,
-        number=int(first(properties, v.NUMBER, "0")),
-        stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
-        position=_position(properties),
+        *part,
         heading=float(first(properties, v.HEADING, "0")),
         extent=float(first(properties, v.EXTENT, "0")),
         categories=tuple(sorted(properties.get(v.SEARCHED_FOR, ()))),
         found=tuple(sorted(properties.get(v.FOUND, ()))),
         glimpses=tuple(zip(numbers[::3], numbers[1::3], numbers[2::3], strict=True)),
     )
-
-
-def _obstacle(iri: str, search: str, properties: Properties) -> ObstacleRecord:
-    return ObstacleRecord(
-        iri=iri,
-        search=search,
-        number=int(first(properties, v.NUMBER, "0")),
-        stamp=stamp_of(properties, v.SOSA_RESULT_TIME),
-        position=_position(properties),
-        reason=first(properties, v.REASON, ""),
-    )
-
-
-def _parts(engine: QuadStore, search: str, kind: str) -> Iterator[tuple[str, Properties]]:
-    for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), v.MAP_GRAPH):
-        iri = text_of(quad.subject)
-        properties = properties_of(engine, iri, v.MAP_GRAPH)
-        if kind in properties.get(v.RDF_TYPE.value, ()):
-            yield iri, properties
-
-
-def _position(properties: Properties) -> tuple[float, float]:
-    return float(first(properties, v.X, "0")), float(first(properties, v.Y, "0"))

@@ -109,16 +109,11 @@ def _value_in(cell: str) -> Value:
     if cell[0] in "<_":
         return text
     if cell[0] != '"':
-        return _number_in(text)
+        with suppress(ValueError):
+            return int(text)
+        return float(text)
     datatype = cell.rpartition('"')[2]
     return _literal_value(text, datatype[3:-1]) if datatype.startswith("^^") else text
-
-
-def _number_in(cell: str) -> int | float:
-    try:
-        return int(cell)
-    except ValueError:
-        return float(cell)
 
 
 def _triple_in(cell: str) -> str:
@@ -194,13 +189,10 @@ class Table:
 
     def serialise(self, form: str) -> str:
         """Text in the format ``json``, ``csv`` or, for triples, ``ttl``; QueryError for another."""
-        if form == "json":
-            return self.to_json()
-        if form == "csv":
-            return self.to_csv()
-        if form == "ttl":
-            return self.to_turtle()
-        raise QueryError(f"no format {form!r} for an answer; there are: json, csv, ttl")
+        forms = {"json": self.to_json, "csv": self.to_csv, "ttl": self.to_turtle}
+        if form not in forms:
+            raise QueryError(f"no format {form!r} for an answer; there are: {', '.join(forms)}")
+        return forms[form]()
 
     def to_turtle(self) -> str:
         """Turtle; raises QueryError for a table without triples."""
@@ -273,7 +265,7 @@ def answer_of(
     if isinstance(results, QueryTriples | Triples):
         found: Iterable[Triple] = results
         if isinstance(results, QueryTriples):
-            # as in `kg.maps.query.evaluation`: evaluated whole, without the interpreter's lock
+            # evaluated whole, without the interpreter's lock
             text = results.serialize(format=RdfFormat.N_TRIPLES) or b""
             found = (quad.triple for quad in parse(text, format=RdfFormat.N_TRIPLES))
         triples = tuple(sorted(set(found), key=str))

@@ -78,15 +78,10 @@ class ParameterResolver:
         Letters may be large or small, and an article may precede the label. Raises
         QueryParameterError for the label of several.
         """
-        exact = (None, NamedNode(v.RDFS_LABEL), Literal(text), v.MAP_GRAPH)
-        # no iterator in a variable: an error would carry it into other threads
-        found = sorted(
-            quad.subject.value
-            for quad in self.engine.quads_for_pattern(*exact)
-            if isinstance(quad.subject, NamedNode) and self._is_thing(quad.subject.value)
-        )
+        found = sorted(iri for iri, _ in self._labels(text) if self._is_thing(iri))
         for key in () if found else (plain_label, without_article):
-            found = self._labelled_by(key, key(text))
+            named = [iri for iri, label in self._labels() if key(label) == key(text)]
+            found = sorted(filter(self._is_thing, named))
             if found:
                 break
         if len(found) > 1:
@@ -99,16 +94,16 @@ class ParameterResolver:
         kind = iri.removeprefix(self.base).partition("/")[0]
         return kind not in ("search", "recording", "agent", "observation")
 
-    def _labelled_by(self, key: Callable[[str], str], wanted: str) -> list[str]:
-        named = self.engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
-        return sorted(
-            quad.subject.value
-            for quad in named
-            if isinstance(quad.subject, NamedNode)
-            and isinstance(quad.object, Literal)
-            and key(quad.object.value) == wanted
-            and self._is_thing(quad.subject.value)
-        )
+    def _labels(self, label: str | None = None) -> list[tuple[str, str]]:
+        """IRIs and labels of what the map has; with a `label`, of what has exactly that one."""
+        exact = None if label is None else Literal(label)
+        named = (None, NamedNode(v.RDFS_LABEL), exact, v.MAP_GRAPH)
+        # no iterator in a variable: an error would carry it into other threads
+        return [
+            (quad.subject.value, quad.object.value)
+            for quad in self.engine.quads_for_pattern(*named)
+            if isinstance(quad.subject, NamedNode) and isinstance(quad.object, Literal)
+        ]
 
     def _only_one(self, text: str) -> str:
         """IRI of the only thing, or place, of a kind: ``the teddy bear``, ``kitchen``.
@@ -140,10 +135,9 @@ class ParameterResolver:
             raise QueryParameterError(
                 f"no {category.label} is in the map; give object/1 or a label"
             )
-        labels = [self._label(iri) for iri in found[:_LISTED]]
-        rest = f" and {len(found) - _LISTED} more" if len(found) > _LISTED else ""
+        labels = _some([self._label(iri) for iri in found])
         raise QueryParameterError(
-            f"{len(found)} things are called {text[:60]!r}; give one of {', '.join(labels)}{rest}"
+            f"{len(found)} things are called {text[:60]!r}; give one of {labels}"
         )
 
     def _exists(self, iri: str) -> bool:
@@ -164,18 +158,13 @@ class ParameterResolver:
         if not number.isdigit() or category is None:
             return ""
         label = category.label
-        named = self.engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), None, v.MAP_GRAPH)
-        labels = {quad.object.value for quad in named if isinstance(quad.object, Literal)}
         stems = {name.casefold(), label.casefold()}
-        found = [one.rpartition(" ") for one in labels]
+        found = [one.rpartition(" ") for one in {one for _, one in self._labels()}]
         found = [one for one in found if one[0].casefold() in stems and one[2].isdecimal()]
         if not found:
             return f"no {label} is in the map"
-        shown = [
-            "".join(one) for one in sorted(found, key=lambda one: (len(one[2]), one[2], one[0]))
-        ]
-        rest = f" and {len(shown) - _LISTED} more" if len(shown) > _LISTED else ""
-        return f"there are: {', '.join(shown[:_LISTED])}{rest}"
+        found.sort(key=lambda one: (len(one[2]), one[2], one[0]))
+        return f"there are: {_some([''.join(one) for one in found])}"
 
     def _category(self, text: str) -> str:
         """The category that a name means: of a place or an object, or of a word for objects."""
@@ -218,9 +207,14 @@ class ParameterResolver:
 
     def _labelled(self, label: str) -> str | None:
         """The one place of exactly that label, found without reading all places."""
-        named = (NamedNode(v.RDFS_LABEL), Literal(label))
-        found = [q.subject for q in self.engine.quads_for_pattern(None, *named, v.MAP_GRAPH)]
-        if len(found) != 1 or not isinstance(found[0], NamedNode):
+        found = [iri for iri, _ in self._labels(label)]
+        if len(found) != 1:
             return None
-        is_place = Quad(found[0], v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH) in self.engine
-        return found[0].value if is_place else None
+        is_place = Quad(NamedNode(found[0]), v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH)
+        return found[0] if is_place in self.engine else None
+
+
+def _some(labels: Sequence[str]) -> str:
+    """The first labels, and how many more there are."""
+    rest = f" and {len(labels) - _LISTED} more" if len(labels) > _LISTED else ""
+    return ", ".join(labels[:_LISTED]) + rest

@@ -256,12 +256,13 @@ def resolve_query(
 
 def shipped_queries() -> tuple[ParameterizedQuery, ...]:
     """All shipped queries, by name."""
-    return tuple(load_query(path) for path in sorted(QUERIES.glob("*.rq")))
+    return tuple(map(_shipped, shipped_names()))
 
 
+@cache
 def shipped_names() -> tuple[str, ...]:
     """The names of all shipped queries."""
-    return _names(QUERIES)
+    return tuple(sorted(path.stem for path in QUERIES.glob("*.rq")))
 
 
 def find_query(name: str) -> ParameterizedQuery:
@@ -272,18 +273,13 @@ def find_query(name: str) -> ParameterizedQuery:
         raise UnknownQueryError(
             f"no query {name[:60]!r}{near}{'' if near else ';'} hereabouts queries lists them"
         )
-    return _shipped(QUERIES / f"{name}.rq")
+    return _shipped(name)
 
 
 @cache
-def _names(folder: Path) -> tuple[str, ...]:
-    return tuple(sorted(path.stem for path in folder.glob("*.rq")))
-
-
-@cache
-def _shipped(path: Path) -> ParameterizedQuery:
+def _shipped(name: str) -> ParameterizedQuery:
     # cached: shipped files do not change while a program runs, and some run often
-    return replace(load_query(path), shipped=True)
+    return replace(load_query(QUERIES / f"{name}.rq"), shipped=True)
 
 
 def _type_of(value: object) -> str:

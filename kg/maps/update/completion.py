@@ -23,13 +23,13 @@ from kg.maps.facts.assertions import Assertions
 from kg.maps.facts.object_relations import relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
-from kg.maps.update.deletion_guard import is_place
 from kg.maps.update.implicit_assertions import (
     assert_perceived_properties,
     assert_relations,
     categories,
     check_computed_relations,
 )
+from kg.maps.update.validation import is_place
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri, whole_number
@@ -54,8 +54,8 @@ def complete_change(pending: ChangeDraft, facts: RecordCodec, by: str | None) ->
         if next(pending.after(subject, None, None, v.MAP_GRAPH), None) is None:
             _remove_dependents(pending, facts, subject)
             continue
-        if categories(pending.after, facts, subject, "object"):
-            _complete_object(pending, facts, subject)
+        if kinds := categories(pending.after, facts, subject, "object"):
+            _complete_object(pending, facts, subject, min(kinds))
             assert_relations(pending, facts, subject, by or "somebody")
         elif is_place(pending.after, facts, subject):
             _complete_place(pending, subject)
@@ -87,7 +87,9 @@ def _remove_dependents(pending: ChangeDraft, facts: RecordCodec, removed: NamedN
     pending.change(follow, ())
 
 
-def _complete_object(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> None:
+def _complete_object(
+    pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, category: str
+) -> None:
     """Complete an object: numbers as doubles, the cell of its position, and missing facts."""
     _write_doubles(pending, subject, (v.X, v.Y, v.Z, v.CONFIDENCE, v.EXISTENCE))
     _assign_cell(pending, subject)
@@ -96,7 +98,7 @@ def _complete_object(pending: ChangeDraft, facts: RecordCodec, subject: NamedNod
     moment = now()
     for predicate, value in (
         (v.Z, Literal(0.0)),
-        (v.RDFS_LABEL, Literal(_label(pending, facts, subject))),
+        (v.RDFS_LABEL, Literal(facts.catalogue.title(category, subject.value))),
         (v.CONFIDENCE, Literal(1.0)),
         (v.EXISTENCE, Literal(1.0)),
         (v.OBSERVATION_COUNT, Literal(1)),
@@ -187,14 +189,6 @@ def _coordinate(pending: ChangeDraft, subject: NamedNode, axis: str) -> float | 
     except ValueError:
         return None
     return number if number is not None and abs(number) < 1e9 else None
-
-
-def _label(pending: ChangeDraft, facts: RecordCodec, subject: NamedNode) -> str:
-    for quad in pending.after(subject, v.RDF_TYPE, None, v.MAP_GRAPH):
-        category = facts.catalogue.by_iri(getattr(quad.object, "value", ""))
-        if category is not None:
-            return facts.catalogue.title(category.iri, subject.value)
-    return subject.value
 
 
 def _number_of(facts: RecordCodec, subject: NamedNode) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -30,6 +31,13 @@ from kg.rdf.quad_store import Subject
 
 Read = Callable[..., Iterator[Quad]]
 
+#: properties that an update asserts anew where they are asserted
+_REASSERTED: Final = {
+    "position": AXES,
+    "extent": (*SIDES, v.YAW),
+    "label": (v.RDFS_LABEL,),
+}
+
 
 def assert_perceived_properties(
     pending: ChangeDraft, facts: RecordCodec, subject: NamedNode, by: str
@@ -39,12 +47,11 @@ def assert_perceived_properties(
     previous = assertions.of(pending.engine, subject.value)
     kind = "object" if categories(pending.after, facts, subject, "object") else "place"
     made = [_category(pending, facts, subject, kind, previous, by)]
-    if kind == "object":
-        made.append(_numbers(pending, subject, previous, by, "position", AXES))
-        made.append(_numbers(pending, subject, previous, by, "extent", (*SIDES, v.YAW)))
-        if "existence" in previous and pending.writes(subject, v.EXISTENCE):
-            pending.change(_node(pending, assertions, previous["existence"]), ())
-    made.append(_label(pending, subject, previous, by))
+    for prop, predicates in _REASSERTED.items():
+        if prop in previous and pending.writes(subject, *predicates):
+            made.append(_reasserted(pending, subject, previous[prop], predicates, by))
+    if "existence" in previous and pending.writes(subject, v.EXISTENCE):
+        pending.change(_node(pending, assertions, previous["existence"]), ())
     for assertion in filter(None, made):
         before = previous.get(assertion.property)
         old = _node(pending, assertions, before) if before else ()
@@ -101,33 +108,20 @@ def _category(
     return replace(made, since=(made.since or made.stamp) if contradicts else None)
 
 
-def _numbers(
+def _reasserted(
     pending: ChangeDraft,
     subject: NamedNode,
-    previous: PropertyAssertions,
-    by: str,
-    prop: str,
+    previous: Assertion,
     predicates: Sequence[str],
+    by: str,
 ) -> Assertion | None:
-    """The assertion of a position or an extent with the numbers that an update writes."""
-    if prop not in previous or not pending.writes(subject, *predicates):
-        return None
-    numbers = [_one(pending.after, subject, predicate) for predicate in predicates]
-    if predicates[-1] == v.YAW and numbers[-1] is None:
-        numbers[-1] = "0.0"
-    if None in numbers:
-        return None  # the shapes report missing coordinates
-    value = " ".join(str(number) for number in numbers)
-    return replace(previous[prop], value=value, by=by, stamp=time.time())
-
-
-def _label(
-    pending: ChangeDraft, subject: NamedNode, previous: PropertyAssertions, by: str
-) -> Assertion | None:
-    label = _one(pending.after, subject, v.RDFS_LABEL)
-    if "label" not in previous or label is None or not pending.writes(subject, v.RDFS_LABEL):
-        return None
-    return replace(previous["label"], value=label, by=by, stamp=time.time())
+    """The assertion of the values that an update writes in place of asserted ones."""
+    values = [_one(pending.after, subject, predicate) for predicate in predicates]
+    if predicates[-1] == v.YAW:
+        values[-1] = values[-1] or "0.0"
+    if None in values:
+        return None  # the shapes report what is missing
+    return replace(previous, value=" ".join(map(str, values)), by=by, stamp=time.time())
 
 
 def _relabel(
@@ -248,9 +242,7 @@ def _assert(
     relations = () if record is None else record.relations or ()
     if previous is not None:
         relations = asserted_relations(relations, kind, previous.perceived, previous.strength)
-        old = assertions.iri(subject.value, kind)
-        stored = assertions.stored(pending.engine, subject.value)
-        pending.change([q for q in stored if q.subject == NamedNode(old)], ())
+        pending.change(_node(pending, assertions, previous), ())
     perceived, strength = perceived_value(relations, kind)
     if value is not None or previous is None:
         value = value or NOTHING

@@ -24,7 +24,7 @@ from kg.maps.facts.assertion_service import AssertionService
 from kg.maps.facts.assertions import Assertions
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
-from kg.maps.update.deletion_guard import added_things, is_place, removed_things, things_in
+from kg.maps.update.validation import added_things, is_place, removed_things, things_in
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.rdf.quad_store import QuadStore

@@ -1,4 +1,4 @@
-"""Update validation: write permissions per graph, then SHACL on the subjects an update touches.
+"""Update validation: permissions per graph, SHACL on what is touched, a limit of deletions.
 
 The size of the map does not matter: pyshacl validates the subjects whose facts change and, where a
 subject changes its type, one subject for each property that refers to it. The data graph holds
@@ -9,6 +9,7 @@ update do not count.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Final
@@ -18,9 +19,11 @@ from pyoxigraph import BlankNode, NamedNode, Quad, Triple
 from kg.knowledge.ontology.declared_terms import declared_terms, undeclared
 from kg.knowledge.ontology.loading import SHAPES_FILE, superclasses
 from kg.maps.facts.coordinate_frames import FRAME
+from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft, GroundUpdate
+from kg.maps.update.implicit_assertions import Read, categories
 from kg.model import vocabulary as v
-from kg.model.errors import ProtectedError, ShapeError
+from kg.model.errors import ProtectedError, ShapeError, UnconfirmedDeletionError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
@@ -46,6 +49,7 @@ _COUNTERS: Final = {v.SEQUENCE, v.NEXT_OBJECT, v.FRAMES_APPLIED, v.LAST_FRAME, v
 _SHAPED: Final = (v.MAP_GRAPH, v.DATASET_GRAPH, v.ASSERTIONS_GRAPH)
 _AT_ONCE: Final = 100  # subjects: pyshacl takes quadratic time in their number
 _MAX_SHOWN = 3  # violations in one message
+_PLACE: Final = NamedNode(v.PLACE)
 
 
 class UpdateValidator:
@@ -235,3 +239,65 @@ def _short(iri: str) -> str:
 def _message_of(finding: Finding) -> str:
     value = f" (found {_short(finding.value)})" if finding.value else ""
     return f"{_short(finding.focus)}: {finding.message}{value}"
+
+
+@dataclass(frozen=True, slots=True)
+class DeletionLimit:
+    """The largest deletion without confirmation; a deletion within either bound passes.
+
+    The history can restore a deletion, but `DELETE WHERE {?s ?p ?o}` is usually a mistake. Objects
+    and places are counted, not triples.
+    """
+
+    share: float = 0.1  # of all objects and places of the map, 0 to 1
+    count: int = 10  # objects and places together
+
+
+def check_confirmed(pending: ChangeDraft, facts: RecordCodec, limit: DeletionLimit) -> None:
+    """Raise UnconfirmedDeletionError if `pending` removes more than `limit`."""
+    lost = len(removed_things(pending, facts))
+    if lost <= limit.count:
+        return
+    # no local variable for the iterator: the traceback would take it to another thread
+    total = len(things_in(pending.before(None, v.RDF_TYPE, None, v.MAP_GRAPH), facts))
+    if lost > limit.share * total:
+        raise UnconfirmedDeletionError(
+            f"this would delete {lost} of {total} objects and places, and nothing was written; "
+            "confirm it with --yes (over HTTP the header Here-Confirm: delete, in Python "
+            "confirmed=True), or delete fewer"
+        )
+
+
+def removed_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
+    """Objects and places that the change removes."""
+    before = things_in(pending.removed, facts)
+    return frozenset(s for s in before if not _is_thing(pending.after, facts, s))
+
+
+def added_things(pending: ChangeDraft, facts: RecordCodec) -> frozenset[Subject]:
+    """Objects and places that the change adds."""
+    after = things_in(pending.added, facts)
+    return frozenset(s for s in after if not _is_thing(pending.before, facts, s))
+
+
+def things_in(quads: Iterable[Quad], facts: RecordCodec) -> frozenset[Subject]:
+    """Objects and places in `quads`: subjects that have such a type in graph:map."""
+    return frozenset(
+        quad.subject
+        for quad in quads
+        if quad.predicate == v.RDF_TYPE
+        and quad.graph_name == v.MAP_GRAPH
+        and (quad.object == _PLACE or facts.catalogue.by_iri(getattr(quad.object, "value", "")))
+    )
+
+
+def is_place(read: Read, facts: RecordCodec, subject: Subject) -> bool:
+    """Whether a subject is a place in the state that `read` reads."""
+    types = {quad.object for quad in read(subject, v.RDF_TYPE, None, v.MAP_GRAPH)}
+    if _PLACE in types or not isinstance(subject, NamedNode):
+        return _PLACE in types
+    return bool(categories(read, facts, subject, "place"))
+
+
+def _is_thing(read: Read, facts: RecordCodec, subject: Subject) -> bool:
+    return bool(things_in(read(subject, v.RDF_TYPE, None, v.MAP_GRAPH), facts))

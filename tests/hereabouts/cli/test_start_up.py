@@ -13,7 +13,6 @@ from kg.serving.opening import create_map
 HEAVY = {
     "cv2",
     "matplotlib",
-    "networkx",
     "onnxruntime",
     "owlready2",
     "pyshacl",

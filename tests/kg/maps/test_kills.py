@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -36,9 +35,7 @@ def kills(monkeypatch: pytest.MonkeyPatch) -> Any:
     return examination, frames
 
 
-def test_nothing_is_lost_to_kills() -> None:
-    words = ["--rounds", str(2 * len(KINDS)), "--seed", "5"]
-    words += [word for kind in KINDS for word in ("--kind", kind)]
+def kill(*words: str) -> str:
     run = subprocess.run(
         [sys.executable, "-m", "benchmarks.kills", *words],
         cwd=ROOT,
@@ -49,8 +46,14 @@ def test_nothing_is_lost_to_kills() -> None:
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    rows = [row.split(" | ") for row in run.stdout.splitlines() if row.startswith("| ")][1:]
-    assert [(row[0].strip("| "), row[1]) for row in rows] == [(row, "2") for row in KINDS.values()]
+    return run.stdout
+
+
+def test_nothing_is_lost_to_kills() -> None:
+    kinds = [word for kind in KINDS for word in ("--kind", kind)]
+    told = kill("--rounds", str(len(KINDS)), "--seed", "5", *kinds)
+    rows = [row.split(" | ") for row in told.splitlines() if row.startswith("| ")][1:]
+    assert [(row[0].strip("| "), row[1]) for row in rows] == [(row, "1") for row in KINDS.values()]
 
 
 def test_an_examination_notices_what_is_missing(kills: Any, tmp_path: Path) -> None:
@@ -80,39 +83,7 @@ def test_an_examination_notices_what_is_missing(kills: Any, tmp_path: Path) -> N
     assert "the changes since #0: 0 facts lack, 1 too many" in found
 
 
-def test_a_cut_of_the_power_loses_what_was_not_synced(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.syspath_prepend(str(ROOT))
-    from benchmarks.kills.disk import Disk, File
-
-    def after(kept: float) -> dict[str, bytes]:
-        disk, folder = Disk(Path("/d")), tmp_path / str(kept)
-        synced, unsynced = disk.create("/d/synced"), disk.create("/d/unsynced")
-        synced.write(0, b"one")
-        disk.sync(synced, 1, disk.entries)
-        synced.write(3, b"two")
-        unsynced.write(0, b"three")
-        disk.rename("/d/synced", "/d/renamed")
-        assert isinstance(disk.at("/d/renamed"), File)
-        disk.after_cut(folder, random.Random(1), kept)
-        return {file.name: file.read_bytes() for file in folder.iterdir()}
-
-    assert after(0.0) == {"synced": b"one", "unsynced": b""}
-    assert after(1.0) == {"renamed": b"onetwo", "unsynced": b"three"}
-
-
 def test_the_recorded_writer_outlives_cuts_of_the_power() -> None:
     if shutil.which("strace") is None:
         pytest.skip("strace is not installed")
-    words = ["--rounds", "6", "--kind", "power-safe", "--kind", "power"]
-    run = subprocess.run(
-        [sys.executable, "-m", "benchmarks.kills", *words],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=800,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
+    kill("--rounds", "2", "--kind", "power-safe", "--kind", "power")

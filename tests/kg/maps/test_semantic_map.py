@@ -7,17 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, MapNotFoundError
-from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingRecord, RobotRecord
+from kg.model.records import MapUpdate, PlaceRecord, RecordingRecord, RobotRecord
 from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.transactional import TransactionalStore
-
-
-def chair(chart: SemanticMap) -> ObjectRecord:
-    category = chart.catalogue.find("chair").iri
-    iri = chart.new_object_iri()
-    return ObjectRecord(iri, category, np.array([1.0, 2, 3]), 1.0, 0.5, 2, 5.0, 6.0)
+from tests.kg.conftest import thing
 
 
 def test_everything_is_there_after_reopening(tmp_path: Path) -> None:
@@ -26,7 +20,7 @@ def test_everything_is_there_after_reopening(tmp_path: Path) -> None:
         base = chart.base
         kitchen = chart.catalogue.find("kitchen").iri
         update = MapUpdate(
-            objects=(chair(chart),),
+            objects=(thing(chart, "chair"),),
             places=(PlaceRecord(chart.place_iri(1), "room", 0, 3, 0, 3, 4, {kitchen: 0.5}),),
             robot=RobotRecord(np.array([1.0, 0, 0]), 0.5, 9.0),
             recording=RecordingRecord("run", 3, "frame-2", np.eye(4)),
@@ -44,7 +38,7 @@ def test_everything_is_there_after_reopening(tmp_path: Path) -> None:
 
 def test_a_number_is_never_used_twice_also_across_restarts(tmp_path: Path) -> None:
     with create_map(tmp_path / "map") as chart:
-        first, second = chair(chart), chair(chart)
+        first, second = thing(chart, "chair"), thing(chart, "chair")
         chart.apply(MapUpdate(objects=(first, second)))
         chart.apply(MapUpdate(removed=(second.iri,)))
     with open_map(tmp_path / "map") as chart:
@@ -81,7 +75,7 @@ def test_a_new_map_knows_common_sense() -> None:
 
 def test_the_rdflib_view_is_live_both_ways() -> None:
     chart = in_memory_map(base="http://example.org/lab/")
-    record = chair(chart)
+    record = thing(chart, "chair")
     chart.apply(MapUpdate(objects=(record,)))
     asked = "SELECT ?x WHERE { ?o a here:Chair ; here:x ?x }"
     assert [float(row.x) for row in chart.dataset.query(asked)] == [1.0]  # type: ignore[union-attr]

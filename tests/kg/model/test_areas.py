@@ -7,7 +7,6 @@ import pytest
 from shapely import LinearRing
 
 from kg.model.areas import Area, Rectangle, area_of
-from kg.model.records import PlaceRecord
 
 ROOM = Rectangle(0.0, 4.0, -1.5, 2.0)
 
@@ -27,11 +26,6 @@ def test_sizes_are_those_of_the_sides():
 
 def test_a_union_contains_both():
     assert ROOM.union(Rectangle(3, 5, -3, 0)) == Rectangle(0, 5, -3, 2)
-
-
-def test_a_place_has_the_rectangle_of_its_sides():
-    place = PlaceRecord("http://example.org/m/place/1", "place 1", 0.0, 4.0, -1.5, 2.0)
-    assert place.area == Area(0.0, 4.0, -1.5, 2.0)
 
 
 L_SHAPE = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 5), (0, 5)]

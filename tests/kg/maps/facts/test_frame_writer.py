@@ -8,27 +8,17 @@ import numpy as np
 import pytest
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import GraphError, InvalidFactError
+from kg.model.errors import InvalidFactError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.model.vocabulary import NEXT_OBJECT, SEQUENCE
+from tests.kg.conftest import thing as made
 
 COUNTERS = {NEXT_OBJECT, SEQUENCE}
 SEEN = Evidence("frame-1", "lab", 10.0, (1, 2, 3, 4), 0.8, "detector")
 
 
 def thing(semantic_map: SemanticMap, label: str = "chair", **fields: object) -> ObjectRecord:
-    record = ObjectRecord(
-        iri=semantic_map.new_object_iri(),
-        category=semantic_map.catalogue.find(label).iri,
-        p_map=np.array([1.0, 2.0, 0.5]),
-        confidence=1.0,
-        existence=0.5,
-        observations=1,
-        first_seen=10.0,
-        last_seen=10.0,
-        evidence=SEEN,
-    )
-    return replace(record, **fields)  # type: ignore[arg-type]
+    return made(semantic_map, label, **{"evidence": SEEN, **fields})
 
 
 def test_the_same_update_twice_changes_nothing(semantic_map: SemanticMap) -> None:
@@ -47,14 +37,8 @@ def test_noise_below_the_precision_of_the_map_costs_no_write(semantic_map: Seman
 def test_a_moved_object_changes_two_triples_an_axis(semantic_map: SemanticMap) -> None:
     chair = thing(semantic_map)
     semantic_map.apply(MapUpdate(objects=(chair,)))
-    assert (
-        len(
-            semantic_map.apply(
-                MapUpdate(objects=(replace(chair, p_map=np.array([1.5, 2.0, 0.5])),))
-            )
-        )
-        == 2
-    )
+    moved = replace(chair, p_map=np.array([1.5, 2.0, 0.5]))
+    assert len(semantic_map.apply(MapUpdate(objects=(moved,)))) == 2
     assert semantic_map.objects()[0].p_map[0] == 1.5
 
 
@@ -118,10 +102,3 @@ def test_contradicting_updates_are_refused(semantic_map: SemanticMap) -> None:
         semantic_map.apply(MapUpdate(objects=(chair, chair)))
     with pytest.raises(InvalidFactError, match="both written and removed"):
         semantic_map.apply(MapUpdate(objects=(chair,), removed=(chair.iri,)))
-
-
-def test_a_closed_map_cannot_be_written(semantic_map: SemanticMap) -> None:
-    chair = thing(semantic_map)
-    semantic_map.close()
-    with pytest.raises(GraphError, match="closed"):
-        semantic_map.apply(MapUpdate(objects=(chair,)))

@@ -89,13 +89,7 @@ def test_an_object_comes_back_within_a_centimetre_a_hundredth_and_a_second(
 def test_what_came_back_once_never_changes_again(record: ObjectRecord) -> None:
     quads = FACTS.of_object(record)
     (back,) = FACTS.objects(stored(quads))
-    assert stored(FACTS.of_object(back)).dump(format=_nq()) == stored(quads).dump(format=_nq())
-
-
-def _nq() -> object:
-    from pyoxigraph import RdfFormat
-
-    return RdfFormat.N_QUADS
+    assert set(stored(FACTS.of_object(back))) == set(stored(quads))
 
 
 @given(st.dictionaries(st.sampled_from(ROOMS), shares, max_size=5), st.integers(0, 100), metres)
@@ -117,13 +111,6 @@ def test_a_box_that_is_not_four_numbers_is_an_error(box: tuple[float, ...]) -> N
     seen = Evidence("frame 1", "tour", 1.0, box, 0.5, "network")  # type: ignore[arg-type]
     with pytest.raises(InvalidFactError, match="box must be 4 finite numbers"):
         FACTS.of_object(replace(CHAIR, evidence=seen))
-
-
-def test_a_box_keeps_the_order_of_its_sides() -> None:
-    seen = Evidence("frame 1", "tour", 1.0, (10.6, 20.4, 310.0, 420.0), 0.5, "network")
-    (back,) = FACTS.objects(stored(FACTS.of_object(replace(CHAIR, evidence=seen))))
-    assert back.evidence is not None
-    assert back.evidence.box == (11.0, 20.0, 310.0, 420.0)  # left, top, right, bottom
 
 
 def test_views_of_a_place_come_back_and_must_be_shares() -> None:

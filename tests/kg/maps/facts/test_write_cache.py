@@ -129,7 +129,7 @@ def outcome(step: Step, chart: SemanticMap, first: int) -> object:
 
 
 @settings(
-    max_examples=25,
+    max_examples=15,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )

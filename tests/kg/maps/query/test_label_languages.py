@@ -58,32 +58,21 @@ def both(flat: StoredMap) -> tuple[dict[str, tuple[Row, ...]], dict[str, tuple[R
     return before, answers(flat)
 
 
-@pytest.mark.parametrize("name", [q.name for q in shipped_queries() if q.name != "graph-sizes"])
 def test_labels_in_further_languages_change_no_row(
-    both: tuple[dict[str, tuple[Row, ...]], dict[str, tuple[Row, ...]]], name: str
+    both: tuple[dict[str, tuple[Row, ...]], dict[str, tuple[Row, ...]]],
 ) -> None:
     before, after = both
-    assert after[name] == before[name]
+    assert {name for name, rows in after.items() if rows != before[name]} == set()
 
 
 @pytest.mark.usefixtures("both")
-@pytest.mark.parametrize(
-    ("language", "label"),
-    [
-        ("de", "cup de"),
-        ("de-AT", "cup de-at"),
-        ("de-CH", "cup de"),
-        ("fr;q=0.4, de;q=0.5", "cup de"),
-        ("it, fr", "cup fr"),
-        ("en", "cup en-gb"),
-        ("it", "cup"),
-        ("*", "cup"),
-        ("", "cup"),
-    ],
-)
-def test_a_label_is_in_the_language_asked_for(flat: StoredMap, language: str, label: str) -> None:
-    (row,) = flat.query("objects-by-category", category="cup", language=language).records()
-    assert str(row["category"]).lower() == label
+def test_a_label_is_in_the_language_asked_for(flat: StoredMap) -> None:
+    expected = {"de": "cup de", "de-AT": "cup de-at", "de-CH": "cup de", "en": "cup en-gb"}
+    expected |= {"fr;q=0.4, de;q=0.5": "cup de", "it, fr": "cup fr"}
+    expected |= dict.fromkeys(("it", "*", ""), "cup")
+    for language, label in expected.items():
+        (row,) = flat.query("objects-by-category", category="cup", language=language).records()
+        assert str(row["category"]).lower() == label, language
 
 
 @pytest.mark.usefixtures("both")
@@ -161,13 +150,9 @@ def test_triples_and_rows_without_columns() -> None:
         assert read == expected
 
 
-def test_a_blank_node_is_told_by_its_label() -> None:
-    ((value,),) = rows_of(solutions("BIND(BNODE() AS ?n)"))
-    assert isinstance(value, str)
-    assert value.startswith("_:")
-
-
 def test_long_answers_are_read_to_their_end() -> None:
+    ((value,),) = rows_of(solutions("BIND(BNODE() AS ?n)"))
+    assert str(value).startswith("_:")
     numbers = range(2 * PIECE + 1)
     rows = rows_of(solutions("VALUES ?n { " + " ".join(map(str, numbers)) + " }"))
     assert rows == tuple((number,) for number in numbers)

@@ -220,7 +220,7 @@ OPERATION = st.one_of(
 )
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(OPERATION, min_size=1, max_size=4).map(" ;\n".join))
 def test_any_update_is_worked_out_as_the_engine_does_it(text: str) -> None:
     quads = [q for q in start() if not q.predicate.value.endswith("q")]

@@ -6,7 +6,7 @@ import pytest
 from pyoxigraph import Quad
 
 from kg.maps.semantic_map import SemanticMap
-from kg.maps.update.deletion_guard import DeletionLimit
+from kg.maps.update.validation import DeletionLimit
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError, UnconfirmedDeletionError
 from kg.serving.opening import open_map
