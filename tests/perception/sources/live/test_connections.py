@@ -18,7 +18,7 @@ pytest.importorskip("websockets")
 from kg.model.errors import RecordingError
 from perception.sources.bag_writer import COLOUR, DEPTH
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.live import connection, ros1, stream, tcpros
+from perception.sources.live import connection, ros1, stream
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
@@ -37,7 +37,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(connection, "MAX_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
-    monkeypatch.setattr(tcpros, "TICK", 0.02)
+    monkeypatch.setattr(ros1, "TICK", 0.02)
 
 
 def types_of(raws: list[RawMessage], *, ros1: bool) -> dict[str, str]:
