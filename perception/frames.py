@@ -7,6 +7,7 @@ Pixels are (column, row) with the origin at the centre of the top left pixel; th
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol, runtime_checkable
@@ -218,13 +219,22 @@ def _segment(found: Any, box: NDArray[np.float32]) -> NDArray[np.bool_] | None:
         if not 0 < end.prod() <= _MAX_MASK:
             raise ValueError(f"a box of {box.tolist()} px has no mask")
         return _filled(found, (int(end[1]), int(end[0]))) if found else None
-    counts, (height, width) = np.array(_lengths(found["counts"]), np.int64), found["size"]
-    if not 0 < height * width <= _MAX_MASK or counts.min(initial=0) < 0:
+    height, width = found["size"]
+    return mask_of_runs(_lengths(found["counts"]), (width, height)).T
+
+
+def mask_of_runs(lengths: Sequence[int], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mask of `shape` by lengths of runs of pixels outside and inside by turns, outside first.
+
+    Raises ValueError where they do not fill it.
+    """
+    height, width = map(operator.index, shape)  # whole numbers
+    runs = np.array(lengths, np.int64)
+    if min(height, width) < 1 or height * width > _MAX_MASK or (runs < 0).any():
         raise ValueError("a mask needs a size [h, w] and lengths of runs")
-    if int(counts.sum()) != height * width:
-        raise ValueError(f"runs of a mask of size {found['size']} need that many pixels")
-    flat = np.repeat(np.arange(len(counts)) % 2 == 1, counts)
-    return flat.reshape(width, height).T
+    if runs.max(initial=0) > _MAX_MASK or int(runs.sum()) != height * width:
+        raise ValueError(f"runs of a mask of {height} x {width} need that many pixels in all")
+    return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(height, width)
 
 
 def _lengths(counts: Any) -> Sequence[int]:

@@ -1,10 +1,11 @@
-"""Number tables in text files; errors name the file and the line."""
+"""Number tables in text files, and JSON objects; errors name the file and the line."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,17 @@ def in_seconds(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     largest = float(np.max(stamps, initial=0.0))
     unit = next((unit for least, unit in _UNITS if largest >= least), 1.0)
     return stamps if unit == 1.0 else np.round(stamps * unit, 9)
+
+
+def json_object(text: str | bytes, where: object) -> dict[str, Any]:
+    """The object that a text in JSON is; raises RecordingError, beginning with `where`."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise RecordingError(f"{where} is no JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise RecordingError(f"{where} holds no JSON object")
+    return found
 
 
 def rows(path: Path) -> Iterator[tuple[str, list[str]]]:

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
     from perception.sources.live.live_tracker import LiveTracker
-    from perception.sources.live.stream_counts import StreamCounts
+    from perception.sources.live.silence import StreamCounts
     from perception.sources.recording_options import RecordingOptions
 
 

@@ -13,7 +13,7 @@ from perception.inference.model_zoo import NETWORKS, ModelCard
 
 NO_OBJECT = "n/a"
 COCO_IDS = 91  # classes of networks that answer COCO's published ids
-_UNUSED_IDS = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)
+UNUSED_IDS = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)  # of COCO's 1 to 90
 METADATA_KEYS = ("names", "labels", "classes", "class_names")
 
 
@@ -102,7 +102,7 @@ def _by_count(model: Path, classes: int | None) -> _Found:
 def coco_by_id() -> tuple[str, ...]:
     """COCO's 80 labels at their published ids, 1 to 90; the others are NO_OBJECT."""
     labels = iter(read_labels(NETWORKS / "labels_coco80.txt"))
-    return tuple(NO_OBJECT if i in _UNUSED_IDS else next(labels) for i in range(COCO_IDS))
+    return tuple(NO_OBJECT if i in UNUSED_IDS else next(labels) for i in range(COCO_IDS))
 
 
 def is_object(label: str) -> bool:

@@ -66,8 +66,7 @@ class OnnxDetector:
     @property
     def device(self) -> str:
         """Device of the network: "cpu", "cuda", ..."""
-        device: str = self.session.device
-        return device
+        return self.session.device
 
     def detect(self, frame: Frame) -> Detections:
         """All objects of `frame` with a score above the threshold, best first."""

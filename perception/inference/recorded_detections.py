@@ -20,12 +20,10 @@ from numpy.typing import NDArray
 from kg.model.errors import ExtensionError, ModelError
 from kg.model.extensions import DETECTORS, extensions, load_extension
 from kg.model.regular_files import read_text
-from perception.frames import Detections, Detector, Frame
+from perception.frames import Detections, Detector, Frame, mask_of_runs
 from perception.inference.detector import load_detector
 from perception.inference.detector_pair import DetectorPair
 from perception.inference.model_zoo import bundled_pair, cards
-
-_MAX_MASK = 1 << 26  # pixels
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,25 +155,14 @@ def _runs(mask: NDArray[np.bool_]) -> list[int]:
     return lengths
 
 
-def _mask(entry: Any) -> NDArray[np.bool_] | None:
-    """A mask from its runs; raises ValueError for anything else."""
-    if entry is None:
-        return None
-    (height, width), runs = entry["size"], np.array(entry["runs"], np.int64)
-    whole = isinstance(height, int) and isinstance(width, int) and min(height, width) > 0
-    if not whole or height * width > _MAX_MASK or (runs < 0).any():
-        raise ValueError("a mask needs a size [h, w] and lengths of runs")
-    if runs.max(initial=0) > _MAX_MASK or int(runs.sum()) != height * width:
-        raise ValueError(f"runs of a mask of size {entry['size']} need that many pixels in all")
-    inside = np.repeat(np.arange(len(runs)) % 2 == 1, runs)
-    return inside.reshape(height, width)
-
-
 def _detections(path: Path, frame: str, rows: Any) -> Detections:
     try:
         numbers = np.array([row[:5] for row in rows], np.float32).reshape(len(rows), 5)
         labels = [row[5] for row in rows]
-        masks = [_mask(row[6]) if len(row) > 6 else None for row in rows]
+        masks = [
+            mask_of_runs(row[6]["runs"], row[6]["size"]) if row[6:] not in ([], [None]) else None
+            for row in rows
+        ]
         sound = np.isfinite(numbers).all() and all(isinstance(label, str) for label in labels)
         in_order = np.all(numbers[:, 2:4] > numbers[:, :2])
         if not (sound and in_order and np.all((numbers[:, 4] >= 0) & (numbers[:, 4] <= 1))):

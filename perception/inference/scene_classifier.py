@@ -36,8 +36,7 @@ class OnnxSceneClassifier:
     @property
     def device(self) -> str:
         """Device of the network: "cpu", "cuda", ..."""
-        device: str = self.session.device
-        return device
+        return self.session.device
 
     def classify(self, frame: Frame) -> SceneScores:
         """Probability of each scene category for `frame`."""

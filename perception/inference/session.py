@@ -113,7 +113,7 @@ class Session:
             raise ModelError(f"{path} is no ONNX network that can be run: {reason}") from error
         self.path = path
         taken = self._session.get_providers()[0]
-        self.device = taken.removesuffix(_SUFFIX).lower()  # the one that was taken
+        self.device: str = taken.removesuffix(_SUFFIX).lower()  # the one that was taken
         if taken != provider and device.lower() != "auto":
             raise ModelError(
                 f"device {device!r} does not work here, its libraries are missing; "
@@ -150,9 +150,9 @@ class Session:
                 value = np.ascontiguousarray(np.moveaxis(value, -3, -1))
             if value.ndim == 4 and isinstance(shape[0], int) and shape[0] > 1:
                 value = np.repeat(value, shape[0], axis=0)
-        type_ = _TYPES.get(self.input_types[name], value.dtype)
-        return value if value.dtype == type_ else np.rint(value).astype(type_) if (
-            np.dtype(type_).kind == "u") else value.astype(type_)  # fmt: skip
+        type_ = np.dtype(_TYPES.get(self.input_types[name], value.dtype))
+        whole = type_.kind == "u" and value.dtype != type_
+        return (np.rint(value) if whole else value).astype(type_, copy=False)
 
     def _is_channels_last(self, name: str) -> bool:
         """Whether an image's colours are the last axis: [N, H, W, 3]."""
@@ -239,10 +239,9 @@ def fit(rgb: NDArray[np.uint8], size: tuple[int, int], resize: str, values: str)
     """
     height, width = size
     old_height, old_width = rgb.shape[:2]
-    if resize == "stretch":
-        scale = (width / old_width, height / old_height)
-        return Fitted(_tensor(_resized(rgb, width, height), values), scale, (0.0, 0.0))
     ratios = (width / old_width, height / old_height)
+    if resize == "stretch":
+        return Fitted(_tensor(_resized(rgb, width, height), values), ratios, (0.0, 0.0))
     factor = min(ratios) if resize == "letterbox" else max(ratios) * CROP_MARGIN
     small = _resized(rgb, max(round(old_width * factor), 1), max(round(old_height * factor), 1))
     if resize == "letterbox":

@@ -75,12 +75,9 @@ class Features:
         """No features, and no image."""
         grid = np.zeros((0, 0), np.float32)
         samples = DepthSamples(grid, np.eye(3), np.zeros((0, 3), np.float32))
+        pixels, points = np.zeros((0, 2)), np.zeros((0, 3))
         return cls(
-            np.zeros((0, 0), np.uint8),
-            samples,
-            np.zeros((0, 2)),
-            np.zeros((0, 3)),
-            np.zeros((0, 32), np.uint8),
+            grid.astype(np.uint8), samples, pixels, points, np.zeros((0, ORB_BYTES), np.uint8)
         )
 
 
@@ -271,10 +268,12 @@ class FrozenImages:
         """Whether an image of the next frame is a copy of the last, and the other moves on."""
         view, frozen = _view(frame), False
         for name, image, other in (("depth", frame.depth, 0), ("rgb", frame.rgb, 1)):
-            if name not in self._held or not _is_same(self._held[name][0], image):
+            held = self._held.get(name)
+            nan = image.dtype == np.float32
+            if held is None or not np.array_equal(held[0], image, equal_nan=nan):
                 self._held[name] = image, view  # the image, and the view where it began
             else:
-                frozen |= _moved(self._held[name][1], view, other)
+                frozen |= _moved(held[1], view, other)
         self.count += frozen
         return frozen
 
@@ -285,10 +284,6 @@ def _view(frame: Frame) -> _View:
     )
     depth = cv2.resize(frame.depth, THUMBNAIL, interpolation=cv2.INTER_NEAREST)
     return np.asarray(grey, np.float32), np.asarray(depth, np.float32)
-
-
-def _is_same(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    return np.array_equal(a, b, equal_nan=a.dtype == np.float32)
 
 
 def _moved(before: _View, now: _View, image: int) -> bool:

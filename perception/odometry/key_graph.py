@@ -124,10 +124,8 @@ class KeyGraph:
 
     def copy(self) -> KeyGraph:
         """The graph as it is now."""
-        keys, joints = (
-            [replace(key) for key in self.keys],
-            {p: [*j] for p, j in self._joints.items()},
-        )
+        joints = {pieces: [*found] for pieces, found in self._joints.items()}
+        keys = [replace(key) for key in self.keys]
         return replace(self, keys=keys, edges=[*self.edges], _joints=joints)
 
     def add(self, key: KeyFrame) -> int:

@@ -77,9 +77,9 @@ def _coarse(
     if len(a) < MIN_COARSE:
         return None, np.zeros(0, np.intp)
     points, pixels, z = first.points[a], second.pixels[b], second.points[b, 2]
-    T, inliers = _consensus(points, pixels, K)
-    if T is None:
-        return None, inliers
+    T, inliers = consensus(points, pixels, K, REPROJECTION, confidence=0.999)
+    if T is None or len(inliers) < MIN_COARSE:
+        return None, np.zeros(0, np.intp)
     return refined(points, pixels, z, K, T, MIN_COARSE), inliers
 
 
@@ -120,18 +120,22 @@ def motion_by_flow(
     return with_depth(measured, first, second)
 
 
-def _consensus(points: Floats, pixels: Floats, K: Floats) -> tuple[Pose | None, NDArray[np.intp]]:
-    """Motion by RANSAC over the projections of three points, and the indices that agree."""
+def consensus(
+    points: Floats, pixels: Floats, K: Floats, off: float, *, confidence: float
+) -> tuple[Pose | None, NDArray[np.intp]]:
+    """Motion by RANSAC over the projections of three points, and the indices that agree.
+
+    Those are at most `off` [px] from their pixels. None, and no indices, without a motion.
+    """
     found, rotation, translation, inliers = cv2.solvePnPRansac(
         points, pixels, K, None,
-        iterationsCount=200, reprojectionError=REPROJECTION, confidence=0.999,
+        iterationsCount=200, reprojectionError=off, confidence=confidence,
         flags=cv2.SOLVEPNP_AP3P,
     )  # fmt: skip
-    if not found or inliers is None or len(inliers) < MIN_COARSE:
+    if not found or inliers is None:
         return None, np.zeros(0, np.intp)
     T = np.eye(4)
-    T[:3, :3] = cv2.Rodrigues(rotation)[0]
-    T[:3, 3] = np.asarray(translation).ravel()
+    T[:3, :3], T[:3, 3] = cv2.Rodrigues(rotation)[0], np.asarray(translation).ravel()
     return T, np.asarray(inliers, np.intp).ravel()
 
 
@@ -177,10 +181,8 @@ def linearised(
     known = np.isfinite(z)
     disparity = np.where(known, BASELINE * (1 / depth - 1 / np.where(known, z, 1.0)), 0.0)
     residuals, J = np.empty((len(p), 3)), np.zeros((len(p), 3, 6))
-    residuals[:, 0], residuals[:, 1] = (
-        fx * x + K[0, 2] - pixels[:, 0],
-        fy * y + K[1, 2] - pixels[:, 1],
-    )
+    residuals[:, 0] = fx * x + K[0, 2] - pixels[:, 0]
+    residuals[:, 1] = fy * y + K[1, 2] - pixels[:, 1]
     residuals[:, 2] = disparity
     J[:, 0, 3], J[:, 0, 5] = fx / depth, -fx * x / depth
     J[:, 1, 4], J[:, 1, 5] = fy / depth, -fy * y / depth

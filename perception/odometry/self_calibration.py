@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from perception.camera.poses import Pose, motion_of
 from perception.odometry.features import Features, matched
-from perception.odometry.relative_motion import linearised
+from perception.odometry.relative_motion import consensus, linearised
 
 Floats = NDArray[np.float64]
 
@@ -71,14 +71,9 @@ def matched_pair(first: Features, second: Features, K: Floats) -> MatchedPair | 
     if good.sum() < MIN_MATCHES:
         return None
     a, b = a[good], b[good]
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
-        first.points[a], second.pixels[b], K, None,
-        iterationsCount=200, reprojectionError=COARSE, flags=cv2.SOLVEPNP_AP3P,
-    )  # fmt: skip
-    if not found or inliers is None or 2 * len(inliers) < MIN_MATCHES:
+    T, inliers = consensus(first.points[a], second.pixels[b], K, COARSE, confidence=0.99)
+    if T is None or 2 * len(inliers) < MIN_MATCHES:
         return None
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = cv2.Rodrigues(rotation)[0], np.asarray(translation).ravel()
     return MatchedPair(
         (first.pixels[a], second.pixels[b]), (first.points[a, 2], second.points[b, 2]), T
     )

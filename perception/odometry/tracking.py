@@ -51,7 +51,6 @@ LINKS: Final = 0.75  # of two key frames that are linked
 MIN_OVERLAP: Final = 0.2  # of the depth of two key frames that show the same
 LINK_OVERLAP: Final = 0.35  # by where both are taken to be, for a link to be tried
 STRONG_INLIERS: Final = 60
-STRONG_SHARE: Final = 0.3
 STILL: Final = (0.03, np.deg2rad(2))  # [m], [rad] from a key frame, which is none of its own
 STAYED: Final = RelativeMotion(np.eye(4), np.eye(6), 0, 1.0)
 MAX_TRACKS: Final = 20  # of the last images, where memory is bounded
@@ -150,7 +149,8 @@ class Odometry:
         if not self._lost:
             for T_key_cam in (last.T_key_cam @ last.moved, last.T_key_cam):
                 measured = motion_by_flow(key, image, inverse(T_key_cam), levels=3)
-                if self._is_followed(measured, key, image):
+                shown = MIN_SHOWN * min(len(key), MAX_FLOW_POINTS)
+                if self._is_confirmed(measured, key, image, FITS, inliers=shown):
                     break
                 measured = None
         if measured is not None and self._is_near(measured):
@@ -186,12 +186,10 @@ class Odometry:
     ) -> tuple[int, RelativeMotion] | None:
         """The recent key frame that an image shows, by the looks of its features."""
         for number in self.graph.recent(last.key):
-            measured = motion_by_features(self.graph.keys[number].features, features, image)
-            if (
-                measured is not None
-                and measured.share > STRONG_SHARE
-                and self._is_confirmed(measured, self.graph.keys[number].features, image, FITS)
-            ):
+            key = self.graph.keys[number].features
+            measured = motion_by_features(key, features, image)
+            if self._is_confirmed(measured, key, image, FITS):
+                assert measured is not None
                 return number, measured
         return None
 
@@ -204,18 +202,21 @@ class Odometry:
         )
         return next(((number, found) for number, found in tried if found is not None), None)
 
-    def _is_followed(self, measured: RelativeMotion | None, key: Features, image: Image) -> bool:
-        return (
-            measured is not None
-            and measured.share >= MIN_SHARE
-            and measured.inliers >= MIN_SHOWN * min(len(key), MAX_FLOW_POINTS)
-            and self._is_confirmed(measured, key, image, FITS)
-        )
-
     def _is_confirmed(
-        self, measured: RelativeMotion, first: Features, second: Image, share: float
+        self,
+        measured: RelativeMotion | None,
+        first: Features,
+        second: Image,
+        share: float,
+        *,
+        inliers: float = 0,
     ) -> bool:
-        """Whether the depth of two images shows one scene by a motion."""
+        """Whether features, and the depth of two images by their motion, show one scene.
+
+        So many `inliers`, MIN_SHARE of the matches and a `share` of the depth have to agree.
+        """
+        if measured is None or measured.share < MIN_SHARE or measured.inliers < inliers:
+            return False
         shown = depth_agreement(first, second, measured.T)
         return (
             shown.share >= share
@@ -260,14 +261,8 @@ class Odometry:
         """The motion from a key frame that an image surely shows; None: it may be another."""
         key = self.graph.keys[number].features
         measured = motion_by_features(key, features, image)
-        if (
-            measured is not None
-            and measured.inliers >= STRONG_INLIERS
-            and measured.share >= STRONG_SHARE
-            and self._is_confirmed(measured, key, image, LINKS)
-        ):
-            return measured
-        return None
+        sure = self._is_confirmed(measured, key, image, LINKS, inliers=STRONG_INLIERS)
+        return measured if sure else None
 
     def _add_key(self, key: KeyFrame, image: Image) -> int:
         number = self.graph.add(key)
@@ -306,7 +301,7 @@ class Odometry:
             if depth_agreement(key, image, guess).overlap < LINK_OVERLAP:
                 continue
             found = motion_by_flow(key, image, guess, levels=1)
-            if self._is_link(found, other, image):
+            if self._is_confirmed(found, key, image, LINKS, inliers=LINK_INLIERS):
                 assert found is not None
                 self.graph.link(other, number, found)
                 linked = (*linked, other)
@@ -320,14 +315,6 @@ class Odometry:
                 self.graph.join(other, number, recognised)
             elif self.graph.keys[other].makes_loop(new, recognised.T):
                 self.graph.link(other, number, recognised)
-
-    def _is_link(self, found: RelativeMotion | None, other: int, image: Image) -> bool:
-        return (
-            found is not None
-            and found.inliers >= LINK_INLIERS
-            and found.share >= STRONG_SHARE
-            and self._is_confirmed(found, self.graph.keys[other].features, image, LINKS)
-        )
 
     def join_pieces(self, frames: Iterable[Frame]) -> None:
         """Join pieces by better features; `frames` are all images once more.

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from perception.camera.poses import Pose, inverse, motion
 from perception.odometry.relative_motion import depth_agreement
@@ -68,11 +66,9 @@ class TrackingReport:
         parts.append(f"{self.loops} loops closed" if self.loops else "no loop closed")
         parts.append(f"errors of up to {self.error:.2f} m expected")
         if lost:
-            parts.append(f"{lost} frames without a pose are left out{self._pieces()}")
+            apart = f" (the camera was lost; {self.pieces} pieces)" if self.pieces > 1 else ""
+            parts.append(f"{lost} frames without a pose are left out{apart}")
         return ", ".join(parts)
-
-    def _pieces(self) -> str:
-        return f" (the camera was lost; {self.pieces} pieces)" if self.pieces > 1 else ""
 
 
 def tracking_report(
@@ -84,7 +80,8 @@ def tracking_report(
 ) -> TrackingReport:
     """Report of the tracks: the key frame of each image, None: lost."""
     used = [None if key is None or keys[key].piece != main else key for key in tracks]
-    ways = _shortest_ways(len(keys), edges, next((key for key in used if key is not None), 0))
+    ways = _ways(edges, next((key for key in used if key is not None), 0))
+    deviations = (None if k is None else START + DRIFT_SHARE * ways.get(k, np.inf) for k in used)
     used_keys = [key for key in keys if key.piece == main]
     compared, contradicting = contradictions(
         [
@@ -99,27 +96,23 @@ def tracking_report(
         pieces=len({keys[key].piece for key in tracks if key is not None}),
         loops=loops,
         way=sum(motion(a.pose, b.pose)[0] for a, b in pairwise(used_keys)),
-        deviation=tuple(None if k is None else START + DRIFT_SHARE * float(ways[k]) for k in used),
+        deviation=tuple(deviations),
         compared=compared,
         contradicting=contradicting,
     )
 
 
-def _shortest_ways(count: int, edges: Sequence[PoseConstraint], start: int) -> NDArray[np.float64]:
-    """Shortest way (count,) [m] from a key frame to each by linked ones (Dijkstra)."""
-    beside: list[list[tuple[int, float]]] = [[] for _ in range(count)]
+def _ways(edges: Sequence[PoseConstraint], start: int) -> dict[int, float]:
+    """Shortest way [m] from a key frame to each by linked ones."""
+    import networkx as nx  # as late as possible: what needs no poses starts faster
+
+    graph: nx.Graph[int] = nx.Graph()
+    graph.add_node(start)
     for edge in edges:
         far, turned = motion(np.eye(4), edge.T)
-        beside[edge.first].append((edge.second, far + TURN * turned))
-        beside[edge.second].append((edge.first, far + TURN * turned))
-    ways = np.full(count, np.inf)
-    reached = [(0.0, start)] if count else []
-    while reached:
-        way, key = heapq.heappop(reached)
-        if way < ways[key]:
-            ways[key] = way
-            for other, step in beside[key]:
-                heapq.heappush(reached, (way + step, other))
+        known = graph.get_edge_data(edge.first, edge.second, {"way": np.inf})
+        graph.add_edge(edge.first, edge.second, way=min(far + TURN * turned, known["way"]))
+    ways: dict[int, float] = nx.single_source_dijkstra_path_length(graph, start, weight="way")
     return ways
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -37,15 +37,6 @@ OnEstimated = Callable[[int, int], None]  # frames done, frames in all
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatedPoses:
-    """A listing by estimated poses."""
-
-    listing: RecordingListing
-    report: TrackingReport
-    up: NDArray[np.float64] | None  # (3,) in the estimated world, where something tells it
-
-
 def wants_estimate(listing: RecordingListing, options: RecordingOptions) -> bool:
     """Whether poses are to be estimated; raises RecordingError where that is not allowed."""
     if options.estimate_poses is not None and options.poses is None:
@@ -63,10 +54,11 @@ def with_estimated_poses(
     options: RecordingOptions,
     name: str,
     on_estimated: OnEstimated | None = None,
-) -> EstimatedPoses:
+) -> tuple[RecordingListing, TrackingReport]:
     """The frames of a listing whose poses are found, with them; `frame_at` decodes a frame.
 
-    Raises RecordingError where the camera is lost in nearly all of them.
+    Its `up` is that of the estimated world, where something tells it. Raises RecordingError where
+    the camera is lost in nearly all frames.
     """
     because = listing.no_poses or f"{name}: as asked"
     _log.warning("%s; its poses are estimated from its images, and drift", because)
@@ -108,11 +100,9 @@ def with_estimated_poses(
             f"{report.compared} pairs of views; {advice()}, --no-check maps it as it is"
         )
     posed = tuple(replace(entry, T_world_cam=gridded_pose(T)) for entry, T in found)
-    up = _up(listing, found)
     selected = options.selection.thinned.of(posed, name)
-    return EstimatedPoses(
-        replace(listing, entries=selected, no_poses="", up=None, T_map_world=None), report, up
-    )
+    up = _up(listing, found)
+    return replace(listing, entries=selected, no_poses="", up=up, T_map_world=None), report
 
 
 def colour_fit_of(frame_at: Callable[[int], Frame], count: int) -> float | None:

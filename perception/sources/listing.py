@@ -129,6 +129,11 @@ class Format:
     read: Callable[[Path, Streams], RecordingListing]  # raises RecordingError
 
 
+def first_file(folder: Path, *names: str) -> Path | None:
+    """The first of the named files that is there; None if none is."""
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
 def subfolder(folder: Path, *names: str) -> Path:
     """The first of the named folders that is there; raises RecordingError if none is."""
     for name in names:

@@ -15,32 +15,19 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError, did_you_mean
 from kg.model.extensions import RECORDINGS, load_extensions
 from perception.camera.gravity_alignment import (
+    clear_turns,
     gravity_aligned_transform,
     parse_up,
     read_gravity,
-)
-from perception.camera.intrinsics import (
-    ASPECT_TOLERANCE,
-    Intrinsics,
-    Rectifier,
-    clear_turns,
-    register_depth,
     side_up,
     turned_camera,
     turned_image,
     turned_poses,
 )
-from perception.camera.poses import (
-    CONVENTIONS,
-    Pose,
-    checked_pose,
-    gridded_pose,
-    read_pose_rows,
-    read_trajectory,
-)
+from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, Rectifier, register_depth
+from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose
 from perception.frames import Frame
 from perception.no_return import Constant, without_constants
-from perception.number_tables import rows
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
 from perception.sources.depth_check import check_depth, depth_findings
@@ -64,7 +51,11 @@ from perception.sources.folders.exports import EXPORTS
 from perception.sources.folders.unread import hint_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import Format, FrameEntry, RecordingListing
-from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
+from perception.sources.recording_options import (
+    DEFAULT_OPTIONS,
+    RecordingOptions,
+    with_trajectory,
+)
 
 #: Tried in this order when the format is not named, before those of extensions.
 FORMATS: tuple[Format, ...] = (
@@ -83,10 +74,8 @@ FORMATS: tuple[Format, ...] = (
     bag.FORMAT,
     numbered_images.IMAGES,
 )
-POSE_TOLERANCE = 0.02  # [s] within which a pose of a given trajectory is that of a frame
 _NAMED = 5  # recordings of a folder that a message names
 _log = logging.getLogger(__name__)
-KEY_SHARE = 0.9  # of a trajectory's poses that have a frame, where others have none
 LATEST = 1e11  # [s] of a stamp, in the year 5138
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
@@ -111,6 +100,12 @@ class FolderRecording:
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""
         return replace(self, T_map_world=T_map_world, gravity_aligned=False)
+
+    def placed_as_given(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
+        """The same by the transform (4, 4) that the caller gave; raises RecordingError."""
+        T = np.asarray(T_map_world, np.float64)
+        checked_pose(T, "given T_map_world")
+        return replace(self.placed(T), transform_given=True)
 
     def __len__(self) -> int:
         return len(self.listing.entries)
@@ -195,7 +190,8 @@ def open_recording(
         replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
         for entry in listing.entries
     )
-    listing = replace(listing, entries=entries, up=_up(listing, folder))
+    up = read_gravity(folder) if listing.up is None else listing.up
+    listing = replace(listing, entries=entries, up=up)
     recording = FolderRecording(
         name=o.name or _name(folder),
         format=chosen.name,
@@ -205,7 +201,10 @@ def open_recording(
         depth_scale=_depth_scale(listing, o.depth_scale),
         start_time=begin if relative else 0.0,
     )
-    _check_images(recording)
+    for entry in entries:  # the head and tail of every file
+        entry.colour.check()
+        entry.depth.check()
+    recording.frame(0)
     apart = listing.depth_camera
     seen_by = recording.rectifier.camera if apart is None else apart.intrinsics
     known = no_return_of(recording.name, listing, seen_by, recording.depth_scale, tell=o.check)
@@ -218,14 +217,12 @@ def open_recording(
         scale, read = recording.depth_scale, recording.frame
         check_depth(depth_findings(recording.name, as_read, o.pose_convention, scale, read, others))
     if o.T_map_world is not None:
-        T = np.asarray(o.T_map_world, np.float64)
-        checked_pose(T, "given T_map_world")
-        return replace(recording.placed(T), transform_given=True)
+        return recording.placed_as_given(o.T_map_world)
     if listing.T_map_world is not None and o.up is None:
         return replace(recording, T_map_world=listing.T_map_world, gravity_aligned=True)
-    up, doubted = (listing.up, o.check) if o.up is None else (o.up, False)
-    T = gravity_aligned_transform(recording, up=up, doubted=doubted and up is not None)
-    if up is None:
+    given, doubted = (up, o.check) if o.up is None else (o.up, False)
+    T = gravity_aligned_transform(recording, up=given, doubted=doubted and given is not None)
+    if given is None:
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
@@ -267,14 +264,14 @@ def _by_estimated_poses(
     recording: FolderRecording, o: RecordingOptions, on_estimated: OnEstimated | None
 ) -> FolderRecording:
     """The recording by poses that its images give, placed as the options say."""
-    found = with_estimated_poses(
-        recording.listing, recording.frame, o, recording.name, on_estimated
+    name = recording.name
+    listing, report = with_estimated_poses(
+        recording.listing, recording.frame, o, name, on_estimated
     )
-    recording = replace(recording, listing=found.listing, estimate=found.report)
+    recording = replace(recording, listing=listing, estimate=report)
     if o.T_map_world is not None:
-        checked_pose(np.asarray(o.T_map_world, np.float64), "given T_map_world")
-        return replace(recording.placed(o.T_map_world), transform_given=True)
-    T = gravity_aligned_transform(recording, up=found.up if o.up is None else o.up)
+        return recording.placed_as_given(o.T_map_world)
+    T = gravity_aligned_transform(recording, up=listing.up if o.up is None else o.up)
     if o.check:
         heights = [float((T @ e.T_world_cam)[2, 3]) for e in recording.listing.entries]
         check_height(recording.name, heights, recording.depth_scale)
@@ -288,10 +285,12 @@ def _listing(
     selection = options.selection.reached if estimating else options.selection
     entries = selection.of(listing.entries, str(path))
     if options.poses is not None:
-        entries = _with_poses(entries, options.poses)
-    camera = listing.camera
-    if options.intrinsics is not None:
-        camera = _with_scale(options.intrinsics, listing)
+        entries = with_trajectory(entries, options.poses)
+    camera, given = listing.camera, options.intrinsics
+    if given is not None:
+        # the folder's depth scale holds where the given intrinsics do not say one
+        known = camera if given.depth_scale is None and camera is not None else given
+        camera = replace(given, depth_scale=known.depth_scale)
     apart = None if options.registered else listing.depth_camera
     return replace(listing, entries=entries, camera=camera, depth_camera=apart)
 
@@ -302,39 +301,6 @@ def _name(path: Path) -> str:
     return whole.name if whole.is_dir() else whole.stem
 
 
-def _up(listing: RecordingListing, folder: Path) -> NDArray[np.float64] | None:
-    return listing.up if listing.up is not None else read_gravity(folder)
-
-
-def _with_poses(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
-    """Entries with the poses of a trajectory; all frames must have one."""
-    if len(next(rows(path), ("", []))[1]) in (7, 12, 16):  # without stamps: a pose an image
-        poses = read_pose_rows(path)
-        if len(poses) != len(entries):
-            raise RecordingError(
-                f"{path} has {len(poses)} poses without stamps, and there are {len(entries)} "
-                "frames; as many of both, or stamps before the poses, would work"
-            )
-        return tuple(replace(e, T_world_cam=T) for e, T in zip(entries, poses, strict=True))
-    trajectory = read_trajectory(path)
-    found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
-    posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
-    if len(posed) >= KEY_SHARE * len(trajectory.stamp) > 1 and 2 * len(posed) < len(entries):
-        _log.warning(
-            "%s has poses of %d of %d frames, as of key frames; these are read",
-            path,
-            len(posed),
-            len(entries),
-        )
-    elif len(posed) < len(entries):
-        raise RecordingError(
-            f"{path} has a pose for {len(posed)} of {len(entries)} frames; one within "
-            f"{POSE_TOLERANCE} s of each frame's stamp, from {entries[0].stamp:.3f} to "
-            f"{entries[-1].stamp:.3f}, would work"
-        )
-    return tuple(replace(entry, T_world_cam=T) for entry, T in posed)
-
-
 def _convention(name: str) -> Callable[[Pose], Pose]:
     if name not in CONVENTIONS:
         raise RecordingError(
@@ -342,13 +308,6 @@ def _convention(name: str) -> Callable[[Pose], Pose]:
             + did_you_mean(name, CONVENTIONS)
         )
     return CONVENTIONS[name]
-
-
-def _with_scale(given: Intrinsics, listing: RecordingListing) -> Intrinsics:
-    """Given intrinsics with the folder's depth scale, where they do not say one."""
-    if given.depth_scale is not None or listing.camera is None:
-        return given
-    return replace(given, depth_scale=listing.camera.depth_scale)
 
 
 def all_formats() -> Iterator[Format]:
@@ -419,11 +378,3 @@ def _depth_scale(listing: RecordingListing, given: float | None) -> float:
     if not (np.isfinite(scale) and scale > 0):
         raise RecordingError(f"depth scale must be a positive number of units a metre, got {scale}")
     return float(scale)
-
-
-def _check_images(recording: FolderRecording) -> None:
-    """Check every file's head and tail, and decode the first frame."""
-    for entry in recording.listing.entries:
-        entry.colour.check()
-        entry.depth.check()
-    next(recording.frames())

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -14,11 +15,15 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.gravity_alignment import Up
 from perception.camera.intrinsics import Intrinsics
-from perception.camera.poses import motion
+from perception.camera.poses import motion, read_pose_rows, read_trajectory
+from perception.number_tables import rows
 from perception.sources.listing import FrameEntry, Streams
 
 KEYFRAME_DISTANCE: Final = 0.1  # [m] of the camera from the last key frame ...
 KEYFRAME_ANGLE: Final = math.radians(5)  # ... or of its orientation, that make a key frame
+POSE_TOLERANCE: Final = 0.02  # [s] within which a pose of a given trajectory is that of a frame
+KEY_SHARE: Final = 0.9  # of a trajectory's poses that have a frame, where others have none
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,3 +125,32 @@ def keyframes(entries: Sequence[FrameEntry]) -> list[FrameEntry]:
                 continue
         chosen.append(entry)
     return chosen
+
+
+def with_trajectory(entries: tuple[FrameEntry, ...], path: Path) -> tuple[FrameEntry, ...]:
+    """Entries with the poses of a trajectory; all frames must have one."""
+    if len(next(rows(path), ("", []))[1]) in (7, 12, 16):  # without stamps: a pose an image
+        poses = read_pose_rows(path)
+        if len(poses) != len(entries):
+            raise RecordingError(
+                f"{path} has {len(poses)} poses without stamps, and there are {len(entries)} "
+                "frames; as many of both, or stamps before the poses, would work"
+            )
+        return tuple(replace(e, T_world_cam=T) for e, T in zip(entries, poses, strict=True))
+    trajectory = read_trajectory(path)
+    found = [trajectory.at(entry.stamp, POSE_TOLERANCE) for entry in entries]
+    posed = [(entry, T) for entry, T in zip(entries, found, strict=True) if T is not None]
+    if len(posed) >= KEY_SHARE * len(trajectory.stamp) > 1 and 2 * len(posed) < len(entries):
+        _log.warning(
+            "%s has poses of %d of %d frames, as of key frames; these are read",
+            path,
+            len(posed),
+            len(entries),
+        )
+    elif len(posed) < len(entries):
+        raise RecordingError(
+            f"{path} has a pose for {len(posed)} of {len(entries)} frames; one within "
+            f"{POSE_TOLERANCE} s of each frame's stamp, from {entries[0].stamp:.3f} to "
+            f"{entries[-1].stamp:.3f}, would work"
+        )
+    return tuple(replace(entry, T_world_cam=T) for entry, T in posed)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import cv2
 import numpy as np
@@ -67,6 +68,8 @@ MAX_CANDIDATES: Final = 30_000  # pairs of box and class, the best of them
 MAX_OF_A_CLASS: Final = 1_000  # that suppression compares
 
 Floats = NDArray[np.float32]
+Inputs = dict[str, NDArray[np.generic]]
+Outputs = list[NDArray[np.generic]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,50 +82,29 @@ class Candidates:
     mask: Callable[[int], MaskGrid] | None = None  # of the n-th
 
 
-class Head(Protocol):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Head(ABC):
     """Meaning of a network's inputs and outputs."""
 
-    @property
-    def name(self) -> str:
-        """Name of this reading, for `--head`."""
+    image_input: str  # name of the input that takes the image
+    outputs: tuple[str, ...]  # that `candidates` reads, in its order
+    name: str  # of this reading, for `--head`
+    classes: int | None = None  # None: unknown from the network
+    first_label: int = 0  # number of the first class; 1 where 0 is the background
+    resize: str = "stretch"  # as such networks want images (`perception.inference.session.fit`)
+    values: str = "0..1"  # range and order of colours that they want
+    overlapping: bool = False  # whether one thing may have several boxes, to be suppressed
 
-    @property
-    def first_label(self) -> int:
-        """Number of the first class: 0, or 1 where 0 is the background."""
-
-    @property
-    def image_input(self) -> str:
-        """Name of the input that takes the image."""
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs that `candidates` reads, in its order."""
-
-    @property
-    def classes(self) -> int | None:
-        """Number of classes; None: unknown from the network."""
-
-    @property
-    def resize(self) -> str:
-        """How such networks want images resized (`perception.inference.session.fit`)."""
-
-    @property
-    def values(self) -> str:
-        """Range and order of colours that they want."""
-
-    @property
-    def overlapping(self) -> bool:
-        """Whether one thing may have several boxes, so that suppression is still to be done."""
-
-    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
+    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
         """The network's inputs for an image of `shape` (height, width)."""
+        return {self.image_input: fitted.tensor}
 
-    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
-        """Whether the values of an answer may have this meaning."""
+    def fits(self, outputs: Outputs, fitted: Fitted, threshold: float) -> bool:
+        """Whether the values of an answer may have this meaning; yes where names tell the head."""
+        return True
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    @abstractmethod
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """Boxes with scores above `threshold`; raises ModelError for outputs that do not fit."""
 
 

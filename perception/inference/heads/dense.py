@@ -19,7 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.inference.heads.candidates import Candidates, MaskGrid, input_extent, pairs_above
+from perception.inference.heads.candidates import (
+    Candidates,
+    Floats,
+    Head,
+    MaskGrid,
+    Outputs,
+    input_extent,
+    pairs_above,
+)
 from perception.inference.session import Fitted
 
 STRIDES: Final = (8, 16, 32)  # [px of the input]
@@ -33,8 +41,6 @@ MIN_SIDE: Final = 1.0  # ... with sides of so many pixels
 HIGHEST: Final = 100.0  # scores above 1 are refused with a line of their own
 _ROUNDING: Final = 1e-3
 
-Floats = NDArray[np.float32]
-
 
 @dataclass(frozen=True, slots=True)
 class Dense:
@@ -45,27 +51,16 @@ class Dense:
     coefficients: Floats | None = None  # (n, M) of prototype masks
 
 
-@dataclass(frozen=True, slots=True)
-class DenseHead:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DenseHead(Head):
     """A head that is read by `decode`; the last output may be prototypes of masks [1, M, h, w]."""
 
-    image_input: str
-    outputs: tuple[str, ...]
-    classes: int | None
-    resize: str
-    values: str
     decode: Callable[[list[Floats]], Dense]
-    name: str = "boxes-scores"
     objectness: bool = False  # whether a column of it, which is no constant, tells this head
     corners: bool | None = None  # whether rows begin with x1, y1, x2, y2; None: all one
     overlapping: bool = True
-    first_label: int = 0
 
-    def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
-        """The image alone."""
-        return {self.image_input: fitted.tensor}
-
-    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+    def fits(self, outputs: Outputs, fitted: Fitted, threshold: float) -> bool:
         """Whether nearly all boxes lie in the input, and scores are shares of 1."""
         arrays = [output.astype(np.float32)[0] for output in outputs]
         with np.errstate(all="ignore"):
@@ -87,9 +82,7 @@ class DenseHead:
         real = inside & (sides >= MIN_SIDE).all(axis=1)
         return bool(real.mean() >= REAL and scores.min() >= -_ROUNDING and scores.max() <= HIGHEST)
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """Every pair of box and class above the threshold."""
         arrays = [output.astype(np.float32)[0] for output in outputs]
         with np.errstate(all="ignore"):
@@ -142,13 +135,9 @@ def _grid(height: int, width: int, strides: tuple[int, ...]) -> tuple[Floats, Fl
     return np.concatenate(grids).astype(np.float32), np.concatenate(sizes).astype(np.float32)
 
 
-def _corners(centre: Floats, size: Floats) -> Floats:
+def corners_of(centre: Floats, size: Floats) -> Floats:
+    """Corners (n, 4) xyxy of boxes by centre and size (n, 2)."""
     return np.concatenate([centre - size / 2, centre + size / 2], axis=1)
-
-
-def boxes_and_scores(outputs: list[Floats]) -> Dense:
-    """Boxes (n, 4) xyxy [px of the input] and scores (n, C) as they are."""
-    return Dense(outputs[0], outputs[1])
 
 
 def yolox(height: int, width: int) -> Callable[[list[Floats]], Dense]:
@@ -158,7 +147,7 @@ def yolox(height: int, width: int) -> Callable[[list[Floats]], Dense]:
     def decode(outputs: list[Floats]) -> Dense:
         raw = outputs[0]
         size = np.exp(np.minimum(raw[:, 2:4], 20)) * stride
-        boxes = _corners((raw[:, :2] + grid) * stride, size)
+        boxes = corners_of((raw[:, :2] + grid) * stride, size)
         return Dense(boxes, raw[:, 4:5] * raw[:, BOX:])
 
     return decode
@@ -194,7 +183,7 @@ def decoded(
 
     def decode(outputs: list[Floats]) -> Dense:
         raw = outputs[0]
-        boxes = raw[:, :4] if corners else _corners(raw[:, :2], raw[:, 2:4])
+        boxes = raw[:, :4] if corners else corners_of(raw[:, :2], raw[:, 2:4])
         scores = raw[:, 4:5] * raw[:, BOX:] if objectness else raw[:, 4:]
         return Dense(boxes * scale, scores)
 
@@ -208,6 +197,6 @@ def yolo_v8(prototypes: int) -> Callable[[list[Floats]], Dense]:
         raw = outputs[0].T
         last = raw.shape[1] - prototypes
         coefficients = raw[:, last:] if prototypes else None
-        return Dense(_corners(raw[:, :2], raw[:, 2:4]), raw[:, 4:last], coefficients)
+        return Dense(corners_of(raw[:, :2], raw[:, 2:4]), raw[:, 4:last], coefficients)
 
     return decode

@@ -23,80 +23,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.inference.heads.candidates import Candidates, MaskGrid, input_extent, pairs_above
-from perception.inference.heads.dense import check_equal_length, prototype_masks
+from perception.inference.class_labels import UNUSED_IDS
+from perception.inference.heads.candidates import (
+    Candidates,
+    Floats,
+    Head,
+    Inputs,
+    MaskGrid,
+    Outputs,
+    input_extent,
+    pairs_above,
+)
+from perception.inference.heads.dense import check_equal_length, corners_of, prototype_masks
 from perception.inference.session import Fitted
 
-Floats = NDArray[np.float32]
-UNUSED_IDS: Final = (0, 12, 26, 29, 30, 45, 66, 68, 69, 71, 83)  # of COCO's 1 to 90
 _ROUNDING: Final = 1e-3
 _MOST: Final = 10_000  # classes of a network
 _SHARES: Final = 1.5  # up to which coordinates are shares of the input
 _BORDER: Final = 0.3  # share of the input by which boxes may lie outside
 
 
-@dataclass(frozen=True, slots=True)
-class SetPredictionHead:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetPredictionHead(Head):
     """labels, boxes [px of the image], scores; a second input takes the image's size."""
 
-    image_input: str
     size_input: str
     outputs: tuple[str, ...] = ("labels", "boxes", "scores")
-    classes: int | None = None
-    resize: str = "stretch"
-    values: str = "0..1"
-    overlapping: bool = False
     name: str = "set-prediction"
-    first_label: int = 0
 
-    def fits(self, *_: object) -> bool:
-        """Yes: names tell this head."""
-        return True
-
-    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
+    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
         """The image, and its width and height."""
         size = np.array([[shape[1], shape[0]]], np.int64)
         return {self.image_input: fitted.tensor, self.size_input: size}
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """The candidates above the threshold."""
         labels, boxes, scores = (output[0] for output in outputs)
         check_equal_length(boxes, scores, labels)
         return _listed(boxes, scores, labels, threshold)
 
 
-@dataclass(frozen=True, slots=True)
-class QueryHead:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QueryHead(Head):
     """logits (Q, C), boxes (Q, 4) as shares of the image, and perhaps masks (Q, h, w)."""
 
-    image_input: str
-    outputs: tuple[str, ...]
-    classes: int | None
-    values: str
+    name: str = "queries"
     no_object: bool = False  # whether the last class is "no object"
     mask_input: tuple[str, tuple[int, ...]] | None = None  # of the mask of valid pixels
-    resize: str = "stretch"
-    overlapping: bool = False
-    name: str = "queries"
-    first_label: int = 0
 
-    def fits(self, *_: object) -> bool:
-        """Yes: names tell this head."""
-        return True
-
-    def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
+    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
         """The image, and where the network asks for it a mask that takes all of it."""
-        found: dict[str, NDArray[np.generic]] = {self.image_input: fitted.tensor}
+        found: Inputs = {self.image_input: fitted.tensor}
         if self.mask_input is not None:
-            name, shape = self.mask_input
-            found[name] = np.ones(shape, np.int64)
+            name, size = self.mask_input
+            found[name] = np.ones(size, np.int64)
         return found
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """Every pair of query and class above the threshold."""
         logits, shares = (output.astype(np.float32)[0] for output in outputs[:2])
         check_equal_length(shares, logits)
@@ -108,9 +91,7 @@ class QueryHead:
                 scores = 1 / (1 + np.exp(-logits))
         rows, classes = pairs_above(scores, threshold)
         x1, y1, x2, y2 = input_extent(fitted)
-        chosen = shares[rows]
-        half = chosen[:, 2:] / 2
-        corners = np.concatenate([chosen[:, :2] - half, chosen[:, :2] + half], axis=1)
+        corners = corners_of(shares[rows, :2], shares[rows, 2:])
         boxes = corners * np.array([x2 - x1, y2 - y1] * 2) + np.array([x1, y1] * 2)
         mask = None
         if len(outputs) > 2:
@@ -121,34 +102,30 @@ class QueryHead:
         return Candidates(boxes.astype(np.float32), scores[rows, classes], classes, mask)
 
 
-@dataclass(frozen=True, slots=True)
-class RowsHead:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RowsHead(Head):
     """Rows (K, 6 + M) of finished detections, and with M > 0 prototypes (M, h, w).
 
     `order` has the columns of x1, y1, x2, y2, score and class.
     """
 
-    image_input: str
-    outputs: tuple[str, ...]
     order: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
     name: str = "rows"
-    resize: str = "letterbox"
-    scaled: bool = False  # whether the network takes the scale of the image, and undoes it
-    size_inputs: tuple[str, ...] = ()
-    classes: int | None = None
-    values: str = "0..1"
-    overlapping: bool = False
-    first_label: int = 0
+    size_inputs: tuple[str, ...] = ()  # of PaddleDetection: the input's size, the image's scale
 
-    def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
+    def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
         """The image, and its scale and size where the network takes them."""
-        return {self.image_input: fitted.tensor} | _size_inputs(self.size_inputs, fitted)
+        known: Inputs = {
+            "im_shape": np.array([fitted.tensor.shape[2:]], np.float32),
+            "scale_factor": np.array([fitted.scale[::-1]], np.float32),
+        }
+        return {self.image_input: fitted.tensor} | {name: known[name] for name in self.size_inputs}
 
-    def _rows(self, outputs: list[NDArray[np.generic]]) -> Floats:
+    def _rows(self, outputs: Outputs) -> Floats:
         rows = outputs[0].astype(np.float32)
         return rows[0] if rows.ndim == 3 else rows
 
-    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+    def fits(self, outputs: Outputs, fitted: Fitted, threshold: float) -> bool:
         """Whether scores are shares of 1, classes whole numbers and boxes in order."""
         rows = self._rows(outputs)[:, list(self.order)]
         score, label = rows[:, 4], rows[:, 5]
@@ -158,9 +135,7 @@ class RowsHead:
             and (rows[:, 2:4] >= rows[:, :2]).all()
         )
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """The candidates above the threshold."""
         whole = self._rows(outputs)
         whole = whole[whole[:, self.order[4]] > threshold]
@@ -168,34 +143,24 @@ class RowsHead:
         mask = None
         if len(outputs) > 1:
             mask = prototype_masks(whole[:, 6:], outputs[1].astype(np.float32)[0], fitted)
-        boxes = rows[:, :4] if self.scaled else in_image(rows[:, :4], fitted)
+        # a network that takes the scale of the image undoes it
+        scaled = "scale_factor" in self.size_inputs
+        boxes = rows[:, :4] if scaled else in_image(rows[:, :4], fitted)
         return Candidates(boxes, rows[:, 4], _whole_numbers(rows[:, 5]), mask)
 
 
-@dataclass(frozen=True, slots=True)
-class ListHead:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ListHead(Head):
     """boxes (n, 4) [px of the input, or shares of it], labels (n,), scores (n,), perhaps masks.
 
     Without scores the boxes are (n, 5), and the last column has them.
     """
 
-    image_input: str
-    outputs: tuple[str, ...]
     with_scores: bool = True
     down_first: bool = False  # whether boxes are y1, x1, y2, x2
-    first_label: int = 1
-    name: str = "list"
-    classes: int | None = None
-    resize: str = "stretch"
-    values: str = "0..1"
-    overlapping: bool = False
-
-    def inputs(self, fitted: Fitted, _: tuple[int, int]) -> dict[str, NDArray[np.generic]]:
-        """The image alone."""
-        return {self.image_input: fitted.tensor}
 
     def _arrays(
-        self, outputs: list[NDArray[np.generic]]
+        self, outputs: Outputs
     ) -> tuple[Floats, NDArray[np.generic], Floats, list[NDArray[np.generic]]]:
         """Boxes (n, 4), labels (n,), scores (n,), and masks of each."""
         boxes, labels, *rest = outputs
@@ -212,19 +177,17 @@ class ListHead:
         check_equal_length(first, score, labels, *rest)
         return (first[:, [1, 0, 3, 2]] if self.down_first else first), labels, score, rest
 
-    def fits(self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float) -> bool:
+    def fits(self, outputs: Outputs, fitted: Fitted, threshold: float) -> bool:
         """Whether labels begin with this one's first, and boxes are in order and in the image."""
         boxes, labels, score, _ = self._arrays(outputs)
         good = score > threshold
-        size = _extent_of(boxes[good], fitted)
+        size = np.float32(1) if _are_shares(boxes[good]) else _size_of(fitted)
         within = boxes[good] <= size * np.float32(1 + _BORDER)
         label = _whole_numbers(labels.astype(np.float32)[good])
         unused = self.first_label == 1 and np.isin(label, UNUSED_IDS).any()
         return bool((label >= self.first_label).all() and within.all() and not unused)
 
-    def candidates(
-        self, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
-    ) -> Candidates:
+    def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """The candidates above the threshold."""
         boxes, labels, scores, masks = self._arrays(outputs)
         found = _listed(boxes, scores, labels, threshold)
@@ -241,8 +204,7 @@ class ListHead:
 
 def in_image(boxes: Floats, fitted: Fitted) -> Floats:
     """Boxes (n, 4) in the image's pixels: of the input's, or shares of it, as their values tell."""
-    size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
-    return fitted.to_image(boxes * size if _are_shares(boxes) else boxes)
+    return fitted.to_image(boxes * _size_of(fitted) if _are_shares(boxes) else boxes)
 
 
 def _are_shares(boxes: Floats) -> bool:
@@ -250,19 +212,9 @@ def _are_shares(boxes: Floats) -> bool:
     return bool(len(known)) and float(np.abs(known).max()) <= _SHARES
 
 
-def _extent_of(boxes: Floats, fitted: Fitted) -> Floats:
-    """x, y, x, y of the lower right corner in the boxes' unit."""
-    size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
-    return np.ones(4, np.float32) if _are_shares(boxes) else size
-
-
-def _size_inputs(names: tuple[str, ...], fitted: Fitted) -> dict[str, NDArray[np.generic]]:
-    """Inputs of PaddleDetection's networks: the input's size, and the scale of the image."""
-    known = {
-        "im_shape": np.array([fitted.tensor.shape[2:]], np.float32),
-        "scale_factor": np.array([fitted.scale[::-1]], np.float32),
-    }
-    return {name: known[name] for name in names}
+def _size_of(fitted: Fitted) -> Floats:
+    """x, y, x, y [px] of the input's lower right corner."""
+    return np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
 
 
 def _listed(

@@ -19,7 +19,6 @@ from perception.inference.heads.dense import (
     STRIDES,
     Dense,
     DenseHead,
-    boxes_and_scores,
     cells,
     decoded,
     nanodet,
@@ -85,6 +84,15 @@ _LISTS: Final = (
     (r"", (False,), (0, 1), "stretch"),
 )
 
+#: whether rows of boxes begin with x1, y1, x2, y2, where that tells heads apart
+_CORNERS: Final = {
+    "yolox-decoded": False,
+    "yolov5": False,
+    "yolov8-rows": False,
+    "corners-rows": True,
+    "rtdetr": False,
+}
+
 Shape = list[Any]
 
 
@@ -110,7 +118,8 @@ def _set_prediction(session: Session) -> Iterator[Head]:
     size = next((name for name in session.inputs if name in _SIZES), None)
     named = {"labels", "boxes", "scores"} <= set(session.outputs)
     if len(session.inputs) == 2 and size is not None and named:
-        yield SetPredictionHead(next(name for name in session.inputs if name != size), size)
+        image = next(name for name in session.inputs if name != size)
+        yield SetPredictionHead(image_input=image, size_input=size)
 
 
 def _queries(session: Session) -> Iterator[Head]:
@@ -125,8 +134,13 @@ def _queries(session: Session) -> Iterator[Head]:
             continue
         image = next(name for name in session.inputs if real is None or name != real[0])
         with_masks = (masks,) if masks in session.outputs else ()
-        outputs = (logits, boxes, *with_masks)
-        yield QueryHead(image, outputs, classes[2], values, mask_input=real)
+        yield QueryHead(
+            image_input=image,
+            outputs=(logits, boxes, *with_masks),
+            classes=classes[2],
+            values=values,
+            mask_input=real,
+        )
         return
 
 
@@ -178,9 +192,15 @@ def _lists(session: Session) -> Iterator[Head]:
     outputs = tuple(roles[one] for one in ("boxes", "labels", "scores", "masks") if one in roles)
     for down in downs:
         for first in firsts:
-            name = f"list{'-y-first' * down}-labels-from-{first}"
-            image = next(iter(session.inputs))
-            yield ListHead(image, outputs, with_scores, down, first, name, resize=resize)
+            yield ListHead(
+                image_input=next(iter(session.inputs)),
+                outputs=outputs,
+                name=f"list{'-y-first' * down}-labels-from-{first}",
+                with_scores=with_scores,
+                down_first=down,
+                first_label=first,
+                resize=resize,
+            )
 
 
 def _boxes_and_scores(session: Session) -> Iterator[Head]:
@@ -203,10 +223,17 @@ def _boxes_and_scores(session: Session) -> Iterator[Head]:
         return
 
     def decode(outputs: list[Any]) -> Dense:
-        return boxes_and_scores([outputs[0], outputs[1].T if by_class else outputs[1]])
+        return Dense(outputs[0], outputs[1].T if by_class else outputs[1])
 
-    image = next(iter(session.inputs))
-    yield DenseHead(image, names, classes, "letterbox", "0..255", decode)
+    yield DenseHead(
+        image_input=next(iter(session.inputs)),
+        outputs=names,
+        name="boxes-scores",
+        classes=classes,
+        resize="letterbox",
+        values="0..255",
+        decode=decode,
+    )
 
 
 def _rows(session: Session) -> Iterator[Head]:
@@ -232,7 +259,14 @@ def _rows(session: Session) -> Iterator[Head]:
     if isinstance(width, int) and listed and not (channels and width != 6 + channels):
         resize = "stretch" if sizes else "letterbox"
         for name, order in _ORDERS.get(width - channels, {}).items():
-            yield RowsHead(image, names, order, name, resize, "scale_factor" in sizes, sizes)
+            yield RowsHead(
+                image_input=image,
+                outputs=names,
+                name=name,
+                order=order,
+                resize=resize,
+                size_inputs=sizes,
+            )
     if len(shape) == 3 and not sizes:
         yield from _grid_heads(image, names, shape, size, channels)
 
@@ -243,38 +277,47 @@ def _grid_heads(
     """The heads that a shape [1, N, W] or [1, W, N] fits."""
     _, high, wide = shape
     counts = {cells(*size, strides) * anchors for strides in _STRIDE_SETS for anchors in (1, 3)}
-    columns = wide in counts or (isinstance(wide, str) and isinstance(high, int))
-    if columns and isinstance(high, int) and high > 4 + prototypes:
-        head = yolo_v8(prototypes)
-        yield DenseHead(image, names, high - 4 - prototypes, "letterbox", "0..1", head, "yolov8")
-    if prototypes or not isinstance(wide, int):
-        return
-    one, three = cells(*size), 3 * cells(*size)
-    few = isinstance(high, int) and high <= _MAX_ROWS
-    unknown = not isinstance(high, int)
-    of_nanodet = wide - 4 * BINS
-    strides = {one: STRIDES, cells(*size, PLUS_STRIDES): PLUS_STRIDES}.get(high)
-    if strides is not None and of_nanodet > 0 and (strides == PLUS_STRIDES or of_nanodet == 80):
-        decode = nanodet(*size, strides)
-        yield DenseHead(image, names, of_nanodet, "stretch", "imagenet bgr", decode, "nanodet")
-    #: name, whether the shape allows it, numbers before the classes, resize, values, decoder
-    centres, with_object = decoded(size), decoded(size, objectness=True)
-    corners_, shares = decoded(size, corners=True), decoded(size, shares=True)
     box, rgb = "letterbox", "0..1"
-    table: tuple[tuple[str, bool, int, str, str, Callable[..., Any]], ...] = (
-        ("yolox", high == one, BOX, box, "0..255 bgr", yolox(*size)),
-        ("yolox-decoded", high == one, BOX, box, "0..255 bgr", with_object),
-        ("yolov5", high in (one, three) or unknown, BOX, box, rgb, with_object),
-        ("yolov8-rows", high in counts or unknown, 4, box, rgb, centres),
-        ("corners-rows", high in counts or few, 4, box, rgb, corners_),
-        ("rtdetr", few or unknown, 4, "stretch", rgb, shares),
-    )  # fmt: skip
-    for name, allowed, before, resize, values, decode in table:
-        if allowed and wide > before:
-            corners = None if name == "yolox" else name == "corners-rows"
-            objectness = name == "yolox-decoded"
+    #: name, number of classes (none: the shape does not allow it), resize, values, decoder
+    table: list[tuple[str, int, str, str, Callable[..., Dense]]] = []
+    columns = wide in counts or (isinstance(wide, str) and isinstance(high, int))
+    if columns and isinstance(high, int):
+        table.append(("yolov8", high - 4 - prototypes, box, rgb, yolo_v8(prototypes)))
+    if not prototypes and isinstance(wide, int):
+        one, three = cells(*size), 3 * cells(*size)
+        few = isinstance(high, int) and high <= _MAX_ROWS
+        unknown = not isinstance(high, int)
+        strides = {one: STRIDES, cells(*size, PLUS_STRIDES): PLUS_STRIDES}.get(high, ())
+        of_nanodet = (wide - 4 * BINS) * (strides == PLUS_STRIDES or wide - 4 * BINS == 80)
+        with_object, classes = decoded(size, objectness=True), wide - BOX
+        rows = (wide - 4) * (high in counts or unknown)
+        if strides:
+            nano = nanodet(*size, strides)
+            table.append(("nanodet", of_nanodet, "stretch", "imagenet bgr", nano))
+        if high == one:
+            table.append(("yolox", classes, box, "0..255 bgr", yolox(*size)))
+            table.append(("yolox-decoded", classes, box, "0..255 bgr", with_object))
+        if high in (one, three) or unknown:
+            table.append(("yolov5", classes, box, rgb, with_object))
+        corners_ = (wide - 4) * (high in counts or few)
+        shares = (wide - 4) * (few or unknown)
+        table += [
+            ("yolov8-rows", rows, box, rgb, decoded(size)),
+            ("corners-rows", corners_, box, rgb, decoded(size, corners=True)),
+            ("rtdetr", shares, "stretch", rgb, decoded(size, shares=True)),
+        ]
+    for name, classes, resize, values, decode in table:
+        if classes > 0:
             yield DenseHead(
-                image, names, wide - before, resize, values, decode, name, objectness, corners
+                image_input=image,
+                outputs=names,
+                name=name,
+                classes=classes,
+                resize=resize,
+                values=values,
+                decode=decode,
+                objectness=name == "yolox-decoded",
+                corners=_CORNERS.get(name),
             )
 
 

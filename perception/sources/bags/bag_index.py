@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import struct
 from array import array
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from perception.number_tables import json_object
 from perception.sources.bags.bag_file import BagFile, RawMessage
 from perception.sources.bags.librealsense import IMAGE, TEXT, LibrealsenseText
 from perception.sources.ros.image_messages import (
@@ -36,6 +36,7 @@ POSES: Final = (
     "geometry_msgs/msg/TransformStamped",
 )
 PATH: Final = "nav_msgs/msg/Path"
+ROS_ENCODINGS: Final = ("ros1", "cdr")
 TF_NAMES: Final = ("tf", "tf_static")
 STRING: Final = "std_msgs/msg/String"
 WANTED: Final = frozenset((*IMAGES, CAMERA, *TRANSFORMS, ODOMETRY, *POSES, PATH))
@@ -172,7 +173,7 @@ def _use_text(index: BagIndex) -> None:
 def add_message(index: BagIndex, bag: Decoder, raw: RawMessage) -> None:
     """Add a message; raises RecordingError where it cannot be decoded."""
     if raw.topic == NOTE_TOPIC:
-        index.note = _note(bag.decoded(raw), index.path)
+        index.note = json_object(bag.decoded(raw).data, f"{index.path}: {NOTE_TOPIC}")
     elif raw.type == STRING:
         index.text.add(raw.topic, raw.time, str(bag.decoded(raw).data))
     elif raw.type in TRANSFORMS:
@@ -254,8 +255,8 @@ def _add_poses(index: BagIndex, topic: str, message: Any) -> None:
 
 def stamp_of(bag: Decoder, raw: RawMessage, path: Path | str) -> int:
     """Stamp [ns] of a message; of one of ROS, which begins with its header, without the rest."""
-    encoding = raw.encoding or ("ros1" if bag.is_ros1 else "cdr")
-    if encoding not in ("ros1", "cdr"):
+    encoding = _encoding(bag, raw)
+    if encoding not in ROS_ENCODINGS:
         return nanoseconds(bag.decoded(raw).header)
     try:
         if encoding == "ros1":
@@ -268,10 +269,14 @@ def stamp_of(bag: Decoder, raw: RawMessage, path: Path | str) -> int:
     return int(sec) * NANOSECONDS + int(nsec)
 
 
+def _encoding(bag: Decoder, raw: RawMessage) -> str:
+    return raw.encoding or ("ros1" if bag.is_ros1 else "cdr")
+
+
 def frame_of(bag: Decoder, raw: RawMessage, path: Path | str) -> str:
     """Frame of a message's header; of one of ROS, without decoding the rest."""
-    encoding = raw.encoding or ("ros1" if bag.is_ros1 else "cdr")
-    if encoding not in ("ros1", "cdr"):
+    encoding = _encoding(bag, raw)
+    if encoding not in ROS_ENCODINGS:
         return str(bag.decoded(raw).header.frame_id)
     order = "<" if encoding == "ros1" or raw.data[1] & 1 else ">"
     if len(raw.data) < STAMPED + 4:
@@ -279,13 +284,3 @@ def frame_of(bag: Decoder, raw: RawMessage, path: Path | str) -> str:
     (size,) = struct.unpack_from(f"{order}I", raw.data, STAMPED)
     name = raw.data[STAMPED + 4 : STAMPED + 4 + size]
     return bytes(name).rstrip(b"\x00").decode("utf-8", "replace")
-
-
-def _note(message: Any, path: Path | str) -> dict[str, Any]:
-    try:
-        note = json.loads(message.data)
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path}: {NOTE_TOPIC} holds no JSON: {error}") from error
-    if not isinstance(note, dict):
-        raise RecordingError(f"{path}: {NOTE_TOPIC} holds no JSON object")
-    return note

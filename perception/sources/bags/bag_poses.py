@@ -18,17 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.camera.poses import BODY_FROM_CAMERA, Pose
+from perception.camera.poses import Pose
 from perception.sources.bags.bag_file import BagFile
 from perception.sources.bags.bag_index import ODOMETRY, PATH, POSES, BagIndex, Stream
+from perception.sources.bags.camera_mounts import add_mount
 from perception.sources.listing import Streams
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name, nanoseconds
-from perception.sources.ros.transform_tree import (
-    MAP_FRAMES,
-    TransformTree,
-    pose_of_origin,
-    read_mounts,
-)
+from perception.sources.ros.transform_tree import MAP_FRAMES, TransformTree
 
 POSE_TYPES: Final = (ODOMETRY, *POSES, PATH)
 MAX_NAMED: Final = 12  # frames in an error
@@ -108,43 +104,8 @@ def _trees(index: BagIndex, images: Stream, streams: Streams) -> Iterator[Transf
         trees.append(trees[0].merged(trees[1]))
     trees += [tree for name, tree in index.trees.items() if name not in order]
     for tree in trees or [index.tree]:
-        _mount(tree, images.frame, streams.camera_in)
+        add_mount(tree, images.frame, streams.camera_in)
         yield tree
-
-
-def _mount(tree: TransformTree, camera: str, given: str | None) -> None:
-    """Add the links that the user gives: of a URDF, or where the camera's body sits on a frame."""
-    if given is None:
-        return
-    frame, _, numbers = given.partition("=")
-    if not numbers:
-        for parent, child, T in read_mounts(Path(given)):
-            tree.link(parent, child, T)
-        return
-    T = mount(given)
-    root = tree.ancestors(camera)[-1]
-    T_root_camera = tree.at(root, camera, 0.0)
-    if T_root_camera is None or root == frame_name(frame):
-        root, T_root_camera = frame_name(camera), np.eye(4)
-    tree.link(frame, root, T @ BODY_FROM_CAMERA @ np.linalg.inv(T_root_camera))
-
-
-def mount(given: str) -> Pose:
-    """Pose (4, 4) of the camera's body, x ahead and z up, by FRAME=x,y,z,roll,pitch,yaw [m, rad].
-
-    Raises RecordingError.
-    """
-    try:
-        numbers = [float(word) for word in given.partition("=")[2].split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 6 or not np.isfinite(numbers).all():
-        raise RecordingError(
-            f"--camera-in {given!r} is no mount; base_link=0.2,0,1.1,0,0,0 is one: a frame, then "
-            "x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x ahead, z up); a URDF file "
-            "is another"
-        )
-    return pose_of_origin(numbers[:3], numbers[3:])
 
 
 def warn_of_publishers(path: str, poses: PoseSource, camera: str) -> None:

@@ -22,19 +22,25 @@ import numpy as np
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
 from perception.camera.intrinsics import (
-    Intrinsics,
     find_intrinsics,
     intrinsics_from_matrix,
     load_intrinsics,
     yaml_matrix,
 )
-from perception.camera.poses import checked_pose, read_found_pose, read_trajectory
+from perception.camera.poses import (
+    CONVENTIONS,
+    Pose,
+    checked_pose,
+    read_found_pose,
+    read_trajectory,
+)
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
     DEPTH_SUFFIXES,
-    ImageFile,
+    entry_of,
     files_in,
     images_by_number,
+    with_poses,
 )
 from perception.sources.folders.numbered_images import pairs_by_stamp
 from perception.sources.listing import (
@@ -43,6 +49,7 @@ from perception.sources.listing import (
     FrameEntry,
     RecordingListing,
     Streams,
+    first_file,
     stamp_of_number,
     subfolder,
 )
@@ -64,11 +71,11 @@ def _read_rtabmap(folder: Path, streams: Streams) -> RecordingListing:
         )
     calibrations = files_in(folder / "rtabmap_calib", "*.yaml")
     camera = load_intrinsics(calibrations[0]) if calibrations else find_intrinsics(folder)
-    poses = next((folder / name for name in RTABMAP_POSES if (folder / name).is_file()), None)
-    entries = [FrameEntry(a.stem, ImageFile(a), ImageFile(b), np.eye(4), s) for a, b, s in pairs]
+    poses = first_file(folder, *RTABMAP_POSES)
+    entries = tuple(entry_of(a, b, np.eye(4), stamp) for a, b, stamp in pairs)
     if poses is None:
         missing = f"{folder} has no poses: {RTABMAP_POSES[0]} is missing"
-        return RecordingListing(tuple(entries), camera, MILLIMETRES, no_poses=missing)
+        return RecordingListing(entries, camera, MILLIMETRES, no_poses=missing)
     T_base_camera = np.eye(4)
     if poses.name == RTABMAP_POSES[1]:
         mount = yaml_matrix(calibrations[0], "local_transform") if calibrations else None
@@ -80,12 +87,12 @@ def _read_rtabmap(folder: Path, streams: Streams) -> RecordingListing:
             )
         T_base_camera[:3] = mount.reshape(3, 4)
     trajectory = read_trajectory(poses)
-    found = [(e, trajectory.at(e.stamp, TOLERANCE)) for e in entries]
-    posed = tuple(
-        FrameEntry(e.id, e.colour, e.depth, T @ T_base_camera, e.stamp)
-        for e, T in found
-        if T is not None
-    )
+
+    def pose_of(entry: FrameEntry) -> Pose | None:
+        T = trajectory.at(entry.stamp, TOLERANCE)
+        return None if T is None else T @ T_base_camera
+
+    posed = with_poses(entries, pose_of, folder)
     if not posed:
         raise RecordingError(f"{folder}: no image has a pose in {poses.name}")
     return RecordingListing(posed, camera, MILLIMETRES)
@@ -110,13 +117,7 @@ def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
     colour = images_by_number(subfolder(folder, "rgb"))
     depth = images_by_number(subfolder(folder, "depth"), DEPTH_SUFFIXES)
     entries = tuple(
-        FrameEntry(
-            path.stem,
-            ImageFile(path),
-            ImageFile(depth[number]),
-            poses.get(number, np.eye(4)),
-            stamp_of_number(number),
-        )
+        entry_of(path, depth[number], poses.get(number, np.eye(4)), stamp_of_number(number))
         for number, path in colour.items()
         if number in depth and (number in poses or not poses)
     )
@@ -125,11 +126,11 @@ def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
     return RecordingListing(entries, camera, scale, no_poses=no_poses)
 
 
-def _pose_of_bop(card: dict[str, Any], where: str) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _pose_of_bop(card: dict[str, Any], where: str) -> Pose:
     T = np.eye(4)
     T[:3, :3] = np.array(card["cam_R_w2c"], np.float64).reshape(3, 3)
     T[:3, 3] = np.array(card["cam_t_w2c"], np.float64) / MILLIMETRES
-    return np.linalg.inv(checked_pose(T, where)).astype(np.float64)
+    return CONVENTIONS["world-to-camera"](checked_pose(T, where))
 
 
 def _read_posed_images(folder: Path, streams: Streams) -> RecordingListing:
@@ -138,12 +139,13 @@ def _read_posed_images(folder: Path, streams: Streams) -> RecordingListing:
     for path in _posed(folder):
         T = read_found_pose(path.with_suffix(".txt"))
         if T is not None:
-            number = stamp_of_number(int(path.stem))
-            depth = ImageFile(path.with_suffix(".png"))
-            entries.append(FrameEntry(path.stem, ImageFile(path), depth, T, number))
+            depth, stamp = path.with_suffix(".png"), stamp_of_number(int(path.stem))
+            entries.append(entry_of(path, depth, T, stamp))
     if not entries:
         raise RecordingError(f"{folder}: no image has a pose")
-    return RecordingListing(tuple(entries), _posed_camera(folder), MILLIMETRES)
+    file = first_file(folder, "intrinsic.txt")
+    camera = find_intrinsics(folder) if file is None else load_intrinsics(file)
+    return RecordingListing(tuple(entries), camera, MILLIMETRES)
 
 
 def _posed(folder: Path) -> list[Path]:
@@ -156,11 +158,6 @@ def _posed(folder: Path) -> list[Path]:
         and all(path.with_suffix(suffix).is_file() for suffix in (".png", ".txt"))
     ]
     return sorted(found, key=lambda path: int(path.stem))
-
-
-def _posed_camera(folder: Path) -> Intrinsics | None:
-    file = folder / "intrinsic.txt"
-    return load_intrinsics(file) if file.is_file() else find_intrinsics(folder)
 
 
 EXPORTS: Final = (

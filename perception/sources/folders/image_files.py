@@ -1,10 +1,11 @@
-"""Image files: colour and depth decoded, and checked for truncation."""
+"""Image files: colour and depth decoded, checked, and turned upright; their entries."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable
-from dataclasses import dataclass
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -15,8 +16,16 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_bytes
+from perception.camera.gravity_alignment import (
+    turned_camera,
+    turned_image,
+    turned_poses,
+    upright_turns,
+)
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
+from perception.camera.poses import Pose
 from perception.number_tables import check_pointer
+from perception.sources.listing import FrameEntry, RecordingListing, StoredImage
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
 DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff")
@@ -24,6 +33,7 @@ _NPY = b"\x93NUMPY"
 _TIFF = (b"II*\0", b"MM\0*")
 _MAX_HEADER = 10_000  # [bytes] of an NPY file
 _TAIL = 4096  # bytes: some cameras write notes after the end-of-image marker
+_log = logging.getLogger(__name__)
 
 
 def check_image_file(path: Path) -> None:
@@ -109,6 +119,66 @@ def _array(path: Path) -> NDArray[Any]:
         return values.reshape(shape, order="F" if fortran else "C").squeeze()
     except (ValueError, TypeError, SyntaxError, KeyError, TokenError) as error:
         raise RecordingError(f"{path} is no NPY file of depth: {error}") from error
+
+
+def entry_of(colour: Path, depth: Path, T_world_cam: Pose, stamp: float) -> FrameEntry:
+    """Entry of two image files; the frame is called as its colour, NAME.jpg or NAME.color.jpg."""
+    name = colour.stem.removesuffix(".color")
+    return FrameEntry(name, ImageFile(colour), ImageFile(depth), T_world_cam, stamp)
+
+
+def with_poses(
+    entries: Sequence[FrameEntry], pose_of: Callable[[FrameEntry], Pose | None], folder: Path
+) -> tuple[FrameEntry, ...]:
+    """The entries that have a pose (4, 4), with it; a line tells of the others."""
+    found = [(entry, pose_of(entry)) for entry in entries]
+    posed = tuple(replace(entry, T_world_cam=T) for entry, T in found if T is not None)
+    if 0 < len(posed) < len(entries):
+        lost = len(entries) - len(posed)
+        _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(entries))
+    return posed
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedImage:
+    """An image turned counter-clockwise by quarters."""
+
+    image: StoredImage
+    turns: int
+
+    def __str__(self) -> str:
+        return str(self.image)
+
+    def check(self) -> None:
+        """As the image's own."""
+        self.image.check()
+
+    def colour(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
+        return turned_image(self.image.colour(), self.turns)
+
+    def depth(self, depth_scale: float) -> NDArray[np.float32]:
+        """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
+        return turned_image(self.image.depth(depth_scale), self.turns)
+
+
+def turned_upright(listing: RecordingListing, up: NDArray[np.float64]) -> RecordingListing:
+    """A phone's listing, turned by quarters until `up` (3,) is at the top of most images.
+
+    Its camera has no distortion, and images of known size.
+    """
+    turns = int(upright_turns([e.T_world_cam for e in listing.entries], up).argmax())
+    entries = tuple(
+        replace(
+            e,
+            colour=TurnedImage(e.colour, turns),
+            depth=TurnedImage(e.depth, turns),
+            T_world_cam=turned_poses(e.T_world_cam, turns),
+        )
+        for e in listing.entries
+    )
+    camera = None if listing.camera is None else turned_camera(listing.camera, turns)
+    return replace(listing, entries=entries, camera=camera, up=up)
 
 
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:

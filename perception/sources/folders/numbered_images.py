@@ -18,7 +18,6 @@ same, or they are the stamps [s] in their names, or the folders have as many ima
 
 from __future__ import annotations
 
-import logging
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -33,9 +32,10 @@ from perception.number_tables import in_seconds
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
     DEPTH_SUFFIXES,
-    ImageFile,
+    entry_of,
     files_in,
     images_by_number,
+    with_poses,
 )
 from perception.sources.listing import (
     TOLERANCE,
@@ -43,6 +43,7 @@ from perception.sources.listing import (
     FrameEntry,
     RecordingListing,
     Streams,
+    first_file,
     nearest_pairs,
     stamp_of_number,
     subfolder,
@@ -55,8 +56,6 @@ ROW_FILES = ("poses.txt", "pose.txt")
 COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
 #: [s, or ms, us or ns] since 1970, in a name
 STAMP = re.compile(r"\d{9,10}\.\d+|(?<!\d)1\d{12}(?:\d{3}){0,2}(?!\d)")
-
-_log = logging.getLogger(__name__)
 
 
 def _read_log(folder: Path, streams: Streams) -> RecordingListing:
@@ -81,7 +80,7 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     Raises RecordingError where the three counts differ, or where colour and depth share numbers
     but an image lacks its partner.
     """
-    file = _rows_file(folder)
+    file = first_file(folder, *ROW_FILES)
     if file is None:
         raise RecordingError(f"{folder} has no poses: poses.txt is missing")
     poses = read_pose_rows(file)
@@ -128,15 +127,13 @@ def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
         numbers = images_by_number(poses, (".txt",))
         ids = images_by_number(subfolder(folder, *COLOUR_FOLDERS))
         files = {path.stem: numbers[number] for number, path in ids.items() if number in numbers}
-    found = [(e, read_found_pose(files[e.id])) for e in alone.entries if e.id in files]
-    posed = tuple(replace(e, T_world_cam=T) for e, T in found if T is not None)
+
+    def pose_of(entry: FrameEntry) -> Pose | None:
+        return read_found_pose(files[entry.id]) if entry.id in files else None
+
+    posed = with_poses(alone.entries, pose_of, folder)
     if not posed:
         raise RecordingError(f"{folder}: no image has a pose of its name in {poses.name}/")
-    if len(posed) < len(alone.entries):
-        lost = len(alone.entries) - len(posed)
-        _log.warning(
-            "%s: %d of %d images have no pose and are skipped", folder, lost, len(alone.entries)
-        )
     return replace(alone, entries=posed, no_poses="")
 
 
@@ -147,12 +144,9 @@ def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
     """
     colour = subfolder(folder, *COLOUR_FOLDERS)
     depth = subfolder(folder, "depth")
-    entries = [
-        FrameEntry(a.stem, ImageFile(a), ImageFile(b), np.eye(4), stamp)
-        for a, b, stamp in pairs_by_stamp(colour, depth) or _by_number(colour, depth)
-    ]
+    pairs = pairs_by_stamp(colour, depth) or _by_number(colour, depth)
     return RecordingListing(
-        tuple(entries),
+        tuple(entry_of(a, b, np.eye(4), stamp) for a, b, stamp in pairs),
         find_intrinsics(folder),
         DEPTH_SCALE,
         no_poses=f"{folder} has no poses: no groundtruth.txt, trajectory.log, poses.txt, "
@@ -212,28 +206,17 @@ def _images(folder: Path, *names: str) -> tuple[dict[int, Path], dict[int, Path]
 
 def _listing(folder: Path, images: Iterable[tuple[Path, Path, Pose, int]]) -> RecordingListing:
     """Listing of colour images, depth images, poses and numbers."""
-    entries = tuple(
-        FrameEntry(colour.stem, ImageFile(colour), ImageFile(depth), T, stamp_of_number(number))
-        for colour, depth, T, number in images
-    )
+    entries = tuple(entry_of(a, b, T, stamp_of_number(number)) for a, b, T, number in images)
     return RecordingListing(entries, find_intrinsics(folder), DEPTH_SCALE)
 
 
-def _rows_file(folder: Path) -> Path | None:
-    return next((folder / n for n in ROW_FILES if (folder / n).is_file()), None)
-
-
 def _has_rows(folder: Path) -> bool:
-    return _rows_file(folder) is not None and (folder / "depth").is_dir()
+    return first_file(folder, *ROW_FILES) is not None and (folder / "depth").is_dir()
 
 
 def _log_file(folder: Path) -> Path | None:
-    found = [
-        folder / "trajectory.log",
-        folder / "scene/trajectory.log",
-        *sorted(folder.glob("*trajectory*.log")),
-    ]
-    return next((path for path in found if path.is_file()), None)
+    others = sorted(path.name for path in folder.glob("*trajectory*.log"))
+    return first_file(folder, "trajectory.log", "scene/trajectory.log", *others)
 
 
 def _poses_by_image(poses: dict[int, Pose], numbers: list[int], log: Path) -> dict[int, Pose]:

@@ -9,7 +9,6 @@ compressed by LZFSE. Layout: the author's answers in the issues of github.com/ma
 
 from __future__ import annotations
 
-import json
 import struct
 import zipfile
 import zlib
@@ -27,15 +26,11 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
 from perception.camera.image_decoding import MILLIMETRES, decode_image, metres
-from perception.camera.intrinsics import (
-    Intrinsics,
-    intrinsics_from_matrix,
-    turned_camera,
-    turned_poses,
-    upright_turns,
-)
+from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import CONVENTIONS, Pose, pose_from_quaternion
-from perception.sources.folders.stray_scanner import UNSURE, UP, TurnedImage
+from perception.number_tables import json_object
+from perception.sources.folders.image_files import turned_upright
+from perception.sources.folders.stray_scanner import UNSURE, UP
 from perception.sources.listing import FRAME_RATE, Format, FrameEntry, RecordingListing, Streams
 
 MAX_FILE: Final = 1 << 40  # [bytes]
@@ -135,7 +130,8 @@ def read(path: Path, streams: Streams) -> RecordingListing:
             f"{path} needs the package lzfse: pip install 'hereabouts[record3d]' brings it"
         )
     archive = Archive(path)
-    card, names = _card(archive), archive.names
+    card = json_object(archive.member("metadata", MAX_METADATA), f"{path}: its metadata")
+    names = archive.names
     numbers = sorted(
         int(name[5:-6])
         for name in names
@@ -145,7 +141,6 @@ def read(path: Path, streams: Streams) -> RecordingListing:
     if not numbers:
         raise RecordingError(f"{path} has no depth: rgbd/N.jpg and rgbd/N.depth would work")
     poses, why = _poses(card, numbers, path)
-    turns = int(upright_turns(poses, UP).argmax()) if not why else 0
     camera, size = _camera(card, numbers, path), _depth_size(card, path)
     stamps = _stamps(card, numbers, path)
     assert camera.width is not None and camera.height is not None
@@ -153,18 +148,15 @@ def read(path: Path, streams: Streams) -> RecordingListing:
     entries = tuple(
         FrameEntry(
             id=f"{number:06}",
-            colour=TurnedImage(Record3DImage(archive, number), turns),
-            depth=TurnedImage(
-                Record3DImage(archive, number, size, aspect, f"rgbd/{number}.conf" in names), turns
-            ),
-            T_world_cam=turned_poses(T, turns),
+            colour=Record3DImage(archive, number),
+            depth=Record3DImage(archive, number, size, aspect, f"rgbd/{number}.conf" in names),
+            T_world_cam=T,
             stamp=round(stamp - stamps[0], 9),
         )
         for number, T, stamp in zip(numbers, poses, stamps, strict=True)
     )
-    return RecordingListing(
-        entries, turned_camera(camera, turns), MILLIMETRES, up=None if why else UP, no_poses=why
-    )
+    listing = RecordingListing(entries, camera, MILLIMETRES, no_poses=why)
+    return listing if why else turned_upright(listing, UP)
 
 
 def _poses(card: dict[str, Any], numbers: list[int], path: Path) -> tuple[list[Pose], str]:
@@ -230,17 +222,6 @@ def _row(given: Any, columns: int, where: str) -> NDArray[np.float64]:
     if not fine or not all(isfinite(x) for x in row):
         raise RecordingError(f"{where} is not {columns} finite numbers, but {str(given)[:60]}")
     return np.array(row, np.float64)
-
-
-def _card(archive: Archive) -> dict[str, Any]:
-    path = archive.path
-    try:
-        card = json.loads(archive.member("metadata", MAX_METADATA))
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path}: its metadata is no JSON: {error}") from error
-    if not isinstance(card, dict):
-        raise RecordingError(f"{path}: its metadata is no JSON object")
-    return card
 
 
 def _unpacked_size(data: bytes, where: str) -> int:

@@ -24,13 +24,14 @@ from perception.camera.intrinsics import (
 )
 from perception.camera.poses import read_found_pose, read_pose
 from perception.number_tables import floats, rows
-from perception.sources.folders.image_files import ImageFile
+from perception.sources.folders.image_files import entry_of
 from perception.sources.listing import (
     DepthCamera,
     Format,
     FrameEntry,
     RecordingListing,
     Streams,
+    first_file,
     stamp_of_number,
 )
 
@@ -60,7 +61,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     if not colours:
         raise RecordingError(f"no frame-N.color.png or frame-N.color.jpg in {folder}")
     stems = {path: path.name.split(".")[0] for path in colours}
-    info = next((folder / n for n in INFO if (folder / n).is_file()), None)
+    info = first_file(folder, *INFO)
     registered = any((folder / f"{stem}.depthreg.png").is_file() for stem in stems.values())
     depth, pose = (".depthreg.png", ".posecolor.txt") if registered else (".depth.png", ".pose.txt")
     T_depth_colour = np.eye(4)
@@ -77,8 +78,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
             continue
         T = read_pose(folder / (stem + pose)) if T is None else T
         stamp = stamp_of_number(_number(stem, path))
-        at_depth = ImageFile(folder / (stem + depth))
-        entries.append(FrameEntry(stem, ImageFile(path), at_depth, T @ T_depth_colour, stamp))
+        entries.append(entry_of(path, folder / (stem + depth), T @ T_depth_colour, stamp))
     if info is not None:
         return _by_info(folder, info, tuple(entries), no_poses)
     if registered:

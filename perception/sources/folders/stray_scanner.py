@@ -20,18 +20,15 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
-from perception.camera.intrinsics import (
-    Intrinsics,
-    find_intrinsics,
-    intrinsics_from_matrix,
-    turned_camera,
-    turned_image,
-    turned_poses,
-    upright_turns,
-)
+from perception.camera.intrinsics import Intrinsics, find_intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, pose_from_quaternion
 from perception.number_tables import all_numbers, floats
-from perception.sources.folders.image_files import ImageFile, decoded, images_by_number
+from perception.sources.folders.image_files import (
+    ImageFile,
+    decoded,
+    images_by_number,
+    turned_upright,
+)
 from perception.sources.folders.video import Video, VideoFrame
 from perception.sources.listing import (
     Format,
@@ -48,29 +45,6 @@ UP: Final = np.array([0.0, 1.0, 0.0])  # in ARKit's world
 UNSURE: Final = 0  # confidence of depth that is left out
 MAX_POSES: Final = 1_000_000
 _POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
-
-
-@dataclass(frozen=True, slots=True)
-class TurnedImage:
-    """An image turned counter-clockwise by quarters."""
-
-    image: StoredImage
-    turns: int
-
-    def __str__(self) -> str:
-        return str(self.image)
-
-    def check(self) -> None:
-        """As the image's own."""
-        self.image.check()
-
-    def colour(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB; raises RecordingError for an unreadable image."""
-        return turned_image(self.image.colour(), self.turns)
-
-    def depth(self, depth_scale: float) -> NDArray[np.float32]:
-        """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
-        return turned_image(self.image.depth(depth_scale), self.turns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,35 +97,25 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     numbers = sorted(poses.keys() & depth.keys())
     if not numbers:
         raise RecordingError(f"{folder}: no depth image has a pose of its number in odometry.csv")
-    turns = int(upright_turns([poses[n][1] for n in numbers], UP).argmax()) if posed else 0
     first = poses[numbers[0]][0]
     entries = tuple(
         FrameEntry(
             id=depth[number].stem,
-            colour=TurnedImage(VideoFrame(video, number), turns),
-            depth=TurnedImage(_depth(folder, depth[number]), turns),
-            T_world_cam=turned_poses(poses[number][1], turns),
+            colour=VideoFrame(video, number),
+            depth=_depth(folder, depth[number]),
+            T_world_cam=poses[number][1],
             stamp=round(poses[number][0] - first, 9),
         )
         for number in numbers
     )
-    camera = _turned_camera(folder, video, turns)
-    return RecordingListing(
-        entries,
-        camera,
-        DEPTH_SCALE,
-        up=UP if posed else None,
-        no_poses="" if posed else f"{folder} has no poses: {odometry.name} is missing",
-    )
+    missing = "" if posed else f"{folder} has no poses: {odometry.name} is missing"
+    listing = RecordingListing(entries, _camera(folder, video), DEPTH_SCALE, no_poses=missing)
+    return turned_upright(listing, UP) if posed else listing
 
 
 def _depth(folder: Path, path: Path) -> StoredImage:
-    confidence = folder / "confidence" / path.name
-    return (
-        ConfidentDepth(ImageFile(path), ImageFile(confidence))
-        if confidence.is_file()
-        else (ImageFile(path))
-    )
+    image, confidence = ImageFile(path), folder / "confidence" / path.name
+    return ConfidentDepth(image, ImageFile(confidence)) if confidence.is_file() else image
 
 
 def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
@@ -186,19 +150,18 @@ def _cell(row: Mapping[str, str | None], name: str, where: str) -> str:
     return value
 
 
-def _turned_camera(folder: Path, video: Video, turns: int) -> Intrinsics:
-    """Intrinsics of the turned frames; raises RecordingError for what is no camera matrix."""
+def _camera(folder: Path, video: Video) -> Intrinsics:
+    """Intrinsics of the video's frames; raises RecordingError for what is no camera matrix."""
     path, given = folder / "camera_matrix.csv", find_intrinsics(folder)
     if given is not None and not path.is_file():
-        return turned_camera(given.fitted(*video.size), turns)
+        return given.fitted(*video.size)
     if not path.is_file():
         raise RecordingError(f"{path.parent} has no camera matrix: {path.name} is missing")
     K = all_numbers(path)
     if K.size != 9:
         raise RecordingError(f"{path}: a camera matrix has 9 numbers, got {K.size}")
     camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
-    width, height = video.size
-    return turned_camera(replace(camera, width=width, height=height, source=str(path)), turns)
+    return replace(camera, width=video.size[0], height=video.size[1])
 
 
 FORMAT = Format(

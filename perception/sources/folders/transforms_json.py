@@ -8,7 +8,6 @@ cy, width, height and t_00 to t_23, in a world with y up. Depth is in millimetre
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,19 +17,18 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
-from perception.camera.intrinsics import (
-    FISHEYE_COEFFICIENTS,
-    Intrinsics,
-    turned_camera,
-    turned_poses,
-    upright_turns,
-)
+from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import CONVENTIONS, Pose, checked_pose
-from perception.sources.folders.image_files import COLOUR_SUFFIXES, ImageFile, files_in
-from perception.sources.folders.stray_scanner import UP, TurnedImage
+from perception.number_tables import json_object
+from perception.sources.folders.image_files import (
+    COLOUR_SUFFIXES,
+    entry_of,
+    files_in,
+    turned_upright,
+)
+from perception.sources.folders.stray_scanner import UP
 from perception.sources.listing import (
     Format,
-    FrameEntry,
     RecordingListing,
     Streams,
     stamp_of_number,
@@ -66,10 +64,9 @@ def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
     posed = [one for one in deep if "transform_matrix" in one]
     used = _present(folder, posed or deep)
     entries = tuple(
-        FrameEntry(
-            Path(str(one.get("file_path"))).stem,
-            ImageFile(_image(folder, one, "file_path")),
-            ImageFile(_image(folder, one, "depth_file_path")),
+        entry_of(
+            _image(folder, one, "file_path"),
+            _image(folder, one, "depth_file_path"),
             _matrix(one["transform_matrix"], f"{path}, frame {n}") if posed else np.eye(4),
             stamp_of_number(n),
         )
@@ -98,41 +95,26 @@ def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
     if not found:
         raise RecordingError(f"{inner}: no image has a depth image and a camera of its name")
     posed = any("t_00" in card for _, _, card, _ in found)
-    poses = [_rows(card, where) if posed else np.eye(4) for _, _, card, where in found]
-    turns = int(upright_turns(poses, UP).argmax()) if posed else 0
-    entries = tuple(
-        FrameEntry(
-            colour.stem,
-            TurnedImage(ImageFile(colour), turns),
-            TurnedImage(ImageFile(depth), turns),
-            turned_poses(T, turns),
-            stamp_of_number(n),
-        )
-        for n, ((colour, depth, _, _), T) in enumerate(zip(found, poses, strict=True))
-    )
+    entries = [
+        entry_of(colour, depth, _rows(card, where) if posed else np.eye(4), stamp_of_number(n))
+        for n, (colour, depth, card, where) in enumerate(found)
+    ]
     numbers = [[_number(c, k, w) for k in ("fx", "fy", "cx", "cy", "width", "height")]
                for _, _, c, w in found]  # fmt: skip
     fx, fy, cx, cy, width, height = (float(x) for x in np.median(numbers, axis=0))
     upright = Intrinsics(fx, fy, cx, cy, int(width), int(height), source=str(cameras))
-    return RecordingListing(
-        entries,
-        turned_camera(upright, turns),
-        DEPTH_SCALE,
-        up=UP if posed else None,
-        no_poses="" if posed else f"{folder} has no poses: no t_00 to t_23 in {cameras.name}/",
-    )
+    missing = "" if posed else f"{folder} has no poses: no t_00 to t_23 in {cameras.name}/"
+    listing = RecordingListing(tuple(entries), upright, DEPTH_SCALE, no_poses=missing)
+    return turned_upright(listing, UP) if posed else listing
 
 
 def _card(path: Path) -> dict[str, Any]:
     try:
-        card = json.loads(read_text(path))
+        return json_object(read_text(path), path)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
+    except UnicodeDecodeError as error:
         raise RecordingError(f"{path} is no JSON: {error}") from error
-    if not isinstance(card, dict):
-        raise RecordingError(f"{path} holds no JSON object")
-    return card
 
 
 def _present(folder: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -197,7 +179,6 @@ def _camera(card: Mapping[str, Any], frames: Sequence[Mapping[str, Any]], path: 
     fisheye = model == "OPENCV_FISHEYE"
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
     dist = tuple(_number(first, key, str(path)) if key in first else 0.0 for key in names)
-    assert not fisheye or len(dist) == FISHEYE_COEFFICIENTS
     return Intrinsics(fx, fy, cx, cy, size[0], size[1], dist, source=str(path), fisheye=fisheye)
 
 

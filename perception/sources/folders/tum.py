@@ -9,7 +9,6 @@ their stamps as names.
 
 from __future__ import annotations
 
-import logging
 import re
 from pathlib import Path
 
@@ -17,16 +16,16 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
-from perception.camera.poses import Pose, read_trajectory
+from perception.camera.poses import read_trajectory
 from perception.number_tables import floats, in_seconds, rows
-from perception.sources.folders.image_files import ImageFile
+from perception.sources.folders.image_files import entry_of, with_poses
 from perception.sources.folders.numbered_images import COLOUR_FOLDERS, pairs_by_stamp
 from perception.sources.listing import (
     TOLERANCE,
     Format,
-    FrameEntry,
     RecordingListing,
     Streams,
+    first_file,
     nearest_pairs,
     subfolder,
 )
@@ -54,7 +53,6 @@ CALIBRATIONS = {
     "fr3": Intrinsics(535.4, 539.2, 320.1, 247.6, 640, 480),
 }  # fmt: skip
 
-_log = logging.getLogger(__name__)
 _Pair = tuple[float, str, str]  # colour stamp, colour file, depth file
 
 
@@ -69,8 +67,8 @@ def matches(folder: Path) -> bool:
 
 
 def _poses(folder: Path) -> Path | None:
-    found = [*(folder / name for name in POSES), *sorted(folder.glob("*.gt.freiburg"))]
-    return next((path for path in found if path.is_file()), None)
+    others = sorted(path.name for path in folder.glob("*.gt.freiburg"))
+    return first_file(folder, *POSES, *others)
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
@@ -79,36 +77,22 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     Without a file of poses, all that have a depth image. Raises RecordingError where lists are
     missing, lists or poses malformed, or nothing fits together.
     """
-    pairs = sorted(_pairs(folder))
-    poses = _poses(folder) or next(
-        (folder / name for name in OTHER_POSES if (folder / name).is_file()), None
+    entries = tuple(
+        entry_of(folder / colour, folder / depth, np.eye(4), stamp)
+        for stamp, colour, depth in sorted(_pairs(folder))
     )
+    poses = _poses(folder) or first_file(folder, *OTHER_POSES)
     if poses is None:
-        unposed = tuple(_entry(folder, pair, np.eye(4)) for pair in pairs)
         missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
-        return RecordingListing(unposed, _camera(folder), DEPTH_FACTOR, no_poses=missing)
+        return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_poses=missing)
     trajectory = read_trajectory(poses)
-    entries = []
-    for pair in pairs:
-        T = trajectory.at(pair[0], TOLERANCE)
-        if T is not None:
-            entries.append(_entry(folder, pair, T))
-    if not entries:
+    posed = with_poses(entries, lambda entry: trajectory.at(entry.stamp, TOLERANCE), folder)
+    if not posed:
         raise RecordingError(
-            f"{folder}: none of the {len(pairs)} images has a pose in {poses.name} "
+            f"{folder}: none of the {len(entries)} images has a pose in {poses.name} "
             f"within {TOLERANCE} s (poses: {trajectory.stamp[0]:.3f} to {trajectory.stamp[-1]:.3f})"
         )
-    if len(entries) < len(pairs):
-        lost = len(pairs) - len(entries)
-        _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(pairs))
-    return RecordingListing(tuple(entries), _camera(folder), DEPTH_FACTOR)
-
-
-def _entry(folder: Path, pair: _Pair, T_world_cam: Pose) -> FrameEntry:
-    stamp, colour, depth = pair
-    frame_id = Path(colour).stem.removesuffix(".color")
-    images = ImageFile(folder / colour), ImageFile(folder / depth)
-    return FrameEntry(frame_id, *images, T_world_cam, stamp)
+    return RecordingListing(posed, _camera(folder), DEPTH_FACTOR)
 
 
 def _camera(folder: Path) -> Intrinsics | None:

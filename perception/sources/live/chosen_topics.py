@@ -14,6 +14,9 @@ from typing import Final
 import numpy as np
 
 from kg.model.errors import RecordingError
+from perception.camera.gravity_alignment import clear_turns, parse_up
+from perception.camera.image_decoding import MILLIMETRES
+from perception.camera.intrinsics import Rectifier
 from perception.camera.poses import Pose
 from perception.sources.bags.bag import (
     Choice,
@@ -21,11 +24,14 @@ from perception.sources.bags.bag import (
     camera_or_reason,
     choose,
     depth_camera_of,
+    noted_transform,
 )
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import STAMPED, BagIndex, frame_of
 from perception.sources.bags.bag_poses import add_poses
+from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.connection import LiveDecoder, LiveImage
+from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name
 
@@ -128,3 +134,32 @@ class ChosenTopics:
         if T is None:
             self._unposed = self._unposed or image
         return True, T
+
+    def recording_of(
+        self, entry: FrameEntry, options: RecordingOptions, start_time: float | None
+    ) -> FolderRecording:
+        """Recording without frames that decodes images: the cameras, fitted to the first image.
+
+        `start_time` [s] is that of the cameras before, so that times go on.
+        """
+        choice = self.choice
+        camera = options.intrinsics or camera_of(self.index, choice.camera, choice.colour)
+        assert camera is not None
+        apart = None
+        if choice.depth_apart and not options.registered:
+            apart = depth_camera_of(self.index, choice, entry.stamp)
+        height, width = entry.colour.colour().shape[:2]
+        noted = noted_transform(self.index, choice)
+        if start_time is None:
+            start_time = time.time() - entry.stamp if entry.stamp < ABSOLUTE_STAMP else 0.0
+        up = parse_up("z" if options.up is None else options.up)
+        return FolderRecording(
+            name=str(self.index.path),
+            format="live",
+            T_map_world=np.eye(4) if noted is None else noted,
+            listing=RecordingListing((), camera, MILLIMETRES, apart),
+            rectifier=Rectifier.for_camera(camera.fitted(width, height)),
+            depth_scale=options.depth_scale or camera.depth_scale or MILLIMETRES,
+            start_time=start_time,
+            turns=0 if choice.poses is None else clear_turns([entry.T_world_cam], up),
+        )

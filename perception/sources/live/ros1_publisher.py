@@ -21,8 +21,14 @@ from socketserver import ThreadingMixIn
 from typing import Any, Final
 
 from perception.sources.live.connection import Retry
-from perception.sources.live.ros1 import CALLER, FAILURES, PATIENCE, Ros1Master
-from perception.sources.live.tcpros import TcprosConnection, block
+from perception.sources.live.ros1 import (
+    CALLER,
+    FAILURES,
+    PATIENCE,
+    Ros1Master,
+    TcprosConnection,
+    block,
+)
 from perception.sources.ros.message_types import message_types, serialised
 
 CHECK_INTERVAL: Final = 1.0  # [s] between two checks that the master still knows the node

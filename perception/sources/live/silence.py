@@ -1,4 +1,7 @@
-"""Why a live stream gives no frames: which of its images or poses have dried up, and since when."""
+"""Counts of a live stream's images, and why it gives no frames.
+
+The reason is which of its images or poses have dried up, and since when.
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,23 @@ class Silence:
 
     what: str  # what is missing: the same for one outage
     line: str  # the reason, for people
+
+
+@dataclass(slots=True)
+class StreamCounts:
+    """Counts of the received colour images, by their use."""
+
+    received: int = 0
+    taken: int = 0  # given to be mapped
+    without_depth: int = 0  # within the tolerance
+    without_pose: int = 0
+    unreadable: int = 0  # images that cannot be decoded, or change their size
+
+    @property
+    def dropped(self) -> int:
+        """Images that newer ones replaced while an earlier one was mapped, and unused last ones."""
+        lost = self.without_depth + self.without_pose + self.unreadable
+        return self.received - self.taken - lost
 
 
 @dataclass(slots=True)

@@ -19,18 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from perception.camera.gravity_alignment import parse_up
+from perception.camera.gravity_alignment import turned_poses
 from perception.camera.image_decoding import MILLIMETRES
-from perception.camera.intrinsics import Rectifier, clear_turns, turned_poses
 from perception.camera.poses import CONVENTIONS, Pose, gridded_pose
 from perception.frames import Frame
 from perception.no_return import Constant
-from perception.sources.bags.bag import (
-    Choice,
-    camera_of,
-    depth_camera_of,
-    noted_transform,
-)
+from perception.sources.bags.bag import Choice, noted_transform
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import (
     IMAGES,
@@ -42,13 +36,12 @@ from perception.sources.bags.bag_index import (
     stamp_of,
 )
 from perception.sources.bags.bag_poses import IMU, Reading, up_by_imu
-from perception.sources.listing import FrameEntry, RecordingListing, nearest_pairs
+from perception.sources.listing import FrameEntry, nearest_pairs
 from perception.sources.live.chosen_topics import ChosenTopics, choice_or_error
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
-from perception.sources.live.silence import Arrivals, Silence
-from perception.sources.live.stream_counts import StreamCounts
+from perception.sources.live.silence import Arrivals, Silence, StreamCounts
 from perception.sources.live.topic_detector import TYPES, TopicDetector
-from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
+from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS
 
@@ -359,7 +352,9 @@ class FrameStream:
             assert self._chosen is not None
             if self._camera is None or self._cameras != self._chosen.cameras:
                 self._cameras = self._chosen.cameras
-                self._camera = self._opened(entry)
+                start = None if self._camera is None else self._camera.start_time
+                with self._changed:
+                    self._camera = self._chosen.recording_of(entry, self.options, start)
             T = turned_poses(entry.T_world_cam, self._camera.turns)
             frame = self._camera.decoded(replace(entry, T_world_cam=gridded_pose(T)))
             if self.detections is not None:
@@ -387,32 +382,3 @@ class FrameStream:
 
         stamp = round(entry.stamp * NANOSECONDS)
         detections.take(frame, stamp, self._camera.rectifier, self._camera.turns, T_cam_of)
-
-    def _opened(self, entry: FrameEntry) -> FolderRecording:
-        """Recording without frames that decodes images: the cameras, fitted to the first image."""
-        assert self._choice is not None
-        choice = self._choice
-        camera = self.options.intrinsics or camera_of(self._index, choice.camera, choice.colour)
-        assert camera is not None
-        apart = None
-        if choice.depth_apart and not self.options.registered:
-            with self._changed:
-                apart = depth_camera_of(self._index, choice, entry.stamp)
-        noted, (height, width) = self.noted_transform, entry.colour.colour().shape[:2]
-        start_time = time.time() - entry.stamp if entry.stamp < ABSOLUTE_STAMP else 0.0
-        if self._camera is not None:  # times go on where a camera has changed
-            start_time = self._camera.start_time
-        return FolderRecording(
-            name=self.address,
-            format="live",
-            T_map_world=np.eye(4) if noted is None else noted,
-            listing=RecordingListing((), camera, MILLIMETRES, apart),
-            rectifier=Rectifier.for_camera(camera.fitted(width, height)),
-            depth_scale=self.options.depth_scale or camera.depth_scale or MILLIMETRES,
-            start_time=start_time,
-            turns=0
-            if self.estimates
-            else clear_turns(
-                [entry.T_world_cam], parse_up("z" if self.options.up is None else self.options.up)
-            ),
-        )

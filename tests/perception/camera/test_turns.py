@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from perception.camera.intrinsics import side_up, turned_image, turned_poses
+from perception.camera.gravity_alignment import side_up, turned_image, turned_poses
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from kg.model.errors import RecordingError
+from perception.frames import Frame
 from perception.sources.bag_writer import write_bag
 from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions
@@ -20,81 +21,58 @@ from tests.perception.conftest import K
 
 FRAMES = 2
 DAMAGES = 40  # of each kind of recording
+OPTIONS = RecordingOptions(check=False, T_map_world=np.eye(4))
 HEAD = 4096  # the first and the last kilobytes hold the structure, the rest pixels
 
 
-@pytest.fixture
-def source(hololens: Callable[..., Path]) -> FolderRecording:
-    """The room's first frames."""
-    whole = open_recording(hololens(), RecordingOptions(check=False))
-    return replace(whole, listing=replace(whole.listing, entries=whole.listing.entries[:FRAMES]))
+def rows(T: np.ndarray) -> str:
+    return "\n".join(" ".join(map(str, row)) for row in T) + "\n"
 
 
-def write_hololens(source: FolderRecording, folder: Path) -> Path:
-    for part in ("images", "depth"):
-        (folder / part).mkdir(parents=True)
+def as_seven_scenes(source: FolderRecording, folder: Path) -> None:
     for frame in source.frames():
-        _save_images(frame, folder / "images" / f"{frame.id}.png", folder / "depth")
-    np.savetxt(folder / "poses.txt", [frame.T_map_cam.ravel() for frame in source.frames()])
-    np.savetxt(folder / "K.txt", K)
-    return folder
-
-
-def write_seven_scenes(source: FolderRecording, folder: Path) -> Path:
-    folder.mkdir()
-    for frame in source.frames():
-        name = f"frame-{int(frame.id):06d}"
-        cv2.imwrite(str(folder / f"{name}.color.jpg"), frame.rgb)
-        cv2.imwrite(str(folder / f"{name}.depthreg.png"), _millimetres(frame))
-        np.savetxt(folder / f"{name}.posecolor.txt", frame.T_map_cam)
+        name = folder / f"frame-{int(frame.id):06d}"
+        cv2.imwrite(f"{name}.color.jpg", frame.rgb)
+        cv2.imwrite(f"{name}.depthreg.png", millimetres(frame))
+        Path(f"{name}.posecolor.txt").write_text(rows(frame.T_map_cam))
     np.savetxt(folder / "color-intrinsics.txt", K)
-    return folder
 
 
-def write_trajectory_log(source: FolderRecording, folder: Path) -> Path:
+def as_numbered(source: FolderRecording, folder: Path) -> None:
     for part in ("color", "depth"):
-        (folder / part).mkdir(parents=True)
-    log = ""
-    for index, frame in enumerate(source.frames()):
-        _save_images(frame, folder / "color" / f"{index}.jpg", folder / "depth", str(index))
-        rows = "\n".join(" ".join(map(str, row)) for row in frame.T_map_cam)
-        log += f"{index} {index} {index + 1}\n{rows}\n"
-    (folder / "trajectory.log").write_text(log)
+        (folder / part).mkdir()
+    for number, frame in enumerate(source.frames()):
+        cv2.imwrite(str(folder / f"color/{number}.jpg"), frame.rgb)
+        cv2.imwrite(str(folder / f"depth/{number}.png"), millimetres(frame))
     np.savetxt(folder / "K.txt", K)
-    return folder
 
 
-def write_tum(source: FolderRecording, folder: Path) -> Path:
+def as_poses_in_rows(source: FolderRecording, folder: Path) -> None:
+    as_numbered(source, folder)
+    np.savetxt(folder / "poses.txt", [frame.T_map_cam.ravel() for frame in source.frames()])
+
+
+def as_trajectory_log(source: FolderRecording, folder: Path) -> None:
+    as_numbered(source, folder)
+    poses = (f"{n} {n} {n + 1}\n{rows(f.T_map_cam)}" for n, f in enumerate(source.frames()))
+    (folder / "trajectory.log").write_text("".join(poses))
+
+
+def as_tum(source: FolderRecording, folder: Path) -> None:
     with RecordingWriter(folder) as writer:
         for frame in source.frames():
             writer.add(frame)
-    return folder
 
 
-def write_ros1_bag(source: FolderRecording, path: Path) -> Path:
-    return _write_bag(source, path.with_suffix(".bag"))
+def as_bag(suffix: str) -> Callable[[FolderRecording, Path], None]:
+    def write(source: FolderRecording, folder: Path) -> None:
+        pytest.importorskip("rosbags")
+        assert sum(1 for _ in write_bag(source, folder / f"bag{suffix}")) == FRAMES
+
+    return write
 
 
-def write_ros2_bag(source: FolderRecording, path: Path) -> Path:
-    return _write_bag(source, path)
-
-
-def write_mcap(source: FolderRecording, path: Path) -> Path:
-    return _write_bag(source, path.with_suffix(".mcap"))
-
-
-def _write_bag(source: FolderRecording, path: Path) -> Path:
-    pytest.importorskip("rosbags")
-    assert sum(1 for _ in write_bag(source, path)) == FRAMES
-    return path
-
-
-def _save_images(frame, colour: Path, depth: Path, name: str | None = None) -> None:
-    cv2.imwrite(str(colour), frame.rgb)
-    cv2.imwrite(str(depth / f"{name or frame.id}.png"), _millimetres(frame))
-
-
-def _millimetres(frame) -> np.ndarray:
+def millimetres(frame: Frame) -> np.ndarray:
     return np.nan_to_num(frame.depth * 1000).round().astype(np.uint16)
 
 
@@ -111,44 +89,40 @@ def damaged(whole: bytes, dice: random.Random) -> bytes:
     return bytes(data)
 
 
-WRITERS = (
-    write_hololens,
-    write_seven_scenes,
-    write_trajectory_log,
-    write_tum,
-    write_ros1_bag,
-    write_ros2_bag,
-    write_mcap,
-)
+FORMATS = {
+    "hololens": as_poses_in_rows,
+    "seven_scenes": as_seven_scenes,
+    "trajectory_log": as_trajectory_log,
+    "tum": as_tum,
+    "ros1_bag": as_bag(".bag"),
+    "ros2_bag": as_bag(""),
+    "mcap": as_bag(".mcap"),
+}
 
 
-@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__[6:])
+@pytest.mark.parametrize("kind", FORMATS)
 def test_damaged_recordings_are_read_or_refused_in_one_line(
-    source: FolderRecording, tmp_path: Path, write: Callable[[FolderRecording, Path], Path]
+    hololens: Callable[..., Path], tmp_path: Path, kind: str
 ) -> None:
-    path = write(source, tmp_path / "written")
-    assert (
-        len(
-            list(
-                open_recording(path, RecordingOptions(check=False, T_map_world=np.eye(4))).frames()
-            )
-        )
-        == FRAMES
-    )
-    files = [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file())
+    whole = open_recording(hololens(), OPTIONS)
+    entries = whole.listing.entries[:FRAMES]
+    folder = tmp_path / "written"
+    folder.mkdir()
+    FORMATS[kind](replace(whole, listing=replace(whole.listing, entries=entries)), folder)
+    path = next(folder.glob("bag*"), folder)
+    assert len(list(open_recording(path, OPTIONS).frames())) == FRAMES
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
     refused = 0
     for seed in range(DAMAGES):
         dice = random.Random(seed)
         file = dice.choice(files)
-        whole = file.read_bytes()
-        file.write_bytes(damaged(whole, dice))
+        content = file.read_bytes()
+        file.write_bytes(damaged(content, dice))
         try:
-            list(
-                open_recording(path, RecordingOptions(check=False, T_map_world=np.eye(4))).frames()
-            )
+            list(open_recording(path, OPTIONS).frames())
         except RecordingError as error:
             assert "\n" not in str(error)
             assert str(path) in str(error) or path.name in str(error)
             refused += 1
-        file.write_bytes(whole)
+        file.write_bytes(content)
     assert DAMAGES // 4 < refused <= DAMAGES

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import struct
 import zlib
@@ -17,22 +18,17 @@ from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 
 
-def refusal(path, **options) -> str:
-    """The one line with which opening (or, at the latest, reading) the recording is refused."""
+def refusal(path, *, opened: bool = False, **options) -> str:
+    """The one line with which opening (or, unless `opened`, reading) the recording is refused."""
     options.setdefault("T_map_world", np.eye(4))
     with pytest.raises(RecordingError) as caught:
-        list(open_recording(path, RecordingOptions(**options)).frames())
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
-
-
-def refusal_at_opening(path, **options) -> str:
-    options.setdefault("T_map_world", np.eye(4))
-    with pytest.raises(RecordingError) as caught:
-        open_recording(path, RecordingOptions(**options))
+        recording = open_recording(path, RecordingOptions(**options))
+        list([] if opened else recording.frames())
     assert "\n" not in str(caught.value)
     return str(caught.value)
+
+
+refusal_at_opening = functools.partial(refusal, opened=True)
 
 
 def test_folders_that_are_no_recording(tmp_path):
@@ -66,30 +62,29 @@ def test_a_folder_of_another_format_is_refused(hololens, format_):
     assert "room" in refusal_at_opening(hololens(), format=format_)
 
 
-def test_missing_pose_of_one_frame_is_named(few_frames):
-    folder = few_frames(".color.jpg", ".depthreg.png", ".posecolor.txt")
-    (folder / "frame-000768.posecolor.txt").unlink()
-    assert "frame-000768 has no pose" in refusal_at_opening(folder)
+@pytest.mark.parametrize(
+    ("suffixes", "missing", "said"),
+    [
+        ((".depthreg.png", ".posecolor.txt"), "000768.posecolor.txt", "frame-000768 has no pose"),
+        ((".depth.png", ".pose.txt"), "000240.depth.png", "frame-000240 has no depth"),
+    ],
+)
+def test_what_one_frame_lacks_is_named(few_frames, suffixes, missing, said):
+    folder = few_frames(".color.jpg", *suffixes)
+    (folder / f"frame-{missing}").unlink()
+    assert said in refusal_at_opening(folder)
 
 
-def test_missing_depth_of_one_frame_is_named(few_frames):
-    folder = few_frames(".color.jpg", ".depth.png", ".pose.txt")
-    (folder / "frame-000240.depth.png").unlink()
-    assert "frame-000240 has no depth" in refusal_at_opening(folder)
-
-
-def test_all_poses_missing(hololens):
-    folder = hololens()
-    (folder / "poses.txt").unlink()
-    assert "poses.txt is missing" in refusal_at_opening(folder, format="hololens")
-
-
-def test_numbers_of_images_and_poses_differ(hololens):
+def test_poses_that_are_missing_are_told(hololens):
     folder = hololens()
     rows = (folder / "poses.txt").read_text().splitlines()
     (folder / "poses.txt").write_text("\n".join(rows[:-1]))
-    message = refusal_at_opening(folder)
-    assert "6 colour images, 6 depth images and 5 poses" in message
+    assert "6 colour images, 6 depth images and 5 poses" in refusal_at_opening(folder)
+    (folder / "images" / "9.png").unlink()
+    (folder / "depth" / "11.png").unlink()
+    assert "image 9 has no colour image" in refusal_at_opening(folder)
+    (folder / "poses.txt").unlink()
+    assert "poses.txt is missing" in refusal_at_opening(folder, format="hololens")
 
 
 def test_an_image_without_pose_in_the_log_is_named(shared, tmp_path):
@@ -101,13 +96,6 @@ def test_an_image_without_pose_in_the_log_is_named(shared, tmp_path):
     assert "no pose for image 3" in refusal_at_opening(tmp_path)
     (tmp_path / "trajectory.log").write_text("\n".join(log[:8]))
     assert "four rows" in refusal_at_opening(tmp_path)
-
-
-def replace_pose(folder, change) -> None:
-    rows = np.loadtxt(folder / "poses.txt")
-    T = rows[2].reshape(4, 4)
-    change(T)
-    np.savetxt(folder / "poses.txt", rows)
 
 
 @pytest.mark.parametrize(
@@ -124,42 +112,66 @@ def replace_pose(folder, change) -> None:
 )
 def test_poses_that_are_no_rigid_motion(hololens, spoil, complaint):
     folder = hololens()
-    replace_pose(folder, spoil)
+    rows = np.loadtxt(folder / "poses.txt")
+    spoil(rows[2].reshape(4, 4))
+    np.savetxt(folder / "poses.txt", rows)
     message = refusal_at_opening(folder)
     assert complaint in message
     assert "poses.txt, line 3" in message
 
 
-def test_poses_that_are_no_numbers(hololens):
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"one two three", "'one' is not a number"),
+        (b"1 2 3", "16 numbers"),
+        (b"\xff\xfe\x00", "not a text file"),
+    ],
+)
+def test_poses_that_are_no_numbers(hololens, content, said):
     folder = hololens()
-    (folder / "poses.txt").write_text("one two three")
-    assert "'one' is not a number" in refusal_at_opening(folder)
-    (folder / "poses.txt").write_text("1 2 3")
-    assert "16 numbers" in refusal_at_opening(folder)
-    (folder / "poses.txt").write_bytes(b"\xff\xfe\x00")
-    assert "not a text file" in refusal_at_opening(folder)
+    (folder / "poses.txt").write_bytes(content)
+    assert said in refusal_at_opening(folder)
 
 
-@pytest.mark.parametrize("kind", ["images", "depth"])
-def test_truncated_and_foreign_images_are_found_before_anything_is_read(hololens, kind):
+def damaged_inside(path) -> None:
+    data = bytearray(path.read_bytes())
+    data[20:60] = bytes(40)
+    path.write_bytes(data)
+
+
+def pipe(path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def image(shape, value=0, kind=np.uint16):
+    return lambda path: cv2.imwrite(str(path), np.full(shape, value, kind))
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil", "said"),
+    [
+        *(
+            (f"{kind}/11.png", spoil, said)
+            for kind in ("images", "depth")
+            for spoil, said in (
+                (lambda path: path.write_bytes(path.read_bytes()[:99]), "11.png is truncated"),
+                (lambda path: path.write_bytes(b""), "neither PNG nor JPEG"),
+                (damaged_inside, "11.png"),
+                (pipe, "11.png: it is no regular file"),
+            )
+        ),
+        ("depth/8.png", image((120, 160, 3), kind=np.uint8), "one 16-bit channel"),
+        ("depth/8.png", image((120, 120), 1000), "not registered"),
+        ("images/8.png", lambda path: path.rename(path.with_stem("first")), "first.png"),
+        ("images/8.png", lambda path: path.rename(path.with_stem("²")), "²"),
+    ],
+)
+def test_images_that_are_none_are_found_before_anything_is_mapped(hololens, name, spoil, said):
     folder = hololens()
-    path = folder / kind / "11.png"
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    assert "11.png is truncated" in refusal_at_opening(folder)
-    path.write_bytes(b"")
-    assert "neither PNG nor JPEG" in refusal_at_opening(folder)
-    path.write_bytes(b"version https://git-lfs.github.com/spec/v1\n")
-    assert "neither PNG nor JPEG" in refusal_at_opening(folder)
-
-
-def test_a_damaged_image_is_refused_when_its_turn_comes(hololens):
-    folder = hololens()
-    path = folder / "depth" / "11.png"
-    damaged = bytearray(path.read_bytes())
-    damaged[20:60] = bytes(40)
-    path.write_bytes(damaged)
-    assert "11.png" in refusal(folder)
+    spoil(folder / name)
+    assert said in refusal_at_opening(folder)
 
 
 def test_a_truncated_jpeg_is_found(few_frames):
@@ -169,32 +181,6 @@ def test_a_truncated_jpeg_is_found(few_frames):
     path.unlink()
     path.write_bytes(whole[:9000])
     assert "frame-000912.color.jpg is truncated after 9000 bytes" in refusal_at_opening(folder)
-
-
-def test_colour_in_place_of_depth(hololens):
-    folder = hololens()
-    cv2.imwrite(str(folder / "depth" / "8.png"), np.zeros((120, 160, 3), np.uint8))
-    assert "one 16-bit channel" in refusal_at_opening(folder)
-
-
-@pytest.mark.parametrize("name", ["first.png", "².png"])
-def test_images_without_numbers(hololens, name):
-    folder = hololens()
-    (folder / "images" / "8.png").rename(folder / "images" / name)
-    assert name in refusal_at_opening(folder)
-
-
-def test_an_image_that_is_a_pipe_is_not_waited_for(hololens):
-    folder = hololens()
-    (folder / "depth" / "8.png").unlink()
-    os.mkfifo(folder / "depth" / "8.png")
-    assert "8.png: it is no regular file" in refusal_at_opening(folder)
-
-
-def test_depth_of_another_aspect_is_not_registered(hololens):
-    folder = hololens()
-    cv2.imwrite(str(folder / "depth" / "8.png"), np.full((120, 120), 1000, np.uint16))
-    assert "not registered" in refusal_at_opening(folder)
 
 
 def test_images_of_changing_size(hololens):
@@ -246,34 +232,26 @@ def test_options_that_make_no_sense(hololens, options, complaint):
     assert complaint in refusal_at_opening(hololens(), **options)
 
 
-def test_tum_lists_that_do_not_fit(shared, tmp_path):
-    source = shared("data/rgbd/redkitchen_tum")
-    (tmp_path / "a").mkdir()
+@pytest.mark.parametrize(
+    ("poses", "said"),
+    [
+        (None, "groundtruth.txt or groundtruth_at_rgb.txt is missing"),
+        ("# nothing\n", "holds no poses"),
+        ("500 0 0 0 0 0 0 1\n", "none of the 250 images has a pose"),
+        ("0 0 0 0 0 0 0 0\n", "length 1"),
+        ("0 0 0 0 0 0 0\n", "line 1: expected stamp tx"),
+        ("0 0 0 0 0 0 0 1\n", "cannot read image"),  # ../redkitchen is not there
+    ],
+)
+def test_tum_lists_that_do_not_fit(shared, tmp_path, poses, said):
     folder = tmp_path / "a"
-    for path in source.iterdir():
+    folder.mkdir()
+    for path in shared("data/rgbd/redkitchen_tum").iterdir():
         (folder / path.name).symlink_to(path)
     (folder / "groundtruth.txt").unlink()
-    unposed = refusal_at_opening(folder, estimate_poses=False)
-    assert "groundtruth.txt or groundtruth_at_rgb.txt is missing" in unposed
-    (folder / "groundtruth.txt").write_text("# nothing\n")
-    assert "holds no poses" in refusal_at_opening(folder)
-    (folder / "groundtruth.txt").write_text("500 0 0 0 0 0 0 1\n")
-    assert "none of the 250 images has a pose" in refusal_at_opening(folder)
-    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 0\n")
-    assert "length 1" in refusal_at_opening(folder)
-    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0\n")
-    assert "line 1: expected stamp tx" in refusal_at_opening(folder)
-    (folder / "groundtruth.txt").write_text("0 0 0 0 0 0 0 1\n")
-    assert "cannot read image" in refusal_at_opening(folder), "../redkitchen is not there"
-
-
-def test_colour_and_depth_that_miss_different_images_are_refused(hololens):
-    folder = hololens()
-    rows = (folder / "poses.txt").read_text().splitlines()
-    (folder / "poses.txt").write_text("\n".join(rows[:-1]))
-    (folder / "images" / "9.png").unlink()
-    (folder / "depth" / "11.png").unlink()
-    assert "image 9 has no colour image" in refusal_at_opening(folder)
+    if poses is not None:
+        (folder / "groundtruth.txt").write_text(poses)
+    assert said in refusal_at_opening(folder, estimate_poses=None if poses else False)
 
 
 @pytest.mark.parametrize("first", [1, 1000])

@@ -17,7 +17,7 @@ from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
 from tests.perception.sources.librealsense_recorder import STEP, T_COLOUR_DEPTH, UNIT, record
-from tests.perception.sources.test_bags import Bag
+from tests.perception.sources.robot_bags import Bag
 from tests.perception.sources.test_written_recordings import on_walls, points
 
 

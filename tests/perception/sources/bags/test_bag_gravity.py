@@ -11,7 +11,7 @@ pytest.importorskip("rosbags")
 
 from perception.sources.bags.bag import read
 from perception.sources.listing import Streams
-from tests.perception.sources.test_bags import BEGIN, Bag, views
+from tests.perception.sources.robot_bags import Bag, View, named, recorded
 
 #: the IMU's x looks along the camera's z, its y to the left, its z up
 IMU_IN_CAMERA = np.array([[0.0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
@@ -20,33 +20,18 @@ REST = np.array([2.0, 0.0, 9.6])  # [m/s^2] of a camera that looks down by 12 de
 
 def bag(path: Path, *, shake: float = 0.0, linked: bool = True, acceleration=REST) -> Path:
     """Images without poses, and an IMU."""
-    made = Bag(path)
-    zero = made.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    level = made.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
-    if linked:
-        made.tf("/tf_static", BEGIN, "lens", "imu", IMU_IN_CAMERA)
     random = np.random.default_rng(1)
-    for _, stamp, _, rgb, millimetres in views():
+
+    def add(made: Bag, view: View) -> None:
+        if linked and not view.number:
+            made.tf("/tf_static", view.stamp, "lens", "imu", IMU_IN_CAMERA)
         for step in range(10):
-            x, y, z = acceleration + random.normal(0, 0.02 + shake, 3)
-            a = made.make("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
-            at = stamp + step / 100
-            message = made.make(
-                "sensor_msgs/msg/Imu",
-                header=made.header(at, "imu"),
-                orientation=level,
-                orientation_covariance=np.zeros(9),
-                angular_velocity=zero,
-                angular_velocity_covariance=np.zeros(9),
-                linear_acceleration=a,
-                linear_acceleration_covariance=np.zeros(9),
-            )
-            made.write("/imu", "sensor_msgs/msg/Imu", at, message)
-        made.camera("/cam/rgb/camera_info", stamp, "lens")
-        made.image("/cam/rgb/image_raw", stamp, rgb, "rgb8", "lens")
-        made.image("/cam/depth/image_raw", stamp, millimetres, "16UC1", "lens")
-    made.bag.close()
-    return path
+            a = named("xyz", acceleration + random.normal(0, 0.02 + shake, 3))
+            at, kind = view.stamp + step / 100, "sensor_msgs/msg/Imu"
+            made.stamped("/imu", kind, at, "imu", linear_acceleration=a)
+        made.images(view)
+
+    return recorded(path, add)
 
 
 def test_up_is_that_of_the_accelerometer_in_the_camera(tmp_path: Path) -> None:

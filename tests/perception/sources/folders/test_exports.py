@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import load_intrinsics
-from perception.camera.poses import quaternion_from_pose
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
+from tests.perception.sources.folders.conftest import (
+    CAMERA,
+    STAMPS,
+    Room,
+    line,
+    named,
+    rows,
+    seven,
+)
 
 OPTIONS = RecordingOptions(check=False)
-CAMERA = {"fx": 130, "fy": 130, "cx": 79.5, "cy": 59.5}
-STAMPS = [1_700_000_000.0 + i / 10 for i in range(6)]
 BASE = np.array([[0.0, 0, 1, 0.2], [-1, 0, 0, 0], [0, -1, 0, 0.9], [0, 0, 0, 1]])
 ORB = """%YAML:1.0
 Camera.type: "PinHole"
@@ -43,54 +47,6 @@ distortion_coefficients:
 """
 
 
-def seven(T: np.ndarray) -> list[float]:
-    return [*T[:3, 3], *quaternion_from_pose(T)]
-
-
-def line(numbers) -> str:
-    return " ".join(f"{x:.9f}" for x in numbers) + "\n"
-
-
-class Room:
-    """A folder of images of the room; `views` are its poses."""
-
-    def __init__(self, folder: Path, views: list[np.ndarray]) -> None:
-        self.folder, self.views = folder, views
-
-    def write(self, name: str, text: str | bytes) -> Room:
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(text.encode() if isinstance(text, str) else text)
-        return self
-
-    def images(self, colour: str, depth: str) -> Room:
-        for i, (T, stamp) in enumerate(zip(self.views, STAMPS, strict=True)):
-            z = np.rint(room_depth(T, K, SIZE) * 1000).astype(np.uint16)
-            for pattern, image in ((colour, np.full((120, 160, 3), i, np.uint8)), (depth, z)):
-                names = {"t": f"{stamp:.6f}", "n": i, "ns": round(stamp * 1e9)}
-                path = self.folder / pattern.format(**names, ms=round(stamp * 1e3))
-                path.parent.mkdir(parents=True, exist_ok=True)
-                cv2.imwrite(str(path), image)
-        return self
-
-    def camera(self) -> Room:
-        return self.write("intrinsics.json", json.dumps({**CAMERA, "depth_scale": 1000}))
-
-
-@pytest.fixture
-def room(tmp_path, room_views) -> Room:
-    return Room(tmp_path / "room", room_views)
-
-
-def tum(room: Room, unit: float = 1.0, w_first: bool = False) -> list[str]:
-    rows = []
-    for T, s in zip(room.views, STAMPS, strict=True):
-        pose = seven(T)
-        pose = [*pose[:3], pose[6], *pose[3:6]] if w_first else pose
-        rows.append(f"{s * unit:.0f} " + line(pose) if unit > 1 else f"{s:.6f} " + line(pose))
-    return rows
-
-
 def rtabmap(room: Room, base: bool) -> None:
     room.images("rtabmap_rgb/{t}.jpg", "rtabmap_depth/{t}.png")
     mount = ", ".join(map(str, BASE[:3].ravel()))
@@ -98,10 +54,12 @@ def rtabmap(room: Room, base: bool) -> None:
         text = ROS + f"local_transform:\n   rows: 3\n   cols: 4\n   data: [{mount}]\n"
         room.write(f"rtabmap_calib/{s:.6f}.yaml", text)
     poses = [T @ np.linalg.inv(BASE) if base else T for T in room.views]
-    rows = [f"{s:.6f} " + line(seven(T)) for s, T in zip(STAMPS, poses, strict=True)]
+    lines = [
+        f"{s:.6f} {line([*seven(T), i])}"
+        for i, (s, T) in enumerate(zip(STAMPS, poses, strict=True))
+    ]
     name = "rtabmap_poses.txt" if base else "rtabmap_camera_poses.txt"
-    room.write(name, "#timestamp x y z qx qy qz qw id\n" + "".join(
-        row.strip() + f" {i}\n" for i, row in enumerate(rows)))  # fmt: skip
+    room.write(name, "#timestamp x y z qx qy qz qw id\n" + "".join(lines))
 
 
 def bop(room: Room) -> None:
@@ -116,21 +74,21 @@ def bop(room: Room) -> None:
 
 
 def posed(room: Room) -> None:
-    room.images("{n:05d}.jpg", "{n:05d}.png")
     whole = np.eye(4)
     whole[:3, :3] = K
-    room.write("intrinsic.txt", "".join(map(line, whole)))
-    for i, T in enumerate(room.views):
-        room.write(f"{i:05d}.txt", "".join(map(line, T)))
+    room.images("{n:05d}.jpg", "{n:05d}.png").poses("{n:05d}.txt")
+    room.write("intrinsic.txt", rows(whole))
+
+
+def seven_scenes(room: Room) -> Room:
+    room.images("frame-{n:06d}.color.png", "frame-{n:06d}.depth.png")
+    return room.poses("frame-{n:06d}.pose.txt")
 
 
 def match3d(room: Room) -> None:
-    inner = Room(room.folder / "seq-01", room.views)
-    inner.images("frame-{n:06d}.color.png", "frame-{n:06d}.depth.png")
-    for i, T in enumerate(room.views):
-        inner.write(f"frame-{i:06d}.pose.txt", "".join(map(line, T)))
-    room.write("camera-intrinsics.txt", "".join(map(line, K)))
-    room.folder = inner.folder
+    room.write("camera-intrinsics.txt", rows(K))
+    room.folder /= "seq-01"
+    seven_scenes(room)
 
 
 def numbered(name: str, numbers) -> None:
@@ -144,14 +102,11 @@ def numbered(name: str, numbers) -> None:
 def listed(unit: str, factor: float):
     def write(room: Room) -> None:
         names = f"rgb/{{{unit}}}.png", f"depth/{{{unit}}}.png"
-        room.images(*names).camera().write("groundtruth.txt", "".join(tum(room, factor)))
+        room.images(*names).camera().write("groundtruth.txt", "".join(room.tum(factor)))
+        stamps = [f"{s * factor:.0f}" if factor > 1 else f"{s:.6f}" for s in STAMPS]
         for name, pattern in zip(("rgb", "depth"), names, strict=True):
-            rows = [pattern.format(t=f"{s:.6f}", ns=round(s * 1e9), ms=round(s * 1e3))
-                    for s in STAMPS]  # fmt: skip
-            stamps = [f"{s * factor:.0f}" if factor > 1 else f"{s:.6f}" for s in STAMPS]
-            room.write(
-                f"{name}.txt", "".join(f"{a} {b}\n" for a, b in zip(stamps, rows, strict=True))
-            )
+            lines = [f"{stamp} {named(pattern, i)}\n" for i, stamp in enumerate(stamps)]
+            room.write(f"{name}.txt", "".join(lines))
 
     return write
 
@@ -163,14 +118,14 @@ def in_utf16(room: Room) -> None:
 
 
 def of_apple(room: Room) -> None:
-    numbered("poses.txt", lambda T: T.ravel())(room)
+    numbered("poses.txt", np.ravel)(room)
     for path in list(room.folder.rglob("*.png")):
         path.with_name(f"._{path.name}").write_bytes(b"\x00\x05\x16\x07" + bytes(150))
 
 
 def by_yaml(text: str):
     def write(room: Room) -> None:
-        numbered("poses.txt", lambda T: T.ravel())(room)
+        numbered("poses.txt", np.ravel)(room)
         (room.folder / "intrinsics.json").unlink()
         room.write("camera.yaml", text).write("other.yaml", "a: 1\n")
 
@@ -180,8 +135,8 @@ def by_yaml(text: str):
 def csv(room: Room) -> None:
     listed("t", 1)(room)
     (room.folder / "groundtruth.txt").unlink()
-    rows = [row.strip().replace(" ", ",") + ",0,0,0\n" for row in tum(room, 1e9, w_first=True)]
-    room.write("groundtruth.csv", "timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz\n" + "".join(rows))
+    lines = [row.strip().replace(" ", ",") + ",0,0,0\n" for row in room.tum(1e9, w_first=True)]
+    room.write("groundtruth.csv", "timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz\n" + "".join(lines))
 
 
 READ = {
@@ -223,17 +178,14 @@ def test_poses_of_key_frames_are_read_and_told(room, caplog):
     listed("t", 1)(room)
     (room.folder / "groundtruth.txt").unlink()
     keys = room.folder.parent / "keys.txt"
-    keys.write_text("".join(tum(room)[::3]))
+    keys.write_text("".join(room.tum()[::3]))
     recording = open_recording(room.folder, RecordingOptions(check=False, poses=keys))
     assert [e.stamp for e in recording.listing.entries] == STAMPS[::3]
     assert "poses of 2 of 6 frames, as of key frames" in caplog.text
 
 
 def test_depth_may_be_said_to_be_registered(room):
-    inner = room.images("frame-{n:06d}.color.png", "frame-{n:06d}.depth.png")
-    for i, T in enumerate(room.views):
-        inner.write(f"frame-{i:06d}.pose.txt", "".join(map(line, T)))
-    inner.write("mine.json", json.dumps(CAMERA))
+    seven_scenes(room).write("mine.json", json.dumps(CAMERA))
     camera = load_intrinsics(room.folder / "mine.json")
     options = RecordingOptions(check=False, intrinsics=camera, registered=True)
     frame = open_recording(room.folder, options).frame(1)

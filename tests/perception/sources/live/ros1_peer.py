@@ -1,17 +1,18 @@
-"""A ROS 1 master and a node that publishes, as the wire protocols have them; no ROS needed."""
+"""A node of ROS 1 that publishes, as the wire protocol has it, beside its master."""
 
 from __future__ import annotations
 
 import socket
 import struct
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
-from xmlrpc.server import SimpleXMLRPCServer
 
 from perception.sources.bags.bag_file import RawMessage
+from perception.sources.live.ros1 import Ros1Master
+from tests.perception.sources.live.ros1_master import FakeMaster
+from tests.waiting import until
 
 
 def block(data: bytes) -> bytes:
@@ -36,36 +37,31 @@ class Ros1Peer:
     """Publishes topics once there is somebody to hear each; `spoil` alters what goes out."""
 
     def __init__(self, types: Mapping[str, str]) -> None:
-        self.types = dict(types)
         self.spoil: Callable[[str], bytes | None] = lambda topic: None
         self.heard: list[dict[str, str]] = []  # headers of subscribers
         self._out: dict[str, list[socket.socket]] = {topic: [] for topic in types}
         self._latched: dict[str, bytes] = {}
         self._lock = threading.Lock()
         self.listener = socket.create_server(("127.0.0.1", 0))
-        self.master = SimpleXMLRPCServer(("127.0.0.1", 0), logRequests=False)
-        for name in ("getTopicTypes", "getSystemState", "lookupNode", "requestTopic"):
-            self.master.register_function(getattr(self, f"_{name}"), name)
-        self._threads = [
-            threading.Thread(target=self.master.serve_forever, args=(0.02,), daemon=True),
-            threading.Thread(target=self._accept, daemon=True),
-        ]
-        for thread in self._threads:
-            thread.start()
+        self.master = FakeMaster()
+        self.master.types = dict(types)
+        api = f"http://127.0.0.1:{self.address.port}/"
+        self.master.publishers = {topic: {"/camera": api} for topic in types}
+        self.master.server.register_function(self._request_topic, "requestTopic")
+        self._thread = threading.Thread(target=self._accept, daemon=True)
+        self._thread.start()
 
     @property
-    def address(self) -> str:
-        return f"ros1://127.0.0.1:{self.master.server_address[1]}"
+    def address(self) -> Ros1Master:
+        return self.master.address
 
     def close(self) -> None:
-        self.master.shutdown()
-        self.master.server_close()
+        self.master.close()
         with suppress(OSError):
             self.listener.shutdown(socket.SHUT_RDWR)
         self.listener.close()
         self.hang_up()
-        for thread in self._threads:
-            thread.join()
+        self._thread.join()
 
     def hang_up(self) -> None:
         """Close all connections."""
@@ -77,11 +73,8 @@ class Ros1Peer:
                     one.close()
                 connections.clear()
 
-    def wait_for(self, topics: Sequence[str], seconds: float = 20) -> None:
-        until = time.monotonic() + seconds
-        while not all(self._out[topic] for topic in topics):
-            assert time.monotonic() < until, f"nobody subscribed to {topics}"
-            time.sleep(0.01)
+    def wait_for(self, topics: Sequence[str]) -> None:
+        until(lambda: all(self._out[topic] for topic in topics))
 
     def publish(self, raw: RawMessage, *, latched: bool = False) -> None:
         with self._lock:
@@ -94,16 +87,7 @@ class Ros1Peer:
                     self._out[raw.topic].remove(one)
                     one.close()
 
-    def _getTopicTypes(self, caller: str) -> list[Any]:  # noqa: N802 - the protocol's name
-        return [1, "", [[topic, type_] for topic, type_ in self.types.items()]]
-
-    def _getSystemState(self, caller: str) -> list[Any]:  # noqa: N802
-        return [1, "", [[[topic, ["/camera"]] for topic in self.types], [], []]]
-
-    def _lookupNode(self, caller: str, node: str) -> list[Any]:  # noqa: N802
-        return [1, "", f"http://127.0.0.1:{self.master.server_address[1]}/"]
-
-    def _requestTopic(self, caller: str, topic: str, protocols: Any) -> list[Any]:  # noqa: N802
+    def _request_topic(self, caller: str, topic: str, protocols: Any) -> list[Any]:
         assert protocols == [["TCPROS"]]
         return [1, "", ["TCPROS", "127.0.0.1", self.listener.getsockname()[1]]]
 
@@ -123,9 +107,8 @@ class Ros1Peer:
                     connected.sendall(spoilt)
                     connected.close()
                     continue
-                connected.sendall(
-                    header({"type": self.types[topic], "md5sum": "any", "callerid": "/camera"})
-                )
+                type_ = self.master.types[topic]
+                connected.sendall(header({"type": type_, "md5sum": "any", "callerid": "/camera"}))
                 if topic in self._latched:
                     connected.sendall(block(self._latched[topic]))
                 self._out[topic].append(connected)

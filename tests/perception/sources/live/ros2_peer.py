@@ -5,12 +5,11 @@ python ros2_peer.py DOMAIN FILE: tf_static once, then all messages again and aga
 
 import sys
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cyclonedds.domain import DomainParticipant
-from cyclonedds.idl import IdlStruct
+from cyclonedds.idl import IdlStruct, make_idl_struct
 from cyclonedds.idl.types import array, float64, int32, sequence, uint8, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
@@ -18,131 +17,39 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 
-@dataclass
-class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
-    sec: int32
-    nanosec: uint32
+def struct(package: str, name: str, **fields: Any) -> Any:
+    """A message as ROS 2 names its type in DDS."""
+    return make_idl_struct(f"{name}_", f"{package}::msg::dds_::{name}_", fields)
 
 
-@dataclass
-class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
-    stamp: Time
-    frame_id: str
-
-
-@dataclass
-class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
-    header: Header
-    height: uint32
-    width: uint32
-    encoding: str
-    is_bigendian: uint8
-    step: uint32
-    data: sequence[uint8]
-
-
-@dataclass
-class CompressedImage(IdlStruct, typename="sensor_msgs::msg::dds_::CompressedImage_"):
-    header: Header
-    format: str
-    data: sequence[uint8]
-
-
-@dataclass
-class RegionOfInterest(IdlStruct, typename="sensor_msgs::msg::dds_::RegionOfInterest_"):
-    x_offset: uint32
-    y_offset: uint32
-    height: uint32
-    width: uint32
-    do_rectify: bool
-
-
-@dataclass
-class CameraInfo(IdlStruct, typename="sensor_msgs::msg::dds_::CameraInfo_"):
-    header: Header
-    height: uint32
-    width: uint32
-    distortion_model: str
-    d: sequence[float64]
-    k: array[float64, 9]
-    r: array[float64, 9]
-    p: array[float64, 12]
-    binning_x: uint32
-    binning_y: uint32
-    roi: RegionOfInterest
-
-
-@dataclass
-class Vector3(IdlStruct, typename="geometry_msgs::msg::dds_::Vector3_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Point(IdlStruct, typename="geometry_msgs::msg::dds_::Point_"):
-    x: float64
-    y: float64
-    z: float64
-
-
-@dataclass
-class Quaternion(IdlStruct, typename="geometry_msgs::msg::dds_::Quaternion_"):
-    x: float64
-    y: float64
-    z: float64
-    w: float64
-
-
-@dataclass
-class Transform(IdlStruct, typename="geometry_msgs::msg::dds_::Transform_"):
-    translation: Vector3
-    rotation: Quaternion
-
-
-@dataclass
-class TransformStamped(IdlStruct, typename="geometry_msgs::msg::dds_::TransformStamped_"):
-    header: Header
-    child_frame_id: str
-    transform: Transform
-
-
-@dataclass
-class TFMessage(IdlStruct, typename="tf2_msgs::msg::dds_::TFMessage_"):
-    transforms: sequence[TransformStamped]
-
-
-@dataclass
-class Pose(IdlStruct, typename="geometry_msgs::msg::dds_::Pose_"):
-    position: Point
-    orientation: Quaternion
-
-
-@dataclass
-class PoseWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::PoseWithCovariance_"):
-    pose: Pose
-    covariance: array[float64, 36]
-
-
-@dataclass
-class Twist(IdlStruct, typename="geometry_msgs::msg::dds_::Twist_"):
-    linear: Vector3
-    angular: Vector3
-
-
-@dataclass
-class TwistWithCovariance(IdlStruct, typename="geometry_msgs::msg::dds_::TwistWithCovariance_"):
-    twist: Twist
-    covariance: array[float64, 36]
-
-
-@dataclass
-class Odometry(IdlStruct, typename="nav_msgs::msg::dds_::Odometry_"):
-    header: Header
-    child_frame_id: str
-    pose: PoseWithCovariance
-    twist: TwistWithCovariance
-
+BLOCK, SIZE = sequence[uint8], {"height": uint32, "width": uint32}
+Time = struct("builtin_interfaces", "Time", sec=int32, nanosec=uint32)
+Header = struct("std_msgs", "Header", stamp=Time, frame_id=str)
+Image = struct("sensor_msgs", "Image", header=Header, **SIZE, encoding=str, is_bigendian=uint8,
+               step=uint32, data=BLOCK)  # fmt: skip
+CompressedImage = struct("sensor_msgs", "CompressedImage", header=Header, format=str, data=BLOCK)
+RegionOfInterest = struct("sensor_msgs", "RegionOfInterest", x_offset=uint32, y_offset=uint32,
+                          **SIZE, do_rectify=bool)  # fmt: skip
+CameraInfo = struct("sensor_msgs", "CameraInfo", header=Header, **SIZE, distortion_model=str,
+                    d=sequence[float64], k=array[float64, 9], r=array[float64, 9],
+                    p=array[float64, 12], binning_x=uint32, binning_y=uint32,
+                    roi=RegionOfInterest)  # fmt: skip
+XYZ = dict.fromkeys("xyz", float64)
+Vector3 = struct("geometry_msgs", "Vector3", **XYZ)
+Point = struct("geometry_msgs", "Point", **XYZ)
+Quaternion = struct("geometry_msgs", "Quaternion", **XYZ, w=float64)
+Transform = struct("geometry_msgs", "Transform", translation=Vector3, rotation=Quaternion)
+TransformStamped = struct("geometry_msgs", "TransformStamped", header=Header, child_frame_id=str,
+                          transform=Transform)  # fmt: skip
+TFMessage = struct("tf2_msgs", "TFMessage", transforms=sequence[TransformStamped])
+Pose = struct("geometry_msgs", "Pose", position=Point, orientation=Quaternion)
+COVARIANCE = array[float64, 36]
+PoseWithCovariance = struct("geometry_msgs", "PoseWithCovariance", pose=Pose, covariance=COVARIANCE)
+Twist = struct("geometry_msgs", "Twist", linear=Vector3, angular=Vector3)
+TwistWithCovariance = struct("geometry_msgs", "TwistWithCovariance", twist=Twist,
+                             covariance=COVARIANCE)  # fmt: skip
+Odometry = struct("nav_msgs", "Odometry", header=Header, child_frame_id=str,
+                  pose=PoseWithCovariance, twist=TwistWithCovariance)  # fmt: skip
 
 TYPES = {
     "sensor_msgs/msg/Image": Image,

@@ -18,13 +18,14 @@ pytest.importorskip("websockets")
 from kg.model.errors import RecordingError
 from perception.sources.bag_writer import COLOUR, DEPTH
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.live import connection, ros1, stream, tcpros
+from perception.sources.live import connection, ros1, stream
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from tests.perception.sources.live.foxglove_peer import foxglove_peer
-from tests.perception.sources.live.ros1_peer import Ros1Peer, header, ros1_peer
+from tests.perception.sources.live.ros1_master import fake_master
+from tests.perception.sources.live.ros1_peer import header, ros1_peer
 from tests.waiting import until
 
 Messages = Callable[[str], list[RawMessage]]
@@ -37,7 +38,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(connection, "MAX_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
-    monkeypatch.setattr(tcpros, "TICK", 0.02)
+    monkeypatch.setattr(ros1, "TICK", 0.02)
 
 
 def types_of(raws: list[RawMessage], *, ros1: bool) -> dict[str, str]:
@@ -71,7 +72,7 @@ def frame_of(made: FrameStream) -> np.ndarray:
 
 def test_ros1_topics_become_frames(room: FolderRecording, messages: Messages) -> None:
     raws = messages(".bag")
-    with ros1_peer(types_of(raws, ros1=True)) as peer, running(Ros1Master.at(peer.address)) as made:
+    with ros1_peer(types_of(raws, ros1=True)) as peer, running(peer.address) as made:
         for raw in raws:
             if raw.topic == "/tf_static":
                 peer.publish(raw, latched=True)
@@ -83,7 +84,7 @@ def test_ros1_topics_become_frames(room: FolderRecording, messages: Messages) ->
 
 def test_a_ros1_node_that_hangs_up_is_connected_to_again(messages: Messages) -> None:
     raws = messages(".bag")
-    with ros1_peer(types_of(raws, ros1=True)) as peer, running(Ros1Master.at(peer.address)) as made:
+    with ros1_peer(types_of(raws, ros1=True)) as peer, running(peer.address) as made:
         peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
         published(peer, raws)
         frame_of(made)
@@ -117,7 +118,7 @@ def test_a_hostile_ros1_node_is_left_and_tried_again(
     raws = messages(".bag")
     with ros1_peer(types_of(raws, ros1=True)) as peer:
         peer.spoil = lambda topic: spoilt if topic == COLOUR else None
-        with running(Ros1Master.at(peer.address)) as made:
+        with running(peer.address) as made:
             until(lambda: sum(fields["topic"] == COLOUR for fields in peer.heard) >= 3)
             peer.spoil = lambda topic: None
             peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
@@ -140,10 +141,11 @@ def test_a_hostile_ros1_master_is_asked_again(messages: Messages, answer: Any) -
             asked.append(caller)
             return answer
 
-        peer.master.register_function(hostile, "getTopicTypes")
-        with running(Ros1Master.at(peer.address)) as made:
+        master = peer.master.server
+        master.register_function(hostile, "getTopicTypes")
+        with running(peer.address) as made:
             until(lambda: len(asked) >= 2)
-            peer.master.register_function(peer._getTopicTypes, "getTopicTypes")
+            master.register_function(peer.master.getTopicTypes, "getTopicTypes")
             peer.wait_for([COLOUR, DEPTH, "/tf", "/tf_static"])
             published(peer, raws)
             frame_of(made)
@@ -213,9 +215,7 @@ def test_a_hostile_foxglove_server_is_left_or_ignored(
 def test_what_is_no_foxglove_server_is_tried_again(
     messages: Messages, caplog: pytest.LogCaptureFixture
 ) -> None:
-    peer = Ros1Peer({})
-    try:
-        with running(FoxgloveConnection(f"ws://127.0.0.1:{peer.master.server_address[1]}")):
+    with fake_master() as other:
+        address = f"ws://127.0.0.1:{other.address.port}"
+        with running(FoxgloveConnection(address)):
             until(lambda: "trying again" in caplog.text)
-    finally:
-        peer.close()

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 
 pytest.importorskip("rosbags")
+
 from perception.sources.bags.bag_file import RawMessage, decoded
-from perception.sources.live import connection, ros1, ros1_publisher, tcpros
-from perception.sources.live.ros1 import ask
+from perception.sources.live import connection, ros1, ros1_publisher
+from perception.sources.live.ros1 import TcprosConnection, ask
 from perception.sources.live.ros1_publisher import Ros1Publisher
-from perception.sources.live.tcpros import TcprosConnection
 from perception.sources.ros.message_types import message_types
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.waiting import until
@@ -31,8 +31,8 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(connection, "MAX_PAUSE", 0.1)
     monkeypatch.setattr(ros1, "POLL", 0.02)
-    monkeypatch.setattr(tcpros, "TICK", 0.02)
-    monkeypatch.setattr(tcpros, "HEADER_WITHIN", 0.5)
+    monkeypatch.setattr(ros1, "TICK", 0.02)
+    monkeypatch.setattr(ros1, "HEADER_WITHIN", 0.5)
     monkeypatch.setattr(ros1_publisher, "CHECK_INTERVAL", 0.02)
 
 

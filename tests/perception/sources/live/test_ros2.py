@@ -86,7 +86,7 @@ def running(streams: Streams | None = None) -> Iterator[FrameStream]:
 
 
 def frame_of(made: FrameStream) -> np.ndarray:
-    frame = made.next_frame(30)
+    frame = made.next_frame(120)
     assert frame is not None, made.problem
     return frame.rgb
 

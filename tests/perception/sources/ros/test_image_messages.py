@@ -97,27 +97,32 @@ def test_depth_of_every_encoding(big: bool, padding: int) -> None:
     assert metres(read, 1e6)[0, 0] == np.float32(0.0005)  # floats that are millimetres
 
 
-@pytest.mark.parametrize(("suffix", "exact"), [(".png", True), (".jpg", False)])
-def test_compressed_colour(suffix: str, exact: bool) -> None:
-    smooth = np.zeros((16, 16, 3), np.uint8)
-    smooth[:, :, 0] = 200
-    data = cv2.imencode(suffix, smooth[:, :, ::-1])[1].tobytes()
-    read = colour_image(Message(header=header(), format="jpeg", data=data), "here")
-    assert np.abs(read.astype(int) - smooth).max() <= (0 if exact else 6)
+def compressed(form: str, data: bytes, quantised: tuple[float, float] | None = None) -> Message:
+    """`quantised` are A and B of the header that compressedDepth has before its data."""
+    head = b"" if quantised is None else struct.pack("<iff", 0, *quantised)
+    return Message(header=header(), format=form, data=head + data)
 
 
 def png(array: np.ndarray) -> bytes:
     return cv2.imencode(".png", array)[1].tobytes()
 
 
+@pytest.mark.parametrize(("suffix", "exact"), [(".png", True), (".jpg", False)])
+def test_compressed_colour(suffix: str, exact: bool) -> None:
+    smooth = np.zeros((16, 16, 3), np.uint8)
+    smooth[:, :, 0] = 200
+    data = cv2.imencode(suffix, smooth[:, :, ::-1])[1].tobytes()
+    read = colour_image(compressed("jpeg", data), "here")
+    assert np.abs(read.astype(int) - smooth).max() <= (0 if exact else 6)
+
+
 def test_compressed_depth_in_millimetres() -> None:
-    data = struct.pack("<iff", 0, 0, 0) + png(MM)
-    message = Message(header=header(), format="16UC1; compressedDepth png", data=data)
-    assert np.array_equal(depth_image(message, "here"), MM)
-    assert image_kind(message).is_depth
-    plain = Message(header=header(), format="16UC1; png compressed ", data=png(MM))
-    assert np.array_equal(depth_image(plain, "here"), MM)
-    assert image_kind(plain).is_depth
+    for message in (
+        compressed("16UC1; compressedDepth png", png(MM), (0, 0)),
+        compressed("16UC1; png compressed ", png(MM)),
+    ):
+        assert np.array_equal(depth_image(message, "here"), MM)
+        assert image_kind(message).is_depth
 
 
 def test_compressed_depth_of_floats_is_quantised_inverse_depth() -> None:
@@ -128,9 +133,7 @@ def test_compressed_depth_of_floats_is_quantised_inverse_depth() -> None:
     depth = np.array([[0.5, 1.0, np.nan], [2.0, 4.0, 9.0]], np.float32)
     with np.errstate(invalid="ignore"):
         raw = np.nan_to_num(a / depth + b).astype(np.uint16)
-    data = struct.pack("<iff", 0, a, b) + png(raw)
-    message = Message(header=header(), format="32FC1; compressedDepth png", data=data)
-    read = depth_image(message, "here")
+    read = depth_image(compressed("32FC1; compressedDepth png", png(raw), (a, b)), "here")
     assert read.dtype == np.float32
     assert np.isnan(read[0, 2])
     seen = np.isfinite(depth)
@@ -175,14 +178,10 @@ def rvl(depth: np.ndarray) -> bytes:
     ],
 )
 def test_rvl_gives_back_every_pixel(depth: np.ndarray) -> None:
-    data = struct.pack("<iff", 0, 0, 0) + rvl(depth)
-    message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
+    data = rvl(depth)
+    message = compressed("16UC1; compressedDepth rvl", data, (0, 0))
     assert np.array_equal(depth_image(message, "here"), depth)
-    floats = Message(
-        header=header(),
-        format="32FC1; compressedDepth rvl",
-        data=struct.pack("<iff", 0, 10100.0, -1009.0) + rvl(depth),
-    )
+    floats = compressed("32FC1; compressedDepth rvl", data, (10100.0, -1009.0))
     read = depth_image(floats, "here")
     seen = depth > 0
     assert np.isnan(read[~seen]).all()
@@ -214,37 +213,38 @@ def test_fields_that_contradict_each_other(changes: dict[str, object], said: str
 
 @pytest.mark.parametrize("data", [b"", b"\x89PNG", b"abc", struct.pack("<iff", 0, 0, 0)])
 def test_compressed_depth_that_is_none(data: bytes) -> None:
-    message = Message(header=header(), format="16UC1; compressedDepth png", data=data)
     with pytest.raises(RecordingError):
-        depth_image(message, "here")
+        depth_image(compressed("16UC1; compressedDepth png", data), "here")
 
 
 @pytest.mark.parametrize("depth", [[[65535, 1, 65535, 1]], [[1, 0, 65535, 0]], [[65535]]])
 def test_rvl_is_read_no_further_than_its_pixels_may_need(depth: list[list[int]]) -> None:
-    data = struct.pack("<iff", 0, 0, 0) + rvl(np.array(depth)) + b"\xff" * 4096 + bytes(4)
-    message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
+    data = rvl(np.array(depth)) + b"\xff" * 4096 + bytes(4)
+    message = compressed("16UC1; compressedDepth rvl", data, (0, 0))
     assert depth_image(message, "here").tolist() == depth
 
 
-def test_rvl_that_is_none() -> None:
-    whole = rvl(MM)
-    head = struct.pack("<iff", 0, 0, 0)
-    for data, said in (
-        (head, "before its size"),
-        (head + whole[:12], "cut short before its 6 pixels"),
-        (head + struct.pack("<II", 2**20, 2**20) + whole[8:], "pixels cannot be read"),
-        (head + struct.pack("<II", 0, 4) + whole[8:], "0x4 pixels"),
-        (head + struct.pack("<II", 2, 2) + whole[8:], "does not end with its 4 pixels"),
-        (head + whole[:8] + b"\xff" * 16, "more than 32 bits|cut short"),
-    ):
-        message = Message(header=header(), format="16UC1; compressedDepth rvl", data=data)
-        with pytest.raises(RecordingError, match=said):
-            depth_image(message, "here")
+WHOLE = rvl(MM)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        (b"", "before its size"),
+        (WHOLE[:12], "cut short before its 6 pixels"),
+        (struct.pack("<II", 2**20, 2**20) + WHOLE[8:], "pixels cannot be read"),
+        (struct.pack("<II", 0, 4) + WHOLE[8:], "0x4 pixels"),
+        (struct.pack("<II", 2, 2) + WHOLE[8:], "does not end with its 4 pixels"),
+        (WHOLE[:8] + b"\xff" * 16, "more than 32 bits|cut short"),
+    ],
+)
+def test_rvl_that_is_none(data: bytes, said: str) -> None:
+    with pytest.raises(RecordingError, match=said):
+        depth_image(compressed("16UC1; compressedDepth rvl", data, (0, 0)), "here")
 
 
 def test_colour_is_no_depth() -> None:
     with pytest.raises(RecordingError, match="'rgb8' is not depth; known are 16UC1"):
         depth_image(image(RGB, "rgb8"), "here")
-    compressed = Message(header=header(), format="png", data=png(RGB))
     with pytest.raises(RecordingError, match="one 16-bit channel"):
-        depth_image(compressed, "here")
+        depth_image(compressed("png", png(RGB)), "here")

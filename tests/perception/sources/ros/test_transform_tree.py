@@ -25,6 +25,12 @@ def tree(*moving: Message, static: tuple[Message, ...] = ()) -> TransformTree:
     return made
 
 
+def position(made: TransformTree, parent: str, child: str, stamp: float) -> np.ndarray:
+    T = made.at(parent, child, stamp)
+    assert T is not None
+    return T[:3, 3]
+
+
 def test_links_are_followed_up_and_down() -> None:
     made = tree(
         transform("map", "odom", 1.0, (1, 0, 0)),
@@ -38,9 +44,8 @@ def test_links_are_followed_up_and_down() -> None:
     assert T is not None
     assert np.allclose(T[:3, 3], (1, 2.5, 1))
     assert np.allclose(T[:3, 0], (0, 1, 0))
-    between = made.at("depth", "colour", 99.0)  # joined by static links alone
-    assert between is not None
-    assert np.allclose(between[:3, 3], (0, -0.1, 0))
+    between = position(made, "depth", "colour", 99.0)  # joined by static links alone
+    assert np.allclose(between, (0, -0.1, 0))
     assert np.allclose(made.at("/colour", "map", 1.0) @ T, np.eye(4))  # names of ROS 1 may have /
 
 
@@ -68,9 +73,7 @@ def test_the_pose_at_a_stamp_is_that_pose_to_the_last_bit() -> None:
 
 def test_order_of_arrival_does_not_matter() -> None:
     rows = [transform("map", "camera", t, (t, 0, 0)) for t in (3.0, 1.0, 2.0, 2.5)]
-    T = tree(*rows).at("map", "camera", 2.25)
-    assert T is not None
-    assert T[0, 3] == pytest.approx(2.25)
+    assert position(tree(*rows), "map", "camera", 2.25)[0] == pytest.approx(2.25)
 
 
 @pytest.mark.parametrize("stamp", [0.9, 4.1, 2.5])
@@ -86,9 +89,7 @@ def test_corrections_of_odometry_hold_however_seldom_they_come(stamps: tuple[flo
     corrections = [transform("map", "odom", t, (0, 2, 0)) for t in stamps]
     made = tree(*odometry, *corrections)
     for stamp in (0.5, 5.5, 9.5):
-        T = made.at("map", "base", stamp)
-        assert T is not None
-        assert np.allclose(T[:3, 3], (stamp, 2, 0))
+        assert np.allclose(position(made, "map", "base", stamp), (stamp, 2, 0))
 
 
 def test_only_corrections_of_odometry_hold() -> None:
@@ -100,22 +101,17 @@ def test_only_corrections_of_odometry_hold() -> None:
 
 def test_live_the_next_correction_is_waited_for_as_long_as_others_are_a_second_apart() -> None:
     made = TransformTree(kept=100)
-    made.add_message(Message(transforms=[transform("map", "odom", 1.0, (0, 2, 0))]), static=False)
-    for stamp in (1.0, 1.5, 2.0, 2.5):
-        link = transform("odom", "base", stamp, (stamp, 0, 0))
+    odometry = [transform("odom", "base", t, (t, 0, 0)) for t in (1.0, 1.5, 2.0, 2.5)]
+    for link in (transform("map", "odom", 1.0, (0, 2, 0)), *odometry):
         made.add_message(Message(transforms=[link]), static=False)
     assert made.at("map", "base", 1.5) is None
-    T = made.at("map", "base", 2.5)
-    assert T is not None
-    assert np.allclose(T[:3, 3], (2.5, 2, 0))
+    assert np.allclose(position(made, "map", "base", 2.5), (2.5, 2, 0))
 
 
 def test_static_transforms_hold_for_ever() -> None:
     made = tree(static=(transform("map", "camera", 5.0, (1, 2, 3)),))
     for stamp in (0.0, 5.0, 1e10):
-        T = made.at("map", "camera", stamp)
-        assert T is not None
-        assert np.allclose(T[:3, 3], (1, 2, 3))
+        assert np.allclose(position(made, "map", "camera", stamp), (1, 2, 3))
     assert made.span("map", "camera") is None
 
 

@@ -18,7 +18,7 @@ from kg.model.errors import LayoutError, RobotError
 from kg.serving.opening import in_memory_map
 from lab.robot.ros1_node import Ros1HouseNode
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.live import connection, ros1, stream, tcpros
+from perception.sources.live import connection, ros1, stream
 from planner.execution.options import Event, SearchOptions
 from planner.execution.protocol import (
     Arrived,
@@ -50,7 +50,7 @@ def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "SILENT", 0.2)
     monkeypatch.setattr(connection, "MIN_PAUSE", 0.02)
     monkeypatch.setattr(ros1, "POLL", 0.05)
-    monkeypatch.setattr(tcpros, "TICK", 0.05)
+    monkeypatch.setattr(ros1, "TICK", 0.05)
 
 
 @pytest.fixture
