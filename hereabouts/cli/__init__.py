@@ -23,7 +23,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from hereabouts.cli.arguments import join_signed
+from hereabouts.cli.arguments import add_command, join_signed
 from hereabouts.cli.console import name_map, printable, with_map
 from kg.model.errors import (
     ExtensionError,
@@ -72,13 +72,6 @@ COMMANDS = (
 
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
 LAB_COMMANDS = ("evaluate", "simulate")
-
-#: names of before -> what is run now, with options of before; they go with the next version
-_RENAMED = {
-    ("frame", ""): ("describe", {}),
-    ("places", ""): ("rooms", {"--find": "find"}),
-    ("plot", "--find"): ("find", {"--find": "", "-o": "--picture", "--output": "--picture"}),
-}
 
 #: options that name what a command writes
 _OUTPUTS = ("output", "picture", "pictures", "features", "mcap", "rerun", "review")
@@ -160,41 +153,16 @@ def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) 
     """Declare the command of a module by its docstring: summary, description, example."""
     package = "lab" if module_name in LAB_COMMANDS else "hereabouts"
     module = importlib.import_module(f"{package}.cli.{module_name}")
-    summary, *text = (" ".join(part.split()) for part in (module.__doc__ or "").split("\n\n"))
-    example = text.pop() if text and text[-1].startswith("example") else None
-    parser = subparsers.add_parser(
-        _NAMED.get(module_name, module_name),
-        help=summary[:1].lower() + summary[1:].rstrip("."),
-        description=" ".join([summary, *text]),
-        epilog=example,
-    )
-    parser.set_defaults(run=getattr(module, "run", None), usage_error=parser.error)
-    module.add(parser)
-
-
-def _renamed(words: Sequence[str]) -> Sequence[str]:
-    """The words of a command by the names that it has now, which are told."""
-    parts = [  # --find=banana is --find banana
-        part
-        for word in words[1:]
-        for part in (word.split("=", 1) if word.startswith("--") else (word,))
-    ]
-    for (command, option), (now, options) in _RENAMED.items():
-        if words[0] == command and option in ("", *parts):
-            rest = [options.get(part, part) for part in parts]
-            rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
-            new = [now, *filter(None, rest)]
-            note = f"`hereabouts {command}{' ' * bool(option)}{option}` goes; write `hereabouts "
-            print(printable(f"{note}{' '.join(new)}`"), file=sys.stderr)  # noqa: T201
-            return new
-    return words
+    name = _NAMED.get(module_name, module_name)
+    run = getattr(module, "run", None)
+    module.add(add_command(subparsers, name, module.__doc__ or "", run=run))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of the console script."""
     if argv is None:
         atexit.register(gc.freeze)  # the last collection of a process takes 40 ms and frees nothing
-    words = _renamed((sys.argv[1:] if argv is None else argv) or ["--help"])
+    words = (sys.argv[1:] if argv is None else argv) or ["--help"]
     arguments = argparse.Namespace()
     try:
         arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))

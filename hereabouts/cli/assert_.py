@@ -10,40 +10,34 @@ example: hereabouts assert kitchen.map object/17 category bowl --by ann
 from __future__ import annotations
 
 import argparse
+from typing import Final
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, notes_of, write_json
+
+#: what `assert` and `retract` are about
+THING = """
+MAP
+THING                 object/17, place/1, a label such as 'cup 2', or an IRI
+PROPERTY -> property  property of the thing
+"""
+PROPERTIES: Final = (
+    *("category", "position", "extent", "existence", "label", "name"),
+    *("on", "inside", "area", "note"),
+)
+_OPTIONS = f"""
+{THING}
+VALUE ...             category: name or IRI; position: X Y Z in metres; extent: DX DY DZ in metres
+                      and the box's YAW in radians; existence: present or absent; label, note: text;
+                      on, inside: another object (object/3) or nothing; area: POLYGON ((x y, ...))
+                      in metres
+--by
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    add_what(parser)
-    parser.add_argument(
-        "value",
-        nargs="+",
-        metavar="VALUE",
-        help="category: name or IRI; position: X Y Z in metres; "
-        "extent: DX DY DZ in metres and the box's YAW in radians; existence: present or absent; "
-        "label, note: text; on, inside: another object (object/3) or nothing; "
-        "area: POLYGON ((x y, ...)) in metres",
-    )
-    add_author(parser)
-    add_json(parser)
-
-
-def add_what(parser: argparse.ArgumentParser) -> None:
-    """The thing and the property that `assert` and `retract` are about."""
-    parser.add_argument(
-        "thing", metavar="THING", help="object/17, place/1, a label such as 'cup 2', or an IRI"
-    )
-    parser.add_argument(
-        "property",
-        choices=(
-            *("category", "position", "extent", "existence", "label", "name"),
-            *("on", "inside", "area", "note"),
-        ),
-        help="property of the thing",
-    )
+    declare(parser, _OPTIONS, property={"choices": PROPERTIES, "metavar": None})
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -13,17 +13,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import MAP_HELP, add_json
+from hereabouts.cli.arguments import MAP_HELP, declare
 from hereabouts.cli.console import counted, note, print_table, write_json
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
 
+_OPTIONS = f"""
+[MAP]             {MAP_HELP}
+--ontologies DIR  folder of ontologies to check
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("map", nargs="?", metavar="MAP", help=MAP_HELP)
-    parser.add_argument("--ontologies", metavar="DIR", help="folder of ontologies to check")
-    add_json(parser)
+    declare(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -10,14 +10,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from hereabouts.cli.arguments import add_json, add_keep, add_map, keep_seconds
+from hereabouts.cli.arguments import declare, keep_seconds
 from hereabouts.cli.console import note, write_json
+
+_OPTIONS = """
+MAP
+--keep DURATION  length of the history to keep: 30d, 12h, 90m, 2w or 1y (default: all of the past)
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    add_keep(parser, "default: all of the past")
-    add_json(parser)
+    declare(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, progress, write_json
 from hereabouts.cli.recording_options import (
     add_recording_arguments,
@@ -19,17 +19,15 @@ from hereabouts.cli.recording_options import (
     recording_options,
 )
 
+_OPTIONS = """
+RECORDING         folder, bag or MCAP file
+-o, --output OUT  new file .mcap (ROS 2) or .bag (ROS 1); without an ending: folder of a ROS 2 bag
+--json
+"""
+
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
-    parser.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="OUT",
-        help="new file .mcap (ROS 2) or .bag (ROS 1); without an ending: folder of a ROS 2 bag",
-    )
-    add_json(parser)
+    declare(parser, _OPTIONS, output={"required": True})
     add_recording_arguments(parser)
 
 

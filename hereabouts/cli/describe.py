@@ -14,7 +14,7 @@ import math
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, write, write_json
 
 if TYPE_CHECKING:
@@ -24,25 +24,23 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
 
+_OPTIONS = """
+MAP
+--title TEXT         name of the map
+--licence IRI        licence of the map's data
+--relative-to OTHER  the other map: a folder or an address
+"""
+
+_TRANSFORM = """
+--align           estimate the transform from floors and objects
+--pose X,Y,Z,DEG  pose of this map's origin in the other map: metres, and degrees about the vertical
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("--title", metavar="TEXT", help="name of the map")
-    parser.add_argument("--licence", metavar="IRI", help="licence of the map's data")
-    parser.add_argument(
-        "--relative-to", metavar="OTHER", help="the other map: a folder or an address"
-    )
-    ways = parser.add_mutually_exclusive_group()
-    ways.add_argument(
-        "--align", action="store_true", help="estimate the transform from floors and objects"
-    )
-    ways.add_argument(
-        "--pose",
-        type=_pose,
-        metavar="X,Y,Z,DEG",
-        help="pose of this map's origin in the other map: metres, and degrees about the vertical",
-    )
-    add_author(parser)
-    add_json(parser)
+    declare(parser, _OPTIONS)
+    declare(parser.add_mutually_exclusive_group(), _TRANSFORM, pose=_pose)
+    declare(parser, "--by\n--json")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json, add_map, moment_of
+from hereabouts.cli.arguments import declare, moment_of
 from hereabouts.cli.console import note, print_rows
 
 if TYPE_CHECKING:
@@ -26,16 +26,19 @@ _COLUMNS = ("change", "thing", "category", "before", "after", "metres")
 _FACTS = ("change", "subject", "predicate", "before", "after")
 
 
+_OPTIONS = """
+MAP
+T1 -> before  first moment
+T2 -> after   second moment
+--moved       only objects that moved
+--far M       shortest move [m] (default: 0.3)
+--facts       all facts that changed instead
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("before", metavar="T1", help="first moment")
-    parser.add_argument("after", metavar="T2", help="second moment")
-    parser.add_argument("--moved", action="store_true", help="only objects that moved")
-    parser.add_argument(
-        "--far", type=float, default=0.3, metavar="M", help="shortest move [m] (default: 0.3)"
-    )
-    parser.add_argument("--facts", action="store_true", help="all facts that changed instead")
-    add_json(parser)
+    declare(parser, _OPTIONS, far={"type": float, "default": 0.3})
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -11,7 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_at, add_json, add_map, count
+from hereabouts.cli.arguments import count, declare
 from hereabouts.cli.console import note, write_json
 from kg.model.errors import LayoutError
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
     from mapping.occupancy.mapped_floor import MappedFloor
 
 
+_OPTIONS = """
+MAP
+-o, --output FILE  YAML file to write
+--storey N         number of the storey, in the order of mapping, from 0 (default: the robot's)
+--at
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="YAML file to write")
-    parser.add_argument(
-        "--storey",
-        type=count,
-        metavar="N",
-        help="number of the storey, in the order of mapping, from 0 (default: the robot's)",
-    )
-    add_at(parser)
-    add_json(parser)
+    declare(parser, _OPTIONS, output={"required": True}, storey=count)
 
 
 def run(arguments: argparse.Namespace) -> int:

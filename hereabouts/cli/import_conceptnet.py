@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import add_command, declare
 from hereabouts.cli.console import note, print_table, progress, write_json
 from kg.model.vocabulary import shorten
 
@@ -22,49 +22,36 @@ _CHANGES = ("change", "what", "", "where", "p before", "p after")
 _WORDS = {"locatedAt": "located at", "nearBy": "near", "subClassOf": "is a"}
 
 
+_OPTIONS = """
+--from URL|FILE -> source  assertions of ConceptNet 5 (TSV) or graph of ConceptNet 4, plain or gzip,
+                        or the address of a web API (http://api.conceptnet.io)
+--into FILE.ttl         Turtle file to write or bring up to date
+--review FILE.csv       table to write: each relation with the sentences it comes from, the weakest
+                        first. Change yes to no in its column keep and import again: the relation is
+                        dropped for good
+--language LANGUAGE     language of the assertions (default: en)
+--ontologies DIR        folder of ontologies (default: the shipped ones)
+--dry-run               print what would change, write nothing
+--cache DIR             folder that caches answers of the web API (default: in the user's cache
+                        folder)
+--json
+"""
+
+
 def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = kinds.add_parser(
-        "conceptnet",
-        help="where things are found, from ConceptNet (file or web API)",
-        description="Regenerate LocatedAt, NearBy and IsA of the categories. Statements that "
-        "people changed, added or removed in FILE.ttl stay so.",
-        epilog="example: hereabouts import conceptnet --from conceptnet-assertions-5.7.0.csv.gz "
-        "--into my-ontologies/conceptnet.ttl --dry-run",
-    )
-    parser.add_argument(
-        "--from",
-        dest="source",
-        required=True,
-        metavar="URL|FILE",
-        help="assertions of ConceptNet 5 (TSV) or graph of ConceptNet 4, plain or gzip, "
-        "or the address of a web API (http://api.conceptnet.io)",
-    )
-    parser.add_argument(
-        "--into", metavar="FILE.ttl", help="Turtle file to write or bring up to date"
-    )
-    parser.add_argument(
-        "--review",
-        metavar="FILE.csv",
-        help="table to write: each relation with the sentences it comes from, the weakest first. "
-        "Change yes to no in its column keep and import again: the relation is dropped for good",
-    )
-    parser.add_argument("--language", default="en", help="language of the assertions (default: en)")
-    parser.add_argument(
-        "--ontologies", metavar="DIR", help="folder of ontologies (default: the shipped ones)"
-    )
-    parser.add_argument(
-        "--dry-run", action="store_true", help="print what would change, write nothing"
-    )
-    parser.add_argument(
-        "--cache",
-        metavar="DIR",
-        help="folder that caches answers of the web API (default: in the user's cache folder)",
-    )
-    add_json(parser)
-    parser.set_defaults(run=run)
+    parser = add_command(kinds, "conceptnet", run.__doc__ or "", run=run)
+    declare(parser, _OPTIONS, source={"required": True}, language={"default": "en"})
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Read where things are found, from ConceptNet (file or web API).
+
+    LocatedAt, NearBy and IsA of the categories are made anew. Statements that people changed, added
+    or removed in FILE.ttl stay so.
+
+    example: hereabouts import conceptnet --from conceptnet-assertions-5.7.0.csv.gz --into
+    my-ontologies/conceptnet.ttl --dry-run
+    """
     from kg.knowledge.conceptnet.importing import import_conceptnet
     from perception.inference.model_zoo import cache_folder
 

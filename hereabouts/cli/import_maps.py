@@ -5,28 +5,30 @@ from __future__ import annotations
 import argparse
 
 from hereabouts.cli import import_conceptnet, import_rooms
-from hereabouts.cli.arguments import MAP_HELP, title_for
+from hereabouts.cli.arguments import MAP_HELP, add_command, declare, title_for
 from hereabouts.cli.console import note, print_table
+
+_OPTIONS = f"""
+--objects FILE  saved objects, JSON
+--places FILE   saved places, JSON
+--into MAP      {MAP_HELP}
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     kinds = parser.add_subparsers(dest="kind", metavar="WHAT", required=True)
-    maps = kinds.add_parser(
-        "reference-maps",
-        help="the thesis author's saved objects and places (JSON)",
-        description="Load objects and places as the thesis' own system saved them.",
-        epilog="example: hereabouts import reference-maps --objects saved_objects_lab.json "
-        "--places saved_places_lab.json --into lab.map",
-    )
-    maps.add_argument("--objects", metavar="FILE", help="saved objects, JSON")
-    maps.add_argument("--places", metavar="FILE", help="saved places, JSON")
-    maps.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
-    maps.set_defaults(run=run, usage_error=maps.error)
+    maps = add_command(kinds, "reference-maps", run.__doc__ or "", run=run)
+    declare(maps, _OPTIONS, into={"required": True})
     import_conceptnet.add(kinds)
     import_rooms.add(kinds)
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Load the thesis author's saved objects and places (JSON).
+
+    example: hereabouts import reference-maps --objects saved_objects_lab.json --places
+    saved_places_lab.json --into lab.map
+    """
     from kg.export.thesis_json import import_reference_maps
     from kg.serving.opening import in_memory_map, open_or_create_map
 

@@ -5,36 +5,31 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hereabouts.cli.arguments import MAP_HELP, add_json, title_for
+from hereabouts.cli.arguments import MAP_HELP, add_command, declare, title_for
 from hereabouts.cli.console import note, print_table, write_json
+
+_OPTIONS = f"""
+CSV -> table         the table; s3dis: shipped statistics of offices
+--into FILE.ttl|MAP  an ontology file to write, or {MAP_HELP}
+--source NAME        name of the statistics (default: the file name)
+--license IRI        licence of the counts
+--json
+"""
 
 
 def add(kinds: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    rooms = kinds.add_parser(
-        "rooms",
-        help="statistics of real rooms: how many rooms of a kind contain an object (CSV)",
-        description="Read a table with the columns room, n_rooms, object, rooms_with_object. Its "
-        "counts then enter every probability of the map, or of maps made with the file.",
-        epilog="example: hereabouts import rooms room_counts.csv --into homes.ttl",
-    )
-    rooms.add_argument(
-        "table", metavar="CSV", help="the table; s3dis: shipped statistics of offices"
-    )
-    rooms.add_argument(
-        "--into",
-        required=True,
-        metavar="FILE.ttl|MAP",
-        help=f"an ontology file to write, or {MAP_HELP}",
-    )
-    rooms.add_argument(
-        "--source", metavar="NAME", help="name of the statistics (default: the file name)"
-    )
-    rooms.add_argument("--license", metavar="IRI", default="", help="licence of the counts")
-    add_json(rooms)
-    rooms.set_defaults(run=run)
+    rooms = add_command(kinds, "rooms", run.__doc__ or "", run=run)
+    declare(rooms, _OPTIONS, into={"required": True}, license={"default": ""})
 
 
 def run(arguments: argparse.Namespace) -> int:
+    """Read statistics of real rooms: how many rooms of a kind contain an object (CSV).
+
+    The table has the columns room, n_rooms, object, rooms_with_object. Its counts then enter every
+    probability of the map, or of maps made with the file.
+
+    example: hereabouts import rooms room_counts.csv --into homes.ttl
+    """
     from kg.knowledge.ontology.catalogue import Catalogue
     from kg.knowledge.ontology.loading import load_ontologies
     from kg.knowledge.placement.statistics import SHIPPED, read_rooms, write_rooms

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import print_table, printable, write, write_json
 from hereabouts.cli.recording_options import (
     add_recording_arguments,
@@ -30,9 +30,14 @@ if TYPE_CHECKING:
     from perception.sources.summary import StreamSummary
 
 
+_OPTIONS = """
+RECORDING  folder, bag or MCAP file
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
-    add_json(parser)
+    declare(parser, _OPTIONS)
     add_recording_arguments(parser)
 
 

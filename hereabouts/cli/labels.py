@@ -12,16 +12,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from hereabouts.cli.arguments import add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, print_table, write_json
+
+_OPTIONS = """
+MAP
+NAMES   names with commas between them, or a file with one a line
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "names", metavar="NAMES", help="names with commas between them, or a file with one a line"
-    )
-    add_json(parser)
+    declare(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

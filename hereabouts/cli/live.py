@@ -19,7 +19,7 @@ from functools import partial
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import end_at_latest, positive, title_for, whole
+from hereabouts.cli.arguments import declare, end_at_latest, positive, title_for, whole
 from hereabouts.cli.console import note
 from hereabouts.cli.map_recording import (
     add_map_options,
@@ -63,14 +63,17 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
 
 
+_OPTIONS = f"""
+--limit N       end after N frames
+--idle SECONDS  end after so long without a frame
+--publish [TO]  {PUBLISH}
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
+    declare(parser, f"SOURCE -> recording  {SOURCES}")
     add_map_options(parser)
-    parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
-    parser.add_argument(
-        "--idle", type=positive, metavar="SECONDS", help="end after so long without a frame"
-    )
-    parser.add_argument("--publish", nargs="?", const="", metavar="TO", help=PUBLISH)
+    declare(parser, _OPTIONS, limit=whole, idle=positive, publish={"const": ""})
     add_source_arguments(parser)
     add_network_arguments(parser)
     add_mapping_arguments(parser)

@@ -11,20 +11,20 @@ from __future__ import annotations
 import argparse
 from datetime import UTC, datetime
 
-from hereabouts.cli.arguments import add_json, add_map, count
+from hereabouts.cli.arguments import count, declare
 from hereabouts.cli.console import note, print_table, write_json
+
+_OPTIONS = """
+MAP
+IRI -> thing  object/17, a label such as 'cup 2', place/1, robot, or an IRI
+--last N      only the last N changes
+--explain     list every changed fact
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "thing",
-        metavar="IRI",
-        help="object/17, a label such as 'cup 2', place/1, robot, or an IRI",
-    )
-    parser.add_argument("--last", type=count, metavar="N", help="only the last N changes")
-    parser.add_argument("--explain", action="store_true", help="list every changed fact")
-    add_json(parser)
+    declare(parser, _OPTIONS, last=count)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
+from hereabouts.cli.arguments import declare, options_of
 from hereabouts.cli.network_options import (
     Networks,
     add_network_arguments,
@@ -97,12 +98,10 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
     return MappingOptions(
         mode=cast("Mode", mode),
         objects=ObjectSettings() if threshold is None else ObjectSettings(min_score=threshold),
-        reference=ReferenceSettings(
+        reference=options_of(
+            ReferenceSettings,
+            arguments,
             min_score=threshold or _REFERENCE_THRESHOLD,
-            estimator=arguments.estimator,
-            belief_filter=arguments.filter,
-            indoor_prior=arguments.prior,
-            unknown_labels=arguments.unknown_labels,
             places_from_objects=bayes if weighs_objects is None else weighs_objects,
         ),
         layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
@@ -112,7 +111,7 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         else LabelTable(),
         occupancy=arguments.floor,
         same_frame=arguments.same_frame,
-        check_poses=not arguments.no_check,
+        check_poses=arguments.check,
         pictures=not arguments.no_pictures,
         surface=arguments.surface,
         encoder=_encoder(arguments),
@@ -139,79 +138,46 @@ def _layout(name: str) -> Layout:
     return load_layout(places_file(path) if path.suffix in (".yaml", ".yml") else path)
 
 
+_MAPPING_ARGUMENTS = """
+--labels-map FILE       CSV file with lines label,category; the category - ignores the label
+--unknown-labels        labels without a category: give each a provisional one (default), or ignore
+                        them
+--places FILE|found|one  areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a
+                        map_server YAML file that names one of these; found: the rooms of the mapped
+                        floor; one: a single place around the viewed area (default: found; one in
+                        reference mode and with --no-floor)
+--mode                  mapping rules: bayes (default), or reference: the rules of the thesis
+--estimator             histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)
+--filter -> belief_filter
+                        belief filter of place categories (default: mean)
+--prior -> indoor_prior
+                        use only the thesis' 21 indoor place categories
+--places-from-objects   infer the kind of a place also from its objects and from how frequent each
+                        kind of room is (default: yes; no in reference mode)
+--floor                 map free floor, walls and furniture from depth (default: yes)
+--surface CM|none       side of the coloured voxels that keep the surface of the room beside the
+                        map, 1 to 20 cm (default: 2.5, or that of the map); none: no surface
+--no-pictures           store no pictures of objects in the map's folder (those of people are never
+                        stored)
+--encoder FILES         encoder of your own, by which any text is compared with the looks of things
+                        and views: image.onnx,text.onnx of CLIP, SigLIP or the like, or one file
+                        with both, and tokenizer.json beside it
+"""
+
+
 def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of mapping itself that `mapping_options` reads."""
     group = parser.add_argument_group("mapping")
-    group.add_argument(
-        "--labels-map",
-        metavar="FILE",
-        help="CSV file with lines label,category; the category - ignores the label",
-    )
-    group.add_argument(
-        "--unknown-labels",
-        choices=("provisional", "ignore"),
-        default="provisional",
-        help="labels without a category: give each a provisional one (default), or ignore them",
-    )
-    group.add_argument(
-        "--places",
-        metavar="FILE|found|one",
-        help="areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a map_server YAML "
-        "file that names one of these; found: the rooms of the mapped floor; one: a single place "
-        "around the viewed area (default: found; one in reference mode and with --no-floor)",
-    )
-    group.add_argument(
-        "--mode",
-        choices=MODES,
-        default=MODES[0],
-        help="mapping rules: bayes (default), or reference: the rules of the thesis",
-    )
-    group.add_argument(
-        "--estimator",
-        choices=("fd", "scott", "doane"),
-        default="fd",
-        help="histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)",
-    )
-    group.add_argument(
-        "--filter",
-        choices=("mean", "bayes"),
-        default="mean",
-        help="belief filter of place categories (default: mean)",
-    )
-    group.add_argument(
-        "--prior", action="store_true", help="use only the thesis' 21 indoor place categories"
-    )
-    group.add_argument(
-        "--places-from-objects",
-        action=argparse.BooleanOptionalAction,
-        help="infer the kind of a place also from its objects and from how frequent each kind of "
-        "room is (default: yes; no in reference mode)",
-    )
-    group.add_argument(
-        "--floor",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="map free floor, walls and furniture from depth (default: yes)",
-    )
-    group.add_argument(
-        "--surface",
-        type=_voxel_side,
-        default=DEFAULT_SURFACE,
-        metavar="CM|none",
-        help="side of the coloured voxels that keep the surface of the room beside the map, 1 to "
-        "20 cm (default: 2.5, or that of the map); none: no surface",
-    )
-    group.add_argument(
-        "--no-pictures",
-        action="store_true",
-        help="store no pictures of objects in the map's folder (those of people are never stored)",
-    )
-    group.add_argument(
-        "--encoder",
-        metavar="FILES",
-        help="encoder of your own, by which any text is compared with the looks of things and "
-        "views: image.onnx,text.onnx of CLIP, SigLIP or the like, or one file with both, and "
-        "tokenizer.json beside it",
+    declare(
+        group,
+        _MAPPING_ARGUMENTS,
+        unknown_labels={"choices": ("provisional", "ignore"), "default": "provisional"},
+        mode={"choices": MODES, "default": MODES[0]},
+        estimator={"choices": ("fd", "scott", "doane"), "default": "fd"},
+        belief_filter={"choices": ("mean", "bayes"), "default": "mean"},
+        places_from_objects={"action": argparse.BooleanOptionalAction},
+        floor={"action": argparse.BooleanOptionalAction, "default": True},
+        surface={"type": _voxel_side, "default": DEFAULT_SURFACE},
     )
 
 

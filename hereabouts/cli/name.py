@@ -16,7 +16,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, write_json
 from kg.model.errors import HereaboutsError, InvalidFactError
 from kg.model.regular_files import read_text
@@ -31,17 +31,22 @@ _MAX_BYTES: Final = 2_000_000
 Named = dict[str, str | None]  # a line of the answer, by field
 
 
+_OPTIONS = """
+MAP
+[THING]     object/17 or a full IRI
+[NAME ...]  name, as in coffee machine
+"""
+
+_MANY = """
+--review FILE.html    write a page on which to name the things
+--from FILE -> names  names: lines of THING,NAME
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("thing", nargs="?", metavar="THING", help="object/17 or a full IRI")
-    parser.add_argument("name", nargs="*", metavar="NAME", help="name, as in coffee machine")
-    many = parser.add_mutually_exclusive_group()
-    many.add_argument(
-        "--review", metavar="FILE.html", help="write a page on which to name the things"
-    )
-    many.add_argument("--from", dest="names", metavar="FILE", help="names: lines of THING,NAME")
-    add_author(parser)
-    add_json(parser)
+    declare(parser, _OPTIONS)
+    declare(parser.add_mutually_exclusive_group(), _MANY)
+    declare(parser, "--by\n--json")
 
 
 def run(arguments: argparse.Namespace) -> int:

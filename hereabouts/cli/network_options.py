@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_device, share
+from hereabouts.cli.arguments import declare, options_of, share
 from hereabouts.cli.models import named_detector
 from kg.model.errors import RecordingError
 from mapping.objects.settings import ObjectSettings
@@ -49,51 +49,35 @@ class Networks:
         return str(getattr(self.detector, "device", None) or getattr(self.scene, "device", ""))
 
 
+_NETWORK_ARGUMENTS = """
+--detector NAME|FILE    object detector, or a JSON file of recorded detections, here or in the
+                        recording's folder; best: the best detector, downloaded if needed; live:
+                        topic:NAME, detections of another program (default: the bundled ones; see
+                        `hereabouts models list`)
+--second-detector NAME|FILE  another detector, which runs on frames from new points of view
+--head NAME             meaning of the detector's outputs, where an error names two
+--threshold THRESHOLD   minimum score of a detection (default: 0.2; in reference mode: 0.4)
+--device
+--scene NAME|FILE|none  scene classifier (default: the bundled one)
+"""
+
+
 def add_network_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments that `network_options` reads."""
     group = parser.add_argument_group("networks")
-    group.add_argument(
-        "--detector",
-        default="default",
-        metavar="NAME|FILE",
-        help="object detector, or a JSON file of recorded detections, here or in the recording's "
-        "folder; best: the best detector, downloaded if needed; live: topic:NAME, detections of "
-        "another program (default: the bundled ones; see `hereabouts models list`)",
-    )
-    group.add_argument(
-        "--second-detector",
-        metavar="NAME|FILE",
-        help="another detector, which runs on frames from new points of view",
-    )
-    group.add_argument(
-        "--head",
-        metavar="NAME",
-        help="meaning of the detector's outputs, where an error names two",
-    )
-    group.add_argument(
-        "--threshold",
-        type=share,
-        help="minimum score of a detection (default: 0.2; in reference mode: 0.4)",
-    )
-    add_device(group)
-    group.add_argument(
-        "--scene",
-        default="default",
-        metavar="NAME|FILE|none",
-        help="scene classifier (default: the bundled one)",
+    declare(
+        group,
+        _NETWORK_ARGUMENTS,
+        detector={"default": "default"},
+        threshold=share,
+        scene={"default": "default"},
     )
 
 
 def network_options(arguments: argparse.Namespace) -> NetworkOptions:
     """The networks that the arguments name."""
-    return NetworkOptions(
-        detector=arguments.detector,
-        second_detector=arguments.second_detector,
-        scene=arguments.scene,
-        device=arguments.device,
-        head=arguments.head,
-        threshold=_REPORTED * (arguments.threshold or _MAPPED),
-    )
+    threshold = _REPORTED * (arguments.threshold or _MAPPED)
+    return options_of(NetworkOptions, arguments, threshold=threshold)
 
 
 def open_networks(

@@ -10,30 +10,24 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hereabouts.cli.arguments import add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note
+
+_OPTIONS = """
+MAP
+-o, --output FILE  picture file (default: map.png)
+--legend           give objects the colour and mark of their class, or of the category of their
+                   place (default: class)
+--all              name objects of any existence (default: those below 0.5 are faint marks)
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        default="map.png",
-        metavar="FILE",
-        help="picture file (default: map.png)",
-    )
-    parser.add_argument(
-        "--legend",
-        choices=("class", "place"),
-        default="class",
-        help="give objects the colour and mark of their class, or of the category of their place "
-        "(default: class)",
-    )
-    parser.add_argument(
-        "--all",
-        action="store_true",
-        help="name objects of any existence (default: those below 0.5 are faint marks)",
+    declare(
+        parser,
+        _OPTIONS,
+        output={"default": "map.png"},
+        legend={"choices": ("class", "place"), "default": "class"},
     )
 
 

@@ -14,25 +14,20 @@ import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from hereabouts.cli.arguments import add_json, end_on_signal
+from hereabouts.cli.arguments import declare, end_on_signal
 from hereabouts.cli.console import note, write_json
+
+_OPTIONS = """
+MAP ... -> maps    folder of a map, or address of `hereabouts serve`
+--to URL           SPARQL server, e.g. http://127.0.0.1:7878
+--token-file FILE  file that holds only the bearer token of that server
+--once             publish the present state and end
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "maps",
-        nargs="+",
-        metavar="MAP",
-        help="folder of a map, or address of `hereabouts serve`",
-    )
-    parser.add_argument(
-        "--to", required=True, metavar="URL", help="SPARQL server, e.g. http://127.0.0.1:7878"
-    )
-    parser.add_argument(
-        "--token-file", metavar="FILE", help="file that holds only the bearer token of that server"
-    )
-    parser.add_argument("--once", action="store_true", help="publish the present state and end")
-    add_json(parser)
+    declare(parser, _OPTIONS, to={"required": True})
 
 
 def run(arguments: argparse.Namespace) -> int:

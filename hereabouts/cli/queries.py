@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import print_table, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_json(parser)
+    declare(parser, "--json")
 
 
 def run(arguments: argparse.Namespace) -> int:

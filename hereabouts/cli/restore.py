@@ -13,34 +13,26 @@ import argparse
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import counted, note, write_json
 
 if TYPE_CHECKING:
     from kg.maps.update.restoration import Restored
 
 
+_OPTIONS = """
+MAP
+--to WHEN        #254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z, yesterday
+--only WHAT ...  objects, places, assertions, ontology, or one thing by IRI (repeatable)
+--by
+--yes            confirm that a large share of the map is deleted
+--dry-run        only count what would change
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "--to",
-        required=True,
-        metavar="WHEN",
-        help="#254 (the state after that transaction), or a time: 2026-08-01T12:30:00Z, yesterday",
-    )
-    parser.add_argument(
-        "--only",
-        action="append",
-        default=[],
-        metavar="WHAT",
-        help="objects, places, assertions, ontology, or one thing by IRI (repeatable)",
-    )
-    add_author(parser)
-    parser.add_argument(
-        "--yes", action="store_true", help="confirm that a large share of the map is deleted"
-    )
-    parser.add_argument("--dry-run", action="store_true", help="only count what would change")
-    add_json(parser)
+    declare(parser, _OPTIONS, to={"required": True})
 
 
 def run(arguments: argparse.Namespace) -> int:

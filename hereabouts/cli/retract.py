@@ -10,16 +10,14 @@ from __future__ import annotations
 
 import argparse
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
-from hereabouts.cli.assert_ import add_what
+from hereabouts.cli.arguments import declare
+from hereabouts.cli.assert_ import PROPERTIES, THING
 from hereabouts.cli.console import note, notes_of, write_json
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    add_what(parser)
-    add_author(parser)
-    add_json(parser)
+    choices = {"choices": PROPERTIES, "metavar": None}
+    declare(parser, f"{THING}\n--by\n--json", property=choices)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -21,24 +21,33 @@ from __future__ import annotations
 
 import argparse
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import counted, note, notes_of, print_rows, write_json
 from kg.model.room_edit import NEEDS, Point, RoomEdit
 
 _COLUMNS = ("place", "label", "kind", "area m2", "adjacent")
 
 
+_EDITS = ("find", *NEEDS)
+_OPTIONS = f"""
+MAP
+[EDIT]                 {", ".join(_EDITS)}
+[PLACE ...] -> places  place/1 or a full IRI
+--points POINTS        metres: "3 0, 3 4"
+--name NAME            name of the place
+--by
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    edits = ("find", *NEEDS)
-    parser.add_argument("edit", nargs="?", choices=edits, metavar="EDIT", help=", ".join(edits))
-    parser.add_argument("places", nargs="*", metavar="PLACE", help="place/1 or a full IRI")
-    parser.add_argument(
-        "--points", type=_points, default=(), metavar="POINTS", help='metres: "3 0, 3 4"'
+    declare(
+        parser,
+        _OPTIONS,
+        edit={"choices": _EDITS},
+        points={"type": _points, "default": ()},
+        name={"default": ""},
     )
-    parser.add_argument("--name", default="", metavar="NAME", help="name of the place")
-    add_author(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

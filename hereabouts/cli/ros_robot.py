@@ -6,9 +6,9 @@ import argparse
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_device, share
+from hereabouts.cli.arguments import declare, options_of, share
 from hereabouts.cli.network_options import NetworkOptions, open_networks
-from hereabouts.cli.recording_options import add_stream_arguments, stream_options
+from hereabouts.cli.recording_options import add_stream_arguments, source_options
 from hereabouts.cli.ros_connections import connection_to
 
 if TYPE_CHECKING:
@@ -36,53 +36,45 @@ def is_ros(address: str) -> bool:
     return address.partition("://")[0] in ("ros1", "ros2", "ws", "wss")
 
 
+_ROS_ARGUMENTS = """
+--detector NAME|FILE   object detector for its images; best: the best detector, downloaded if
+                       needed; topic:NAME: detections of another program (default: the bundled ones;
+                       see `hereabouts models list`)
+--threshold THRESHOLD  minimum score of a detection (default: 0.25)
+--device
+--navigation NAME      action that drives the robot (default: /move_base of ROS 1, /navigate_to_pose
+                       of Nav2)
+--base-frame FRAME     frame of the robot in tf (default: base_link, base_footprint, else the
+                       camera's)
+"""
+
+
 def add_ros_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments that `ros_options` reads."""
     group = parser.add_argument_group("robots of ros1://, ros2:// and ws://")
-    group.add_argument(
-        "--detector",
-        default="default",
-        metavar="NAME|FILE",
-        help="object detector for its images; best: the best detector, downloaded if needed; "
-        "topic:NAME: detections of another program (default: the bundled ones; see "
-        "`hereabouts models list`)",
-    )
-    group.add_argument(
-        "--threshold", type=share, default=0.25, help="minimum score of a detection (default: 0.25)"
-    )
-    add_device(group)
-    group.add_argument(
-        "--navigation",
-        metavar="NAME",
-        help="action that drives the robot (default: /move_base of ROS 1, /navigate_to_pose of "
-        "Nav2)",
-    )
-    group.add_argument(
-        "--base-frame",
-        metavar="FRAME",
-        help="frame of the robot in tf (default: base_link, base_footprint, else the camera's)",
+    declare(
+        group,
+        _ROS_ARGUMENTS,
+        detector={"default": "default"},
+        threshold={"type": share, "default": 0.25},
     )
     add_stream_arguments(group)
-    defaults = {option.dest: option.default for option in group._group_actions}
-    parser.set_defaults(ros_defaults=defaults)
+    parser.set_defaults(ros_options=group._group_actions)
 
 
 def check_no_ros_arguments(arguments: argparse.Namespace) -> None:
     """End the program, as wrong usage, if an argument of these robots is given."""
-    for name, default in arguments.ros_defaults.items():
-        if getattr(arguments, name) != default:
-            arguments.usage_error(
-                f"--{name.replace('_', '-')} needs --robot ros1://HOST, ros2://DOMAIN or ws://HOST"
-            )
+    for option in arguments.ros_options:
+        if getattr(arguments, option.dest) != option.default:
+            name = option.option_strings[0]
+            arguments.usage_error(f"{name} needs --robot ros1://HOST, ros2://DOMAIN or ws://HOST")
 
 
 def ros_options(arguments: argparse.Namespace) -> RosOptions:
     """Options of the robot; raises RecordingError for unreadable intrinsics."""
     return RosOptions(
-        networks=NetworkOptions(
-            detector=arguments.detector, threshold=arguments.threshold, device=arguments.device
-        ),
-        topics=stream_options(arguments),
+        networks=options_of(NetworkOptions, arguments),
+        topics=source_options(arguments),
         navigation=arguments.navigation,
         base=arguments.base_frame,
         patience=SHARE * arguments.patience,

@@ -14,19 +14,21 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, notes_of, write_json
+
+_OPTIONS = """
+MAP
+[FILE.ru] -> file     file with the update
+-e, --execute SPARQL  the update as text
+--by
+--yes                 confirm that a large share of the map is deleted
+--json
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("file", nargs="?", metavar="FILE.ru", help="file with the update")
-    parser.add_argument("-e", "--execute", metavar="SPARQL", help="the update as text")
-    add_author(parser)
-    parser.add_argument(
-        "--yes", action="store_true", help="confirm that a large share of the map is deleted"
-    )
-    add_json(parser)
+    declare(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

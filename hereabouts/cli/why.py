@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import out, write, write_json
 
 if TYPE_CHECKING:
@@ -23,31 +23,20 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
 
+_OPTIONS = """
+MAP
+[WHAT ...]                   object/17, place/1, a label such as 'cup 2', or an IRI; or subject,
+                             predicate and optional object of a fact
+--candidates [CATEGORY ...]  the fates of all detections, or of a category's detections, and the
+                             things that were seen but are not believed
+--format                     how to print it (ttl: SOSA and PROV-O; default: tree)
+--json -> format             as --format json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "what",
-        nargs="*",
-        metavar="WHAT",
-        help="object/17, place/1, a label such as 'cup 2', or an IRI; or subject, predicate and "
-        "optional object of a fact",
-    )
-    parser.add_argument(
-        "--candidates",
-        nargs="*",
-        metavar="CATEGORY",
-        help="the fates of all detections, or of a category's detections, and the things that "
-        "were seen but are not believed",
-    )
-    parser.add_argument(
-        "--format",
-        choices=("tree", "json", "ttl"),
-        default="tree",
-        help="how to print it (ttl: SOSA and PROV-O; default: tree)",
-    )
-    parser.add_argument(
-        "--json", action="store_const", const="json", dest="format", help="as --format json"
-    )
+    formats = {"choices": ("tree", "json", "ttl"), "default": "tree"}
+    declare(parser, _OPTIONS, format=formats)
 
 
 def run(arguments: argparse.Namespace) -> int:
