@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import MAP_HELP, declare, moment_of, name_value, plain_value
@@ -211,3 +212,41 @@ def _print(answer: Table, arguments: argparse.Namespace, *, shipped: bool) -> No
     table = answer.columns, answer.rows
     print_table(*(without_details(*table) if shipped and not arguments.explain else table))
     note(counted(len(answer.rows), "row"))
+
+
+def add_queries(parser: argparse.ArgumentParser) -> None:
+    declare(parser, "--json")
+
+
+def queries(arguments: argparse.Namespace) -> int:
+    """List the shipped queries with their parameters."""
+    from kg.maps.query.query_files import shipped_queries
+
+    querys = shipped_queries()
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "name": query.name,
+                    "summary": query.summary,
+                    "asked": list(query.asked),
+                    "parameters": [asdict(parameter) for parameter in query.parameters],
+                    "columns": list(query.columns),
+                }
+                for query in querys
+            ]
+        )
+        return 0
+    rows = [
+        (
+            query.name,
+            query.summary,
+            ", ".join(
+                p.name if p.default is None else f"{p.name}={p.default}" for p in query.parameters
+            ),
+            " / ".join(query.asked[:1]),
+        )
+        for query in querys
+    ]
+    print_table(("query", "summary", "parameters", "asked as"), rows)
+    return 0
