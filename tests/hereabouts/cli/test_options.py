@@ -234,6 +234,7 @@ def test_serve_maps_a_recording_by_the_same_options_as_map(
     detector = shared("models/deimv2_femto_416.onnx")
     options = ["--detector", detector, "--scene", "none", "--mode", "reference"]
     options = [*map(str, options), "--threshold", "0.5", "--no-floor", "--no-pictures"]
+    options += ["--limit", "3"]
     assert main(["map", str(kitchen), "--into", str(tmp_path / "mapped.map"), *options]) == 0
     process = Process(tmp_path, tmp_path / "served.map", "--recording", kitchen, *options)
     try:
