@@ -27,10 +27,11 @@ from hereabouts.cli.map_recording import (
     open_for_mapping,
     print_outcome,
 )
-from hereabouts.cli.mapping_options import add_mapping_arguments, mapping_options
-from hereabouts.cli.network_options import (
+from hereabouts.cli.mapping_options import (
     Networks,
+    add_mapping_arguments,
     add_network_arguments,
+    mapping_options,
     network_options,
     open_networks,
 )

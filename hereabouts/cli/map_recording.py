@@ -24,7 +24,7 @@ from hereabouts.cli.viewers import add_viewers, open_viewers
 from kg.model.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 
 if TYPE_CHECKING:
-    from hereabouts.cli.network_options import Networks
+    from hereabouts.cli.mapping_options import Networks
     from hereabouts.display.viewers.viewer import Viewer
     from kg.maps.semantic_map import SemanticMap
     from mapping.labels.label_resolver import LabelTable
@@ -341,7 +341,7 @@ def _note_sizes(semantic_map: SemanticMap) -> None:
 
 def _doubted(report: MappingReport, address: str) -> str:
     """The line about things that were seen but are not believed."""
-    from hereabouts.cli.candidates import listed_things
+    from hereabouts.cli.why import listed_things
 
     count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
     found = listed_things(report.most_probable)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import count, declare, positive, share, title_for
 from hereabouts.cli.console import note, write
-from hereabouts.cli.ros_robot import (
+from hereabouts.cli.ros_connections import (
     add_ros_arguments,
     check_no_ros_arguments,
     is_ros,

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 
 from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, write_json
-from hereabouts.cli.network_options import Networks
+from hereabouts.cli.mapping_options import Networks
 from hereabouts.cli.recording_options import add_recording_arguments, recording_options
 from kg.model.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
 from kg.model.regular_files import read_bytes

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from hereabouts.cli import build_parser, main
-from hereabouts.cli.mapping_options import mapping_options
-from hereabouts.cli.network_options import network_options
+from hereabouts.cli.mapping_options import mapping_options, network_options
 from hereabouts.cli.recording_options import recording_options, source_options
-from hereabouts.cli.ros_robot import ros_options
+from hereabouts.cli.ros_connections import ros_options
 from hereabouts.cli.search import search_options
 from kg.serving.opening import open_map
 from mapping.looks.user_encoder import listed_words
