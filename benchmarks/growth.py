@@ -33,7 +33,7 @@ from benchmarks.graph.building import Building
 from benchmarks.graph.loading import furnished
 from benchmarks.graph.ours import on_disk, resident
 from hereabouts.cli import main as hereabouts
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, print_table, write_json
 from kg.history.replay.map_state import Categories, present_state
 from kg.maps.semantic_map import SemanticMap
@@ -171,7 +171,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.growth", description=__doc__)
     parser.add_argument("--large", action="store_true", help=f"also {LARGE:,} objects, for minutes")
     parser.add_argument("--measure", nargs=3, metavar=("MAP", "OBJECTS", "FRAMES"), help="one map")
-    add_json(parser)
+    declare(parser, "--json")
     return command_line.run(parser, run, argv)
 
 

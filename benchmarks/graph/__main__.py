@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from benchmarks.graph.suite import GraphBench, bench_graph
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, print_table, write_json
 from lab import command_line
 
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         metavar="N",
         help="objects up to which other stores are measured (default: 10000)",
     )
-    add_json(graph)
+    declare(graph, "--json")
     return command_line.run(graph, run, argv)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import heading, note, print_table, progress, write_json
 from lab import command_line
 
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--bootstrap", type=int, default=1000, metavar="N", help="resamplings (default: 1000)"
     )
     parser.add_argument("--seed", type=int, default=0, help="which rooms were seen (default: 0)")
-    add_json(parser)
+    declare(parser, "--json")
     return command_line.run(parser, run, argv)
 
 

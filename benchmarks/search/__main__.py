@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json, count, positive, share, speed
+from hereabouts.cli.arguments import count, declare, positive, share, speed
 from hereabouts.cli.console import heading, note, print_table, progress, write_json
 from lab import command_line
 from planner.settings import BELIEF
@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--processes", type=count, default=2, metavar="N", help="homes at a time (default: 2)"
     )
-    add_json(parser)
+    declare(parser, "--json")
     return command_line.run(parser, run, argv)
 
 

@@ -14,8 +14,7 @@ from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import SubscribeRequestParams, ToolAnnotations, UnsubscribeRequestParams
 from pydantic import AnyHttpUrl
 
-from hereabouts.agents.assertion_tools import AssertionTools
-from hereabouts.agents.change_tools import ChangeTools
+from hereabouts.agents.change_tools import AssertionTools, ChangeTools
 from hereabouts.agents.lean_tool import LeanTool, Method
 from hereabouts.agents.list_tools import ListTools
 from hereabouts.agents.map_context import MapContext

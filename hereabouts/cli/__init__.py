@@ -1,7 +1,8 @@
-"""The command line: a module for each command, with `add(parser)` and `run(arguments) -> int`.
+"""The command line: modules of commands, each with `add(parser)` and `run(arguments) -> int`.
 
 `add` declares the arguments; `run` executes the command and returns the exit code. The docstring of
-the module is the command's help: a summary, a description, and an example.
+the module is the command's help: a summary, a description, and an example. Where a module has
+several commands, `log` is the function that runs one and has its help, and `add_log` declares it.
 
 stdout carries the answer, stderr everything else. Exit code 0: done; 1: a `HereaboutsError`,
 printed as one line; 2: wrong usage. A bug keeps its traceback.
@@ -23,7 +24,7 @@ from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
-from hereabouts.cli.arguments import join_signed
+from hereabouts.cli.arguments import add_command, join_signed
 from hereabouts.cli.console import name_map, printable, with_map
 from kg.model.errors import (
     ExtensionError,
@@ -33,59 +34,49 @@ from kg.model.errors import (
     did_you_mean,
 )
 
-#: command modules, in the order `hereabouts --help` lists them
-COMMANDS = (
-    "demo",
-    "map_recording",
-    "live",
-    "info",
-    "convert",
-    "ask",
-    "queries",
-    "find",
-    "search",
-    "status",
-    "why",
-    "log",
-    "diff",
-    "compact",
-    "assert_",
-    "name",
-    "labels",
-    "retract",
-    "update",
-    "restore",
-    "rooms",
-    "plot",
-    "floor",
-    "serve",
-    "mcp",
-    "publish",
-    "export",
-    "import_maps",
-    "describe",
-    "check",
-    "ontology",
-    "models",
-    "teach",
-)
+#: command -> its module, in the order `hereabouts --help` lists them; with the name of its function
+#: where the module has several
+COMMANDS = {
+    "demo": "demo",
+    "map": "map_recording",
+    "live": "live",
+    "info": "recordings:info",
+    "convert": "recordings:convert",
+    "ask": "ask",
+    "queries": "ask:queries",
+    "find": "find",
+    "search": "search",
+    "status": "status",
+    "why": "why",
+    "log": "history:log",
+    "diff": "history:diff",
+    "compact": "history:compact",
+    "assert": "changes:assertion",
+    "name": "name",
+    "labels": "name:labels",
+    "retract": "changes:retract",
+    "update": "changes:update",
+    "restore": "changes:restore",
+    "rooms": "floor_plan:rooms",
+    "plot": "floor_plan:plot",
+    "floor": "floor_plan:floor",
+    "serve": "serve",
+    "mcp": "mcp",
+    "publish": "serve:publish",
+    "export": "export",
+    "import": "imports",
+    "describe": "describe:describe",
+    "check": "describe:check",
+    "ontology": "ontology",
+    "models": "models",
+    "teach": "teach",
+}
 
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
 LAB_COMMANDS = ("evaluate", "simulate")
 
-#: names of before -> what is run now, with options of before; they go with the next version
-_RENAMED = {
-    ("frame", ""): ("describe", {}),
-    ("places", ""): ("rooms", {"--find": "find"}),
-    ("plot", "--find"): ("find", {"--find": "", "-o": "--picture", "--output": "--picture"}),
-}
-
 #: options that name what a command writes
 _OUTPUTS = ("output", "picture", "pictures", "features", "mcap", "rerun", "review")
-
-#: command of each module whose name is not the command's
-_NAMED = {"map_recording": "map", "assert_": "assert", "import_maps": "import"}
-
 
 #: argparse's message for an argument that is none of its choices, and an option in a message
 _CHOICE = re.compile(
@@ -130,8 +121,8 @@ class _Parser(argparse.ArgumentParser):
         return {*self._option_string_actions}.union(*(parser._options() for parser in parsers))
 
 
-def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParser:
-    """The parser of the command line, with the commands of `modules`; by default all installed."""
+def build_parser(commands: Iterable[str] | None = None) -> argparse.ArgumentParser:
+    """The parser of the command line, with `commands`; by default all installed."""
     parser = _Parser(
         prog="hereabouts",
         description="A semantic map for robots: RGB-D frames with poses go in; a live knowledge "
@@ -140,13 +131,13 @@ def build_parser(modules: Iterable[str] | None = None) -> argparse.ArgumentParse
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in _installed() if modules is None else modules:
-        _declare(subparsers, name)
+    for command in _installed() if commands is None else commands:
+        _declare(subparsers, command)
     return parser
 
 
 def _installed() -> tuple[str, ...]:
-    return COMMANDS + LAB_COMMANDS if _has_lab() else COMMANDS
+    return (*COMMANDS, *LAB_COMMANDS) if _has_lab() else (*COMMANDS,)
 
 
 def _has_lab() -> bool:
@@ -156,48 +147,25 @@ def _has_lab() -> bool:
         return False
 
 
-def _declare(subparsers: argparse._SubParsersAction[_Parser], module_name: str) -> None:
-    """Declare the command of a module by its docstring: summary, description, example."""
-    package = "lab" if module_name in LAB_COMMANDS else "hereabouts"
+def _declare(subparsers: argparse._SubParsersAction[_Parser], command: str) -> None:
+    """Declare a command by the docstring of its module or function."""
+    package = "lab" if command in LAB_COMMANDS else "hereabouts"
+    module_name, _, function = COMMANDS.get(command, command).partition(":")
     module = importlib.import_module(f"{package}.cli.{module_name}")
-    summary, *text = (" ".join(part.split()) for part in (module.__doc__ or "").split("\n\n"))
-    example = text.pop() if text and text[-1].startswith("example") else None
-    parser = subparsers.add_parser(
-        _NAMED.get(module_name, module_name),
-        help=summary[:1].lower() + summary[1:].rstrip("."),
-        description=" ".join([summary, *text]),
-        epilog=example,
-    )
-    parser.set_defaults(run=getattr(module, "run", None), usage_error=parser.error)
-    module.add(parser)
-
-
-def _renamed(words: Sequence[str]) -> Sequence[str]:
-    """The words of a command by the names that it has now, which are told."""
-    parts = [  # --find=banana is --find banana
-        part
-        for word in words[1:]
-        for part in (word.split("=", 1) if word.startswith("--") else (word,))
-    ]
-    for (command, option), (now, options) in _RENAMED.items():
-        if words[0] == command and option in ("", *parts):
-            rest = [options.get(part, part) for part in parts]
-            rest.sort(key=lambda word: word == "find")  # an edit stands behind the map
-            new = [now, *filter(None, rest)]
-            note = f"`hereabouts {command}{' ' * bool(option)}{option}` goes; write `hereabouts "
-            print(printable(f"{note}{' '.join(new)}`"), file=sys.stderr)  # noqa: T201
-            return new
-    return words
+    run = getattr(module, function or "run", None)
+    text = run.__doc__ if function else module.__doc__
+    parser = add_command(subparsers, command, text or "", run=run)
+    getattr(module, f"add_{function}" if function else "add")(parser)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of the console script."""
     if argv is None:
         atexit.register(gc.freeze)  # the last collection of a process takes 40 ms and frees nothing
-    words = _renamed((sys.argv[1:] if argv is None else argv) or ["--help"])
+    words = (sys.argv[1:] if argv is None else argv) or ["--help"]
     arguments = argparse.Namespace()
     try:
-        arguments = build_parser(_modules_for(words)).parse_args(join_signed(words))
+        arguments = build_parser(_needed(words)).parse_args(join_signed(words))
         if isinstance(address := getattr(arguments, "map", None), str):
             name_map(address)
         _check_outputs(arguments)
@@ -246,8 +214,8 @@ def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
     return ""
 
 
-def _modules_for(words: Sequence[str]) -> Sequence[str]:
-    """The modules that parsing `words` needs; all of them if no command comes first."""
+def _needed(words: Sequence[str]) -> Sequence[str]:
+    """The commands that parsing `words` needs; all of them if no command comes first."""
     if words and words[0] == "--version":
         return ()
     if words and words[0] in LAB_COMMANDS:
@@ -257,7 +225,7 @@ def _modules_for(words: Sequence[str]) -> Sequence[str]:
                 "hereabouts: pip install ./lab"
             )
         return words[:1]
-    return [name for name in COMMANDS if words[:1] == [_NAMED.get(name, name)]] or _installed()
+    return words[:1] if words[:1] and words[0] in COMMANDS else _installed()
 
 
 class _Version(argparse.Action):

@@ -6,9 +6,10 @@ import argparse
 import math
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from kg.model.errors import QueryParameterError
@@ -16,7 +17,23 @@ from kg.model.errors import QueryParameterError
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
 
+Options = TypeVar("Options")
+
 MAP_HELP = "folder of the map, e.g. kitchen.map, or the address of its server"
+#: arguments that several commands have, which name them alone
+_SHARED = f"""
+MAP                         {MAP_HELP}
+--json                      print JSON instead of a table
+--by NAME                   author (on a server: the token's holder)
+--at TIME                   past state to read: a time in ISO 8601, yesterday, 2h (ago), or #42
+                            (transaction)
+--now, --at TIME            time of the search: ISO 8601, or 'map': the map's latest time (default:
+                            the clock's)
+--from X,Y[,DEG] -> start   where the search starts [m], and its heading [degrees] (default: the
+                            robot's pose)
+--device auto|cpu|cuda|...  device that runs the networks, as onnxruntime names it (default: the
+                            fastest)
+"""
 #: [m] no map is larger than the Earth
 MAX_DISTANCE = 1e7
 END_WITHIN = 12.0  # [s] after a signal that ends a command
@@ -26,24 +43,82 @@ _SIGNED = ("--from", "--up")
 _NEGATIVE = re.compile(r"-(\.?\d.*|[xyz])", re.IGNORECASE)
 
 
+def declare(parser: argparse._ActionsContainer, text: str, **how: Any) -> None:
+    """Declare the arguments in `text`, written as `--help` shows them, each with what it means.
+
+    ``OBJECT``, ``[OBJECT]``, ``OBJECT ...`` and ``[OBJECT ...]`` are one, at most one, one or more
+    and any number of words; ``--file FILE ...`` may be repeated, and an option without a value is a
+    flag. ``-> name`` is the attribute that gets the value, by default that of the option. `how`
+    gives an attribute its type, or argparse's keywords.
+    """
+    shared = {spec.split()[0].rstrip(","): (spec, meaning) for spec, meaning in _entries(_SHARED)}
+    how = {"start": start_pose, "device": {"default": "auto"}, **how}
+    for spec, meaning in _entries(text):
+        if not meaning:
+            spec, meaning = shared[spec]
+        spec, _, attribute = spec.partition(" -> ")
+        names = [word.rstrip(",") for word in spec.split() if word.startswith("-")]
+        value = " ".join(spec.split()[len(names) :])
+        if optional := value.startswith("[") and value.endswith("]"):
+            value = value[1:-1]
+        repeated, metavar = value.endswith(" ..."), value.removesuffix(" ...")
+        long = next((name for name in names if name.startswith("--")), metavar.lower())
+        attribute = attribute or long.lstrip("-").replace("-", "_")
+        if names == ["--json"] and attribute == "format":
+            parser.add_argument(
+                "--json", action="store_const", const="json", dest="format", help=meaning
+            )
+            continue
+        given = how.get(attribute, {})
+        keywords = given if isinstance(given, dict) else {"type": given}
+        if metavar:
+            keywords = {"metavar": metavar, **keywords}
+        if optional:
+            keywords = {"nargs": "*" if repeated else "?", **keywords}
+        elif repeated:
+            many = {"action": "append", "default": []} if names else {"nargs": "+"}
+            keywords = {**many, **keywords}
+        if not names:
+            parser.add_argument(attribute, help=meaning, **keywords)
+        else:
+            keywords = keywords or {"action": "store_true"}
+            parser.add_argument(*names, dest=attribute, help=meaning, **keywords)
+
+
+def options_of(kind: type[Options], arguments: argparse.Namespace, **others: Any) -> Options:
+    """The dataclass `kind` of the arguments that have its fields' names, and of `others`."""
+    given = vars(arguments)
+    named = (field.name for field in fields(kind))  # type: ignore[arg-type]
+    return kind(**{name: given[name] for name in named if name in given} | others)
+
+
+def _entries(text: str) -> Iterator[tuple[str, str]]:
+    """Each argument of a text and its meaning; an indented line continues the one before."""
+    for entry in re.split(r"\n(?=\S)", text.strip()):
+        spec, *meaning = re.split(r" {2,}|\n", entry, maxsplit=1)
+        yield spec, " ".join(" ".join(meaning).split())
+
+
+def add_command(
+    commands: argparse._SubParsersAction[Any], name: str, text: str, **defaults: object
+) -> argparse.ArgumentParser:
+    """A command whose help is a docstring: a summary, a description, and an example."""
+    summary, *rest = (" ".join(part.split()) for part in text.split("\n\n"))
+    example = rest.pop() if rest and rest[-1].startswith("example") else None
+    parser: argparse.ArgumentParser = commands.add_parser(
+        name,
+        help=summary[:1].lower() + summary[1:].rstrip("."),
+        description=" ".join([summary, *rest]),
+        epilog=example,
+    )
+    parser.set_defaults(usage_error=parser.error, **defaults)
+    return parser
+
+
 def title_for(address: str) -> str:
     """The title of a new map at that folder or address."""
     server = urlsplit(address).hostname
     return server or Path(address).stem
-
-
-def add_map(parser: argparse.ArgumentParser) -> None:
-    """The positional MAP."""
-    parser.add_argument("map", metavar="MAP", help=MAP_HELP)
-
-
-def add_keep(parser: argparse.ArgumentParser, otherwise: str) -> None:
-    """The `--keep` of commands that write; `keep_seconds` reads it."""
-    parser.add_argument(
-        "--keep",
-        metavar="DURATION",
-        help=f"length of the history to keep: 30d, 12h, 90m, 2w or 1y ({otherwise})",
-    )
 
 
 def keep_seconds(arguments: argparse.Namespace) -> float | None:
@@ -51,25 +126,6 @@ def keep_seconds(arguments: argparse.Namespace) -> float | None:
     from kg.history.timestamps import duration
 
     return None if arguments.keep is None else duration(arguments.keep)
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """The `--json` flag."""
-    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-
-
-def add_author(parser: argparse.ArgumentParser) -> None:
-    """The `--by` of commands that write."""
-    parser.add_argument("--by", metavar="NAME", help="author (on a server: the token's holder)")
-
-
-def add_at(parser: argparse.ArgumentParser) -> None:
-    """The `--at` of commands that read a past state."""
-    parser.add_argument(
-        "--at",
-        metavar="TIME",
-        help="past state to read: a time in ISO 8601, yesterday, 2h (ago), or #42 (transaction)",
-    )
 
 
 def moment_of(text: str) -> str:
@@ -82,17 +138,6 @@ def moment_of(text: str) -> str:
     return instant(text, time.time())
 
 
-def add_now(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the time of a search."""
-    parser.add_argument(
-        "--now",
-        "--at",
-        dest="now",
-        metavar="TIME",
-        help="time of the search: ISO 8601, or 'map': the map's latest time (default: the clock's)",
-    )
-
-
 def now_of(semantic_map: SemanticMap, arguments: argparse.Namespace) -> float:
     """[s since 1970] the time of `--now`."""
     from kg.history.timestamps import moment
@@ -101,17 +146,6 @@ def now_of(semantic_map: SemanticMap, arguments: argparse.Namespace) -> float:
     if arguments.now == "map":
         return map_time(semantic_map)
     return time.time() if arguments.now is None else moment(moment_of(arguments.now))
-
-
-def add_start(parser: argparse.ArgumentParser) -> None:
-    """The `--from` of commands that plan a search."""
-    parser.add_argument(
-        "--from",
-        dest="start",
-        type=start_pose,
-        metavar="X,Y[,DEG]",
-        help="where the search starts [m], and its heading [degrees] (default: the robot's pose)",
-    )
 
 
 def end_on_signal(number: int, frame: object) -> None:
@@ -128,16 +162,6 @@ def end_at_latest() -> None:
     from kg.model.platforms import end_within
 
     end_within(END_WITHIN)
-
-
-def add_device(parser: argparse._ActionsContainer) -> None:
-    """The `--device` of commands that run networks."""
-    parser.add_argument(
-        "--device",
-        default="auto",
-        metavar="auto|cpu|cuda|...",
-        help="device that runs the networks, as onnxruntime names it (default: the fastest)",
-    )
 
 
 def start_pose(text: str) -> tuple[float, float, float]:

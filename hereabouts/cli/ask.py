@@ -10,9 +10,10 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import MAP_HELP, add_at, moment_of, name_value, plain_value
+from hereabouts.cli.arguments import MAP_HELP, declare, moment_of, name_value, plain_value
 from hereabouts.cli.console import (
     counted,
     json_value,
@@ -34,56 +35,29 @@ if TYPE_CHECKING:
 _LISTS: Final = ("summary", "objects", "objects-in-place")
 
 
+_OPTIONS = f"""
+[MAP]                           {MAP_HELP}
+--member MAP ...                ask this map merged with others instead of MAP (repeatable)
+[QUESTION|NAME|FILE.rq|SPARQL] -> question
+                                question such as 'where is the cup?', shipped query, query file, or
+                                SPARQL text
+-e, --execute SPARQL            SPARQL text
+-p, --parameter NAME=VALUE ...  a parameter of the query (repeatable)
+--all                           list objects of any existence, not only those of 0.5 and above
+--language LANG                 language of labels in shipped queries, and of the question: de, or
+                                de,fr
+--format                        how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default:
+                                table)
+--json -> format                as --format json
+--explain                       print all columns, and behind an answer in words the query that has
+                                the facts
+--at
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("map", metavar="MAP", nargs="?", help=MAP_HELP)
-    parser.add_argument(
-        "--member",
-        action="append",
-        default=[],
-        metavar="MAP",
-        help="ask this map merged with others instead of MAP (repeatable)",
-    )
-    parser.add_argument(
-        "question",
-        nargs="?",
-        metavar="QUESTION|NAME|FILE.rq|SPARQL",
-        help="question such as 'where is the cup?', shipped query, query file, or SPARQL text",
-    )
-    parser.add_argument("-e", "--execute", metavar="SPARQL", help="SPARQL text")
-    parser.add_argument(
-        "-p",
-        "--parameter",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="a parameter of the query (repeatable)",
-    )
-    parser.add_argument(
-        "--all",
-        action="store_true",
-        help="list objects of any existence, not only those of 0.5 and above",
-    )
-    parser.add_argument(
-        "--language",
-        default="",
-        metavar="LANG",
-        help="language of labels in shipped queries, and of the question: de, or de,fr",
-    )
-    parser.add_argument(
-        "--format",
-        choices=("table", "json", "csv", "ttl"),
-        default="table",
-        help="how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default: table)",
-    )
-    parser.add_argument(
-        "--json", action="store_const", const="json", dest="format", help="as --format json"
-    )
-    parser.add_argument(
-        "--explain",
-        action="store_true",
-        help="print all columns, and behind an answer in words the query that has the facts",
-    )
-    add_at(parser)
+    formats = {"choices": ("table", "json", "csv", "ttl"), "default": "table"}
+    declare(parser, _OPTIONS, language={"default": ""}, format=formats)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -238,3 +212,41 @@ def _print(answer: Table, arguments: argparse.Namespace, *, shipped: bool) -> No
     table = answer.columns, answer.rows
     print_table(*(without_details(*table) if shipped and not arguments.explain else table))
     note(counted(len(answer.rows), "row"))
+
+
+def add_queries(parser: argparse.ArgumentParser) -> None:
+    declare(parser, "--json")
+
+
+def queries(arguments: argparse.Namespace) -> int:
+    """List the shipped queries with their parameters."""
+    from kg.maps.query.query_files import shipped_queries
+
+    querys = shipped_queries()
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "name": query.name,
+                    "summary": query.summary,
+                    "asked": list(query.asked),
+                    "parameters": [asdict(parameter) for parameter in query.parameters],
+                    "columns": list(query.columns),
+                }
+                for query in querys
+            ]
+        )
+        return 0
+    rows = [
+        (
+            query.name,
+            query.summary,
+            ", ".join(
+                p.name if p.default is None else f"{p.name}={p.default}" for p in query.parameters
+            ),
+            " / ".join(query.asked[:1]),
+        )
+        for query in querys
+    ]
+    print_table(("query", "summary", "parameters", "asked as"), rows)
+    return 0

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_json, count
+from hereabouts.cli.arguments import count, declare
 from hereabouts.cli.console import (
     heading,
     note,
@@ -29,23 +29,16 @@ if TYPE_CHECKING:
     from mapping.reference.class_scores import MapScore
 
 
+_OPTIONS = """
+--folder DIR  folder for the results (default: here)
+--seed N      seed of the simulated sensing errors (default: 0)
+--replace     remove an earlier demo's map even if something was added to it
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--folder", default=".", metavar="DIR", help="folder for the results (default: here)"
-    )
-    parser.add_argument(
-        "--seed",
-        type=count,
-        default=0,
-        metavar="N",
-        help="seed of the simulated sensing errors (default: 0)",
-    )
-    parser.add_argument(
-        "--replace",
-        action="store_true",
-        help="remove an earlier demo's map even if something was added to it",
-    )
-    add_json(parser)
+    declare(parser, _OPTIONS, folder={"default": "."}, seed={"type": count, "default": 0})
 
 
 def run(arguments: argparse.Namespace) -> int:

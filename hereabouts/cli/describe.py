@@ -1,21 +1,15 @@
-"""Print or set a map's title and licence, and its transform to the frame of another map.
-
-Exports, VoID and DCAT contain title and licence (graph:dataset). Maps of different recordings have
-frames of their own: searches, plans and distances over several maps keep those apart whose
-transform is not known. With --relative-to OTHER and --align or --pose they are one.
-
-example: hereabouts describe south.map --relative-to north.map --align --by ann
-"""
+"""What a map says of itself, and whether it is valid."""
 
 from __future__ import annotations
 
 import argparse
 import math
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
-from hereabouts.cli.console import note, write, write_json
+from hereabouts.cli.arguments import MAP_HELP, declare
+from hereabouts.cli.console import counted, note, print_table, write, write_json
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,29 +17,34 @@ if TYPE_CHECKING:
 
     from kg.maps.semantic_map import SemanticMap
 
+_DESCRIBE_OPTIONS = """
+MAP
+--title TEXT         name of the map
+--licence IRI        licence of the map's data
+--relative-to OTHER  the other map: a folder or an address
+"""
 
-def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("--title", metavar="TEXT", help="name of the map")
-    parser.add_argument("--licence", metavar="IRI", help="licence of the map's data")
-    parser.add_argument(
-        "--relative-to", metavar="OTHER", help="the other map: a folder or an address"
-    )
-    ways = parser.add_mutually_exclusive_group()
-    ways.add_argument(
-        "--align", action="store_true", help="estimate the transform from floors and objects"
-    )
-    ways.add_argument(
-        "--pose",
-        type=_pose,
-        metavar="X,Y,Z,DEG",
-        help="pose of this map's origin in the other map: metres, and degrees about the vertical",
-    )
-    add_author(parser)
-    add_json(parser)
+_TRANSFORM = """
+--align           estimate the transform from floors and objects
+--pose X,Y,Z,DEG  pose of this map's origin in the other map: metres, and degrees about the vertical
+"""
 
 
-def run(arguments: argparse.Namespace) -> int:
+def add_describe(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _DESCRIBE_OPTIONS)
+    declare(parser.add_mutually_exclusive_group(), _TRANSFORM, pose=_pose)
+    declare(parser, "--by\n--json")
+
+
+def describe(arguments: argparse.Namespace) -> int:
+    """Print or set a map's title and licence, and its transform to the frame of another map.
+
+    Exports, VoID and DCAT contain title and licence (graph:dataset). Maps of different recordings
+    have frames of their own: searches, plans and distances over several maps keep those apart whose
+    transform is not known. With --relative-to OTHER and --align or --pose they are one.
+
+    example: hereabouts describe south.map --relative-to north.map --align --by ann
+    """
     from kg.serving.opening import open_map
 
     placed = arguments.align or arguments.pose is not None
@@ -127,3 +126,68 @@ def _pose(text: str) -> NDArray[np.float64]:
         raise argparse.ArgumentTypeError(f"needs X,Y,Z,DEG, e.g. 2.5,0,0,90; got {text!r}")
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]])
+
+
+_CHECK_OPTIONS = f"""
+[MAP]             {MAP_HELP}
+--ontologies DIR  folder of ontologies to check
+--json
+"""
+
+
+def add_check(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _CHECK_OPTIONS)
+
+
+def check(arguments: argparse.Namespace) -> int:
+    """Validate the ontologies, and a map if one is given, by SHACL and the vocabulary.
+
+    Files in the folder of the map that cannot be read are findings, too, each with what would help.
+    Exit code 1 if anything is wrong.
+
+    example: hereabouts check kitchen.map
+    """
+    from kg.knowledge.ontology.lint import check_map, check_ontologies
+    from kg.knowledge.ontology.unused import unused_statements
+    from kg.model.resources import ONTOLOGIES
+    from kg.rdf.findings import Finding
+    from kg.serving.opening import open_map
+    from mapping.keepers.kept_files import unreadable_files
+
+    folder = Path(arguments.ontologies) if arguments.ontologies else ONTOLOGIES
+    findings = list(check_ontologies(folder))
+    if arguments.map is not None:
+        with open_map(arguments.map, read_only=True) as semantic_map:
+            findings += check_map(semantic_map.engine)
+            findings += [
+                Finding(str(path), problem) for path, problem in unreadable_files(semantic_map)
+            ]
+            for recording in semantic_map.recordings():
+                if recording.pose_estimate:
+                    note(f"{recording.name}: estimated {recording.pose_estimate}")
+            for warning in unused_statements(semantic_map.ontology.quads()):
+                note(str(warning))
+            _note_missing_history(semantic_map)
+            if semantic_map.description.licence is None:
+                note(f"no licence: hereabouts describe {arguments.map} --licence IRI sets one")
+    if arguments.json:
+        write_json([asdict(finding) for finding in findings])
+    elif findings:
+        print_table(
+            ("severity", "subject", "property", "value", "problem"),
+            [(f.severity, f.focus, f.path, f.value, f.message) for f in findings],
+        )
+    wrong = sum(finding.severity == "violation" for finding in findings)
+    warned = f", {counted(len(findings) - wrong, 'warning')}" if wrong < len(findings) else ""
+    note(f"{counted(wrong, 'finding')}{warned}")
+    return 1 if wrong else 0
+
+
+def _note_missing_history(semantic_map: SemanticMap) -> None:
+    """Warn where a folder has lost its history, as an incomplete copy has."""
+    from kg.model.errors import HistoryError
+
+    try:
+        _ = semantic_map.history.log
+    except HistoryError as error:
+        note(f"{error}, without what happened before")

@@ -17,7 +17,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_at, add_map, add_start, whole
+from hereabouts.cli.arguments import declare, whole
 from hereabouts.cli.console import note
 from kg.model.errors import GraphError, QueryParameterError, did_you_mean
 from kg.model.extensions import EXPORTERS, extensions, load_extension
@@ -33,48 +33,28 @@ _SCENES: Final = {"mcap": ".mcap", "rrd": ".rrd", "bag": ".bag"}
 _MESHES: Final = {"ply": ".ply", "gltf": ".glb"}
 
 
+_OPTIONS = """
+MAP
+--format FORMAT      ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; ply, gltf; mcap, rrd, bag
+                     (default: by the ending of FILE; .json is JSON-LD); the exporter of an
+                     extension, by its name; or reference: the thesis' saved_objects.json and
+                     saved_places.json, in the folder FILE
+-o, --output FILE    file to write
+--at
+--no-ontology        write the map's facts without the ontology
+--all                json, geojson, ply, gltf, mcap, rrd, bag: objects of any existence, not only
+                     0.5 and above
+--find OBJECT        mcap, rrd, bag: add the search plan for this object
+--from
+--past N             mcap, rrd, bag: add N moments of the map's past
+--pictures FOLDER    copy the pictures of the objects into this folder (object/17: 17.jpg)
+--features FILE.npz  write the embeddings of the objects' views by the map's encoder, as arrays iri
+                     (n,) and embedding (n, D); no other export has them
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "--format",
-        metavar="FORMAT",
-        help="ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; ply, gltf; mcap, rrd, bag "
-        "(default: by the ending of FILE; .json is JSON-LD); the exporter of an extension, by its "
-        "name; or reference: the thesis' saved_objects.json and saved_places.json, in the folder "
-        "FILE",
-    )
-    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="file to write")
-    add_at(parser)
-    parser.add_argument(
-        "--no-ontology", action="store_true", help="write the map's facts without the ontology"
-    )
-    parser.add_argument(
-        "--all",
-        action="store_true",
-        help="json, geojson, ply, gltf, mcap, rrd, bag: objects of any existence, not only 0.5 and "
-        "above",
-    )
-    parser.add_argument(
-        "--find", metavar="OBJECT", help="mcap, rrd, bag: add the search plan for this object"
-    )
-    add_start(parser)
-    parser.add_argument(
-        "--past",
-        type=whole,
-        metavar="N",
-        help="mcap, rrd, bag: add N moments of the map's past",
-    )
-    parser.add_argument(
-        "--pictures",
-        metavar="FOLDER",
-        help="copy the pictures of the objects into this folder (object/17: 17.jpg)",
-    )
-    parser.add_argument(
-        "--features",
-        metavar="FILE.npz",
-        help="write the embeddings of the objects' views by the map's encoder, as arrays iri (n,) "
-        "and embedding (n, D); no other export has them",
-    )
+    declare(parser, _OPTIONS, output={"required": True}, past=whole)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -15,16 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import (
-    add_json,
-    add_map,
-    add_now,
-    add_start,
-    now_of,
-    positive,
-    share,
-    speed,
-)
+from hereabouts.cli.arguments import declare, now_of, positive, share, speed
 from hereabouts.cli.console import (
     heading,
     note,
@@ -74,52 +65,40 @@ class _Wanted:
         write_json({**answer, "undetectable": self.undetectable})
 
 
+_OPTIONS = f"""
+MAP
+OBJECT ...         what to find, e.g. banana
+--from
+--budget TIME      time limit of the search: 300, 90s, 10min
+--worth P          least chance of a look that is worth its time (default: {WORTH:g})
+--speed M/S        driving speed
+--turn-rate DEG/S  turning speed
+--range NEAR,FAR   range of the camera [m] (0.8,4.6)
+--recall R         probability to detect an object in view (0.7)
+--now
+--rule             planning rule (default: %(default)s); nearest-first is the thesis' rule,
+                   brute-force its baseline
+--grid FILE        floor as a map_server YAML file (default: the map's own)
+--in-map TITLE     on a server with several maps: the map, by title or IRI, in whose frame the robot
+                   is (default: the first)
+--explain          print every step, and the facts of each reason once
+--picture FILE     draw the plan: PNG, SVG or PDF
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("object", metavar="OBJECT", nargs="+", help="what to find, e.g. banana")
-    add_start(parser)
-    parser.add_argument(
-        "--budget",
-        type=_seconds,
-        metavar="TIME",
-        help="time limit of the search: 300, 90s, 10min",
+    declare(
+        parser,
+        _OPTIONS,
+        budget=_seconds,
+        worth=share,
+        speed=speed,
+        turn_rate=positive,
+        range=_range,
+        recall=share,
+        rule={"choices": _RULES, "default": _RULES[0]},
     )
-    parser.add_argument(
-        "--worth",
-        type=share,
-        metavar="P",
-        help=f"least chance of a look that is worth its time (default: {WORTH:g})",
-    )
-    parser.add_argument("--speed", type=speed, metavar="M/S", help="driving speed")
-    parser.add_argument("--turn-rate", type=positive, metavar="DEG/S", help="turning speed")
-    parser.add_argument(
-        "--range", type=_range, metavar="NEAR,FAR", help="range of the camera [m] (0.8,4.6)"
-    )
-    parser.add_argument(
-        "--recall",
-        type=share,
-        metavar="R",
-        help="probability to detect an object in view (0.7)",
-    )
-    add_now(parser)
-    parser.add_argument(
-        "--rule", choices=_RULES, default=_RULES[0], help="planning rule (default: %(default)s); "
-        "nearest-first is the thesis' rule",
-    )  # fmt: skip
-    parser.add_argument(
-        "--grid", metavar="FILE", help="floor as a map_server YAML file (default: the map's own)"
-    )
-    parser.add_argument(
-        "--in-map",
-        metavar="TITLE",
-        help="on a server with several maps: the map, by title or IRI, in whose frame the robot is "
-        "(default: the first)",
-    )
-    parser.add_argument(
-        "--explain", action="store_true", help="print every step, and the facts of each reason once"
-    )
-    parser.add_argument("--picture", metavar="FILE", help="draw the plan: PNG, SVG or PDF")
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -235,7 +214,7 @@ def _print_known(
     found: ViewPlan,
 ) -> int:
     """Print the sentences about each target, and detections that made no object; their number."""
-    from hereabouts.cli.candidates import detections_in_vain
+    from hereabouts.cli.why import detections_in_vain
     from kg.history.timestamps import iso
     from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences

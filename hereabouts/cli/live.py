@@ -14,12 +14,12 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import end_at_latest, positive, title_for, whole
+from hereabouts.cli.arguments import declare, end_at_latest, positive, title_for, whole
 from hereabouts.cli.console import note
 from hereabouts.cli.map_recording import (
     add_map_options,
@@ -27,10 +27,11 @@ from hereabouts.cli.map_recording import (
     open_for_mapping,
     print_outcome,
 )
-from hereabouts.cli.mapping_options import add_mapping_arguments, mapping_options
-from hereabouts.cli.network_options import (
+from hereabouts.cli.mapping_options import (
     Networks,
+    add_mapping_arguments,
     add_network_arguments,
+    mapping_options,
     network_options,
     open_networks,
 )
@@ -42,10 +43,9 @@ from hereabouts.cli.ros_connections import (
     connection_to,
     publish_to,
 )
-from hereabouts.cli.server_outages import MappedFrames, through_outages
 from hereabouts.cli.teach import with_taught_rooms
 from hereabouts.cli.viewers import open_viewers
-from kg.model.errors import RecordingError
+from kg.model.errors import MapBusyError, RecordingError, RemoteError, UnreachableError
 
 if TYPE_CHECKING:
     from hereabouts.cli.ros_connections import Publish
@@ -62,15 +62,17 @@ if TYPE_CHECKING:
     from perception.sources.live.silence import StreamCounts
     from perception.sources.recording_options import RecordingOptions
 
+_OPTIONS = f"""
+--limit N       end after N frames
+--idle SECONDS  end after so long without a frame
+--publish [TO]  {PUBLISH}
+"""
+
 
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="SOURCE", help=SOURCES)
+    declare(parser, f"SOURCE -> recording  {SOURCES}")
     add_map_options(parser)
-    parser.add_argument("--limit", type=whole, metavar="N", help="end after N frames")
-    parser.add_argument(
-        "--idle", type=positive, metavar="SECONDS", help="end after so long without a frame"
-    )
-    parser.add_argument("--publish", nargs="?", const="", metavar="TO", help=PUBLISH)
+    declare(parser, _OPTIONS, limit=whole, idle=positive, publish={"const": ""})
     add_source_arguments(parser)
     add_network_arguments(parser)
     add_mapping_arguments(parser)
@@ -310,3 +312,60 @@ def _folder_run(
             print_outcome(semantic_map, report, arguments, networks.device, numbers)
 
     return run
+
+
+@dataclass(slots=True)
+class MappedFrames:
+    """The frames mapped by all runs together."""
+
+    count: int = 0
+    opened: bool = False  # whether the map could be opened once
+
+    def left(self, limit: int | None) -> int | None:
+        """Frames that remain of a limit."""
+        return None if limit is None else max(limit - self.count, 0)
+
+    def counted(self, on_detections: OnDetections | None) -> OnDetections:
+        """A callback for each mapped frame: counts it, then calls `on_detections`."""
+        self.opened = True
+
+        def count(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
+            self.count += 1
+            if on_detections is not None:
+                on_detections(frame, detections, scene)
+
+        return count
+
+
+def through_outages(
+    address: str, ended: threading.Event, mapped: MappedFrames, run: Callable[[], None]
+) -> None:
+    """Call `run` until it returns; after an outage of the server, call it again.
+
+    All acknowledged frames are in the map; each call of `run` opens the map and continues after
+    them.
+
+    Raises:
+        HereaboutsError: `run` failed without an outage, or the server refused twice in a row
+            without mapping a frame.
+        RemoteError: `ended` was set before the server was back.
+    """
+    from perception.sources.live.connection import Retry
+
+    retry, lost, refused_at = Retry(address, ended), False, -1
+    while True:
+        before = mapped.count
+        try:
+            return run()
+        except (RemoteError, MapBusyError) as error:
+            away = isinstance(error, UnreachableError)
+            # after an outage, a late frame of this process may keep the map busy
+            known = mapped.opened and (lost or isinstance(error, RemoteError))
+            if not known or ended.is_set() or (not away and refused_at == mapped.count):
+                raise
+            lost, refused_at = True, refused_at if away else mapped.count
+            if mapped.count > before:
+                retry.worked()
+            retry.failed(error)
+            if ended.is_set():
+                raise

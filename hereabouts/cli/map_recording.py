@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import MAP_HELP, add_json, add_keep, keep_seconds, title_for
+from hereabouts.cli.arguments import MAP_HELP, declare, keep_seconds, title_for
 from hereabouts.cli.console import note, print_table, progress, write_json
 from hereabouts.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 from hereabouts.cli.name import note_unnamed
@@ -24,7 +24,7 @@ from hereabouts.cli.viewers import add_viewers, open_viewers
 from kg.model.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 
 if TYPE_CHECKING:
-    from hereabouts.cli.network_options import Networks
+    from hereabouts.cli.mapping_options import Networks
     from hereabouts.display.viewers.viewer import Viewer
     from kg.maps.semantic_map import SemanticMap
     from mapping.labels.label_resolver import LabelTable
@@ -41,30 +41,36 @@ _BETTER_BY = (
 _TELL_EVERY = 10.0  # [s] between two lines on the progress where stderr is no terminal
 
 
+_OPTIONS = """
+RECORDING  folder of the recording
+--again    map frames again that are in this map already
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", help="folder of the recording")
-    parser.add_argument(
-        "--again", action="store_true", help="map frames again that are in this map already"
-    )
+    declare(parser, _OPTIONS)
     add_map_options(parser)
     add_all_arguments(parser)
 
 
+_INTO = f"""
+--into MAP      {MAP_HELP}
+--pictures DIR  save frames with boxes and scene scores
+"""
+_WRITING = """
+--base IRI       base IRI of a new map (default: a unique one)
+--power-safe     wait for the disk at each frame, so that a power cut loses nothing
+--keep DURATION  length of the history to keep: 30d, 12h, 90m, 2w or 1y (default: all of the past;
+                 the rest is dropped while mapping)
+--json
+"""
+
+
 def add_map_options(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments that `open_for_mapping` and `print_outcome` read."""
-    parser.add_argument("--into", required=True, metavar="MAP", help=MAP_HELP)
-    parser.add_argument("--pictures", metavar="DIR", help="save frames with boxes and scene scores")
+    declare(parser, _INTO, into={"required": True})
     add_viewers(parser)
-    parser.add_argument(
-        "--base", metavar="IRI", help="base IRI of a new map (default: a unique one)"
-    )
-    parser.add_argument(
-        "--power-safe",
-        action="store_true",
-        help="wait for the disk at each frame, so that a power cut loses nothing",
-    )
-    add_keep(parser, "default: all of the past; the rest is dropped while mapping")
-    add_json(parser)
+    declare(parser, _WRITING)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -335,7 +341,7 @@ def _note_sizes(semantic_map: SemanticMap) -> None:
 
 def _doubted(report: MappingReport, address: str) -> str:
     """The line about things that were seen but are not believed."""
-    from hereabouts.cli.candidates import listed_things
+    from hereabouts.cli.why import listed_things
 
     count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
     found = listed_things(report.most_probable)

@@ -14,7 +14,7 @@ import os
 import signal
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_map, end_at_latest, end_on_signal
+from hereabouts.cli.arguments import declare, end_at_latest, end_on_signal
 from hereabouts.cli.console import note
 from kg.model.errors import RemoteError, ServerError
 
@@ -28,33 +28,20 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130  # exit code, as shells have it
 
 
+_OPTIONS = """
+MAP
+--http [HOST:]PORT      streamable HTTP instead of stdio (HOST: 127.0.0.1; port 0 takes a free one)
+--token-file FILE       with --http: file with lines of NAME TOKEN; each request needs one of the
+                        tokens
+--public-host NAME ...  with --http: host name of this server for other machines (repeatable)
+--write                 let agents assert and retract; the author is --by, with --http the holder of
+                        the request's token, for a served map the holder of that map's token
+--by NAME               author of changes by agents in a folder
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "--http",
-        type=_address,
-        metavar="[HOST:]PORT",
-        help="streamable HTTP instead of stdio (HOST: 127.0.0.1; port 0 takes a free one)",
-    )
-    parser.add_argument(
-        "--token-file",
-        metavar="FILE",
-        help="with --http: file with lines of NAME TOKEN; each request needs one of the tokens",
-    )
-    parser.add_argument(
-        "--public-host",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="with --http: host name of this server for other machines (repeatable)",
-    )
-    parser.add_argument(
-        "--write",
-        action="store_true",
-        help="let agents assert and retract; the author is --by, with --http the holder of the "
-        "request's token, for a served map the holder of that map's token",
-    )
-    parser.add_argument("--by", metavar="NAME", help="author of changes by agents in a folder")
+    declare(parser, _OPTIONS, http=_address)
 
 
 def run(arguments: argparse.Namespace) -> int:

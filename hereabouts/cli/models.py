@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import add_command, declare
 from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
 
 if TYPE_CHECKING:
@@ -20,51 +20,33 @@ if TYPE_CHECKING:
     from perception.inference.model_zoo import ModelCard
 
 
+_CHECK = """
+[FILE]             a detector (.onnx, or a name), or a list of labels (.txt); with --encoder a map
+[IMAGE]            a photograph, to draw what the detector finds
+--labels FILE      labels of the detector, one a line
+--head NAME        meaning of its outputs, where an error names two
+--encoder FILES    check image.onnx,text.onnx instead; with a map as FILE tell how many absent words
+                   nothing in it is said to look like
+--negatives WORDS  words of things that are absent, to which the encoder's threshold is fitted: a
+                   file with one a line, or zebra,glacier,... (default: 160 animals, vehicles and
+                   landscapes)
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="all known networks, with licence and quality")
-    add_json(listing)
-    listing.set_defaults(run=run_list)
-    fetch = actions.add_parser("fetch", help="download a network, resuming and checking it")
-    fetch.add_argument(
-        "name", metavar="NAME", help="a name of `models list`, or best for the best detector"
-    )
-    fetch.set_defaults(run=run_fetch)
-    check = actions.add_parser("check", help="list what a detector can see, and what it cannot")
-    check.add_argument(
-        "file",
-        metavar="FILE",
-        nargs="?",
-        help="a detector (.onnx, or a name), or a list of labels (.txt); with --encoder a map",
-    )
-    check.add_argument(
-        "image", metavar="IMAGE", nargs="?", help="a photograph, to draw what the detector finds"
-    )
-    check.add_argument("--labels", metavar="FILE", help="labels of the detector, one a line")
-    check.add_argument(
-        "--head", metavar="NAME", help="meaning of its outputs, where an error names two"
-    )
-    check.add_argument(
-        "--encoder",
-        metavar="FILES",
-        help="check image.onnx,text.onnx instead; with a map as FILE tell how many absent words "
-        "nothing in it is said to look like",
-    )
-    check.add_argument(
-        "--negatives",
-        metavar="WORDS",
-        help="words of things that are absent, to which the encoder's threshold is fitted: a file "
-        "with one a line, or zebra,glacier,... (default: 160 animals, vehicles and landscapes)",
-    )
-    add_json(check)
-    check.set_defaults(run=run_check, usage_error=check.error)
-    path = actions.add_parser("path", help="print the path of a network's file")
-    path.add_argument("name", metavar="NAME")
-    path.set_defaults(run=run_path)
+    for name, run, options in (
+        ("list", run_list, "--json"),
+        ("fetch", run_fetch, "NAME  a name of `models list`, or best for the best detector"),
+        ("check", run_check, _CHECK),
+        ("path", run_path, "NAME  a name of `models list`"),
+    ):
+        declare(add_command(actions, name, run.__doc__ or "", run=run), options)
 
 
 def run_list(arguments: argparse.Namespace) -> int:
-    """List the networks."""
+    """All known networks, with licence and quality."""
     from perception.inference.model_zoo import extension_cards, known_models
 
     models = (*known_models(), *extension_cards())
@@ -89,7 +71,7 @@ def run_list(arguments: argparse.Namespace) -> int:
 
 
 def run_fetch(arguments: argparse.Namespace) -> int:
-    """Download a network."""
+    """Download a network, resuming and checking it."""
     from perception.inference.model_zoo import best_detector, find_model
 
     write(str(_fetch(best_detector() if arguments.name == "best" else find_model(arguments.name))))
@@ -124,7 +106,7 @@ def _fetch(model: ModelCard) -> Path:
 
 
 def run_check(arguments: argparse.Namespace) -> int:
-    """List the labels of a detector with the categories that they get in a map."""
+    """List what a detector can see, and what it cannot."""
     if arguments.encoder is not None:
         return run_check_encoder(arguments)
     if arguments.negatives is not None:
@@ -218,7 +200,7 @@ def _refused(address: str, encoder: UserEncoder) -> tuple[float, int]:
 
 
 def run_path(arguments: argparse.Namespace) -> int:
-    """Print where a network lies on disk."""
+    """Print the path of a network's file."""
     from perception.inference.model_zoo import model_path
 
     write(str(model_path(arguments.name)))

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_author, add_json, add_map
-from hereabouts.cli.console import note, write_json
+from hereabouts.cli.arguments import declare
+from hereabouts.cli.console import note, print_table, write_json
 from kg.model.errors import HereaboutsError, InvalidFactError
 from kg.model.regular_files import read_text
 
@@ -31,17 +32,22 @@ _MAX_BYTES: Final = 2_000_000
 Named = dict[str, str | None]  # a line of the answer, by field
 
 
+_OPTIONS = """
+MAP
+[THING]     object/17 or a full IRI
+[NAME ...]  name, as in coffee machine
+"""
+
+_MANY = """
+--review FILE.html    write a page on which to name the things
+--from FILE -> names  names: lines of THING,NAME
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("thing", nargs="?", metavar="THING", help="object/17 or a full IRI")
-    parser.add_argument("name", nargs="*", metavar="NAME", help="name, as in coffee machine")
-    many = parser.add_mutually_exclusive_group()
-    many.add_argument(
-        "--review", metavar="FILE.html", help="write a page on which to name the things"
-    )
-    many.add_argument("--from", dest="names", metavar="FILE", help="names: lines of THING,NAME")
-    add_author(parser)
-    add_json(parser)
+    declare(parser, _OPTIONS)
+    declare(parser.add_mutually_exclusive_group(), _MANY)
+    declare(parser, "--by\n--json")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -165,4 +171,43 @@ def _review(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
             f"{arguments.review}: {len(things)} things with pictures, {nameless} of them not named"
         )
         note(f"next: hereabouts name {arguments.map} --from names.csv --by YOU")
+    return 0
+
+
+_LABELS_OPTIONS = """
+MAP
+NAMES   names with commas between them, or a file with one a line
+--json
+"""
+
+
+def add_labels(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _LABELS_OPTIONS)
+
+
+def labels(arguments: argparse.Namespace) -> int:
+    """Name things without a name by a list of one's own, as an encoder sees them.
+
+    The map must be made with --encoder. Each thing without a name gets the name that it looks most
+    like, if it looks like one. Names are asserted by "looks": `hereabouts retract MAP THING
+    category` undoes one, and it is not made again.
+
+    example: hereabouts labels kitchen.map "espresso machine, kettle, cutting board"
+    """
+    from kg.serving.opening import open_map
+    from mapping.looks.known_things import label_things
+    from mapping.looks.user_encoder import given_words
+
+    names = given_words(arguments.names)
+    with open_map(arguments.map) as semantic_map:
+        made = label_things(semantic_map, names)
+        left = len(semantic_map.unnamed_things())
+        base = semantic_map.base
+    if arguments.json:
+        write_json({"named": [asdict(one) for one in made], "unnamed": left})
+        return 0
+    rows = [(one.iri.removeprefix(base), one.name, round(one.likeness, 2)) for one in made]
+    if rows:
+        print_table(("thing", "looks like", "likeness"), rows)
+    note(f"{len(made)} things have a name now, {left} have none")
     return 0

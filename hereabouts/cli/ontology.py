@@ -11,129 +11,73 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import MAP_HELP, add_author, add_json
+from hereabouts.cli.arguments import MAP_HELP, add_command, declare
 from hereabouts.cli.console import counted, note, print_table, write, write_json
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.diff import OntologyChange
 
-    Parsers = argparse._SubParsersAction[argparse.ArgumentParser]
-
-_SOURCE_HELP = "ontology file (Turtle, RDF/XML, N-Triples, JSON-LD) or folder; imports are followed"
-_ANY_HELP = "ontology file or folder, folder of a map, or address of a server with a map"
+_SOURCE = "ontology file (Turtle, RDF/XML, N-Triples, JSON-LD) or folder; imports are followed"
+_ANY = "ontology file or folder, folder of a map, or address of a server with a map"
+_REASON = "--reason  ask HermiT for contradictions too (needs Java)"
+_CHECK = f"""
+[FILE|FOLDER ...] -> sources  {_SOURCE}
+{_REASON}
+--json
+"""
+_DIFF = f"""
+OLD  {_ANY}
+NEW  {_ANY}
+--json
+"""
+_RELOAD = f"""
+MAP        {MAP_HELP}, or the address of a running hereabouts serve
+FILE|FOLDER -> source  {_SOURCE}
+--by
+--whole    remove terms that the file neither has nor imports
+--dry-run  only print what would change
+{_REASON}
+--json
+"""
+_EXPORT = """
+MAP
+-o, --output FILE  .ttl, .owl, .rdf or .nt
+"""
+_VOCABULARY = f"""
+[FILE|FOLDER] -> source  {_SOURCE}
+-o, --output FILE        file to write (default: stdout)
+"""
+_WORDS = """
+[WORD ...] -> words  only these words
+-o, --output FILE    file to write (default: stdout)
+"""
 
 
 def add(parser: argparse.ArgumentParser) -> None:
     parts = parser.add_subparsers(dest="part", metavar="WHAT", required=True)
-    for add_part in (_add_check, _add_diff, _add_reload, _add_export, _add_vocabulary, _add_words):
-        add_part(parts)
-
-
-def _add_check(parts: Parsers) -> None:
-    check = parts.add_parser(
-        "check",
-        help="validate an ontology; list errors with file and line",
-        description="Validate ontologies, each by itself (default: the shipped one): SHACL, "
-        "vocabulary, rules of OWL 2 DL. Exit code 1 if a map would refuse one of them, 0 if there "
-        "are only warnings.",
-        epilog="example: hereabouts ontology check mine.ttl --reason",
-    )
-    check.add_argument("sources", nargs="*", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    _add_reason(check)
-    add_json(check)
-    check.set_defaults(run=_check)
-
-
-def _add_diff(parts: Parsers) -> None:
-    diff = parts.add_parser(
-        "diff",
-        help="differences between two ontologies",
-        description="Print each addition (+), removal (-) and change (~) as a line.",
-        epilog="example: hereabouts ontology diff kitchen.map mine.ttl",
-    )
-    diff.add_argument("old", metavar="OLD", help=_ANY_HELP)
-    diff.add_argument("new", metavar="NEW", help=_ANY_HELP)
-    add_json(diff)
-    diff.set_defaults(run=_diff)
-
-
-def _add_reload(parts: Parsers) -> None:
-    reload = parts.add_parser(
-        "reload",
-        help="load an edited ontology into a map, also while it is served",
-        description="Validate an ontology and load it into a map, in one transaction; print what "
-        "changes. A refused ontology leaves the map as it is. Statements that people wrote into "
-        "graph:commonsense stay. A running server needs its token in HEREABOUTS_TOKEN, its "
-        "address in HEREABOUTS_SERVER.",
-        epilog="example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl",
-    )
-    help_text = f"{MAP_HELP}, or the address of a running hereabouts serve"
-    reload.add_argument("map", metavar="MAP", help=help_text)
-    reload.add_argument("source", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    add_author(reload)
-    reload.add_argument(
-        "--whole",
-        action="store_true",
-        help="remove terms that the file neither has nor imports",
-    )
-    reload.add_argument("--dry-run", action="store_true", help="only print what would change")
-    _add_reason(reload)
-    add_json(reload)
-    reload.set_defaults(run=_reload)
-
-
-def _add_export(parts: Parsers) -> None:
-    export = parts.add_parser(
-        "export",
-        help="write a map's ontology as one file that Protege opens",
-        description="Write the present ontology of a map, with its imports, as one file.",
-        epilog="example: hereabouts ontology export kitchen.map -o kitchen.owl",
-    )
-    export.add_argument("map", metavar="MAP", help=MAP_HELP)
-    export.add_argument(
-        "-o", "--output", required=True, metavar="FILE", help=".ttl, .owl, .rdf or .nt"
-    )
-    export.set_defaults(run=_export)
-
-
-def _add_vocabulary(parts: Parsers) -> None:
-    vocabulary = parts.add_parser(
-        "vocabulary",
-        help="every term and category as a page (Markdown)",
-        description="Print the vocabulary reference of an ontology (default: the shipped one).",
-        epilog="example: hereabouts ontology vocabulary -o vocabulary.md",
-    )
-    vocabulary.add_argument("source", nargs="?", metavar="FILE|FOLDER", help=_SOURCE_HELP)
-    vocabulary.add_argument(
-        "-o", "--output", metavar="FILE", help="file to write (default: stdout)"
-    )
-    vocabulary.set_defaults(run=_vocabulary)
-
-
-def _add_words(parts: Parsers) -> None:
-    words = parts.add_parser(
-        "words",
-        help="household words as an ontology to import and edit",
-        description="Write words as classes below the shipped categories, with labels in English "
-        "and German and links to WordNet (default: all words). After `ontology reload`, people "
-        "can name things of a map by them.",
-        epilog="example: hereabouts ontology words keys wallet kettle -o mine.ttl",
-    )
-    words.add_argument("words", nargs="*", metavar="WORD", help="only these words")
-    words.add_argument("-o", "--output", metavar="FILE", help="file to write (default: stdout)")
-    words.set_defaults(run=_words)
-
-
-def _add_reason(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--reason", action="store_true", help="ask HermiT for contradictions too (needs Java)"
-    )
+    for name, run, options in (
+        ("check", _check, _CHECK),
+        ("diff", _diff, _DIFF),
+        ("reload", _reload, _RELOAD),
+        ("export", _export, _EXPORT),
+        ("vocabulary", _vocabulary, _VOCABULARY),
+        ("words", _words, _WORDS),
+    ):
+        output = {"required": run is _export}
+        declare(add_command(parts, name, run.__doc__ or "", run=run), options, output=output)
 
 
 _MAX_PLACES = 50  # findings whose lines are looked for, which takes time in long files
 
 
 def _check(arguments: argparse.Namespace) -> int:
+    """Validate an ontology; list errors with file and line.
+
+    Each is validated by itself (default: the shipped one): SHACL, vocabulary, rules of OWL 2 DL.
+    Exit code 1 if a map would refuse one of them, 0 if there are only warnings.
+
+    example: hereabouts ontology check mine.ttl --reason
+    """
     from kg.knowledge.ontology.diagnostics import inspect, line_of
     from kg.knowledge.ontology.import_closure import load_with_imports
     from kg.model.resources import ONTOLOGIES
@@ -164,6 +108,12 @@ def _check(arguments: argparse.Namespace) -> int:
 
 
 def _diff(arguments: argparse.Namespace) -> int:
+    """Print the differences between two ontologies.
+
+    Each addition (+), removal (-) and change (~) is a line.
+
+    example: hereabouts ontology diff kitchen.map mine.ttl
+    """
     from kg.knowledge.ontology.diff import changes
     from kg.knowledge.ontology.unused import unused_statements
     from kg.serving.editing.reloading import ontology_at
@@ -180,6 +130,14 @@ def _diff(arguments: argparse.Namespace) -> int:
 
 
 def _reload(arguments: argparse.Namespace) -> int:
+    """Load an edited ontology into a map, also while it is served.
+
+    It is validated and loaded in one transaction; what changes is printed. A refused ontology
+    leaves the map as it is. Statements that people wrote into graph:commonsense stay. A running
+    server needs its token in HEREABOUTS_TOKEN, its address in HEREABOUTS_SERVER.
+
+    example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl
+    """
     from kg.serving.editing.reloading import reload
 
     done = reload(
@@ -204,6 +162,10 @@ def _reload(arguments: argparse.Namespace) -> int:
 
 
 def _export(arguments: argparse.Namespace) -> int:
+    """Write the present ontology of a map, with its imports, as one file that Protege opens.
+
+    example: hereabouts ontology export kitchen.map -o kitchen.owl
+    """
     from kg.export.serialization import export_ontology
     from kg.serving.opening import open_map
 
@@ -215,6 +177,14 @@ def _export(arguments: argparse.Namespace) -> int:
 
 
 def _words(arguments: argparse.Namespace) -> int:
+    """Write household words as an ontology to import and edit.
+
+    The words are classes below the shipped categories, with labels in English and German and links
+    to WordNet (default: all words). After `ontology reload`, people can name things of a map by
+    them.
+
+    example: hereabouts ontology words keys wallet kettle -o mine.ttl
+    """
     from kg.knowledge.ontology.shipped import shipped_ontology
     from kg.knowledge.words.classes import vocabulary_turtle
 
@@ -223,6 +193,10 @@ def _words(arguments: argparse.Namespace) -> int:
 
 
 def _vocabulary(arguments: argparse.Namespace) -> int:
+    """Print every term and category of an ontology (default: the shipped one) as Markdown.
+
+    example: hereabouts ontology vocabulary -o vocabulary.md
+    """
     from kg.knowledge.ontology.import_closure import load_with_imports
     from kg.knowledge.ontology.vocabulary_page import vocabulary_page
     from kg.model.resources import ONTOLOGIES

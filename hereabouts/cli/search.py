@@ -19,9 +19,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import add_map, count, positive, share, title_for
+from hereabouts.cli.arguments import count, declare, positive, share, title_for
 from hereabouts.cli.console import note, write
-from hereabouts.cli.ros_robot import (
+from hereabouts.cli.ros_connections import (
     add_ros_arguments,
     check_no_ros_arguments,
     is_ros,
@@ -55,40 +55,26 @@ _ROBOT = (
 )
 
 
+_OPTIONS = f"""
+MAP
+[OBJECT ...]    what to find, e.g. banana, sofa, 'something to drink from'; optional with --resume
+--robot ROBOT   {_ROBOT}
+--budget S      give up after S seconds of the robot's clock (default: no limit)
+--give-up-at P  give up once the probability that the looks missed an object on this floor is below
+                P (default: {BELIEF.stop_below:g})
+--resume        continue the latest search that did not find everything
+--patience S    maximum seconds without a message of the robot (default: 30)
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument(
-        "object",
-        nargs="*",
-        metavar="OBJECT",
-        help="what to find, e.g. banana, sofa, 'something to drink from'; optional with --resume",
-    )
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help=_ROBOT)
-    parser.add_argument(
-        "--budget",
-        type=positive,
-        metavar="S",
-        help="give up after S seconds of the robot's clock (default: no limit)",
-    )
-    parser.add_argument(
-        "--give-up-at",
-        type=share,
-        default=BELIEF.stop_below,
-        metavar="P",
-        help="give up once the probability that the looks missed an object on this floor is "
-        f"below P (default: {BELIEF.stop_below:g})",
-    )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="continue the latest search that did not find everything",
-    )
-    parser.add_argument(
-        "--patience",
-        type=positive,
-        default=30.0,
-        metavar="S",
-        help="maximum seconds without a message of the robot (default: 30)",
+    declare(
+        parser,
+        _OPTIONS,
+        robot={"required": True},
+        budget=positive,
+        give_up_at={"type": share, "default": BELIEF.stop_below},
+        patience={"type": positive, "default": 30.0},
     )
     add_hide(parser, "sim: ")
     parser.add_argument(

@@ -12,21 +12,15 @@ import argparse
 import logging
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import (
-    add_keep,
-    add_map,
-    end_at_latest,
-    end_on_signal,
-    keep_seconds,
-    positive,
-)
-from hereabouts.cli.console import note
+from hereabouts.cli.arguments import declare, end_at_latest, end_on_signal, keep_seconds, positive
+from hereabouts.cli.console import note, write_json
 from hereabouts.cli.map_recording import check_unmapped, fitted
 from hereabouts.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 from kg.model.errors import HereaboutsError
@@ -38,61 +32,37 @@ if TYPE_CHECKING:
     from mapping.runs.progress_report import FrameReport
     from perception.frames import Detections, Frame, SceneScores
 
+_OPTIONS = """
+MAP
+--host HOST                  own address (default: 127.0.0.1)
+--port N                     port (default: 8008; 0: a free one)
+--token-file FILE            tokens to write: lines of NAME TOKEN (default: read only)
+--read-token-file FILE       tokens to read a private map: lines of NAME TOKEN (default: all may
+                             read)
+--public-host NAME ...       host name of this server for other machines (repeatable)
+--trusted-proxy ADDRESS ...  reverse proxy, whose X-Forwarded-For names the client (repeatable)
+--allow-origin ORIGIN ...    scripts of pages from ORIGIN may use the server; *: all may read
+                             (repeatable)
+--allow-service URL ...      SPARQL endpoint that queries may ask by SERVICE (repeatable)
+--public                     serve other machines without a token file: everybody there may read
+--timeout S                  limit of a query (default: 10)
+--foxglove PORT              also serve Foxglove, to this machine alone: ws://127.0.0.1:PORT (0: a
+                             free one)
+--keep DURATION              length of the history to keep: 30d, 12h, 90m, 2w or 1y (default: all of
+                             the past; the rest is dropped while serving)
+--verbose                    print each request on stderr
+--recording DIR ...          map this recording while serving (repeatable; one after the other)
+"""
+
 
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("--host", default="127.0.0.1", help="own address (default: 127.0.0.1)")
-    parser.add_argument(
-        "--port", type=_port, default=8008, metavar="N", help="port (default: 8008; 0: a free one)"
-    )
-    parser.add_argument(
-        "--token-file",
-        metavar="FILE",
-        help="tokens to write: lines of NAME TOKEN (default: read only)",
-    )
-    parser.add_argument(
-        "--read-token-file",
-        metavar="FILE",
-        help="tokens to read a private map: lines of NAME TOKEN (default: all may read)",
-    )
-    for option, value, text in (
-        ("--public-host", "NAME", "host name of this server for other machines"),
-        ("--trusted-proxy", "ADDRESS", "reverse proxy, whose X-Forwarded-For names the client"),
-        (
-            "--allow-origin",
-            "ORIGIN",
-            "scripts of pages from ORIGIN may use the server; *: all may read",
-        ),
-        ("--allow-service", "URL", "SPARQL endpoint that queries may ask by SERVICE"),
-    ):
-        text = f"{text} (repeatable)"
-        parser.add_argument(option, action="append", default=[], metavar=value, help=text)
-    parser.add_argument(
-        "--public",
-        action="store_true",
-        help="serve other machines without a token file: everybody there may read",
-    )
-    parser.add_argument(
-        "--timeout",
-        type=positive,
-        default=10.0,
-        metavar="S",
-        help="limit of a query (default: 10)",
-    )
-    parser.add_argument(
-        "--foxglove",
-        type=_port,
-        metavar="PORT",
-        help="also serve Foxglove, to this machine alone: ws://127.0.0.1:PORT (0: a free one)",
-    )
-    add_keep(parser, "default: all of the past; the rest is dropped while serving")
-    parser.add_argument("--verbose", action="store_true", help="print each request on stderr")
-    parser.add_argument(
-        "--recording",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="map this recording while serving (repeatable; one after the other)",
+    declare(
+        parser,
+        _OPTIONS,
+        host={"default": "127.0.0.1"},
+        port={"type": _port, "default": 8008},
+        timeout={"type": positive, "default": 10.0},
+        foxglove=_port,
     )
     add_all_arguments(parser)
 
@@ -265,3 +235,67 @@ class _Mapper:
 
 class _EndedError(Exception):
     """The server ends: stop the mapping after a whole frame."""
+
+
+_PUBLISH_OPTIONS = """
+MAP ... -> maps    folder of a map, or address of `hereabouts serve`
+--to URL           SPARQL server, e.g. http://127.0.0.1:7878
+--token-file FILE  file that holds only the bearer token of that server
+--once             publish the present state and end
+--json
+"""
+
+
+def add_publish(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _PUBLISH_OPTIONS, to={"required": True})
+
+
+def publish(arguments: argparse.Namespace) -> int:
+    """Mirror one or several maps live into a SPARQL server.
+
+    Shipped queries then run over all of them. Each map is copied once as a whole, then each
+    transaction as one update. A new run continues after the last transaction on the server. Maps of
+    running servers are followed until the command is interrupted; a folder is published as it is
+    now.
+
+    example: hereabouts publish http://robot-1:8008 http://robot-2:8008 --to http://127.0.0.1:7878
+    """
+    from kg.serving.publishing.publisher import Publisher
+    from kg.serving.publishing.target import PublishTarget
+
+    token = _token(arguments.token_file) if arguments.token_file else None
+    target = PublishTarget(arguments.to, token)
+    publishers = [Publisher(address, target, note) for address in dict.fromkeys(arguments.maps)]
+    signal.signal(signal.SIGTERM, end_on_signal)
+    with ThreadPoolExecutor(len(publishers)) as pool:
+        try:
+            runs = [p.publish if arguments.once else p.follow for p in publishers]
+            done = list(pool.map(_published, runs, [p.address for p in publishers]))
+        finally:
+            for publisher in publishers:
+                publisher.stop()
+    target.close()
+    if arguments.json:
+        write_json([{"map": p.address, "sequence": p.acknowledged} for p in publishers])
+    return 0 if all(done) else 1
+
+
+def _published(publish: Callable[[], object], address: str) -> bool:
+    from kg.model.errors import HereaboutsError
+
+    try:
+        publish()
+    except HereaboutsError as error:
+        note(f"error: {address}: {error}")
+        return False
+    return True
+
+
+def _token(file: str) -> str:
+    from kg.model.errors import ServerError
+    from kg.store.credentials import read_token_file
+
+    token = read_token_file(file).strip()
+    if not token or len(token.split()) != 1 or not token.isascii():
+        raise ServerError(f"the token file {file} must hold one token alone")
+    return token

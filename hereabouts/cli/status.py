@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import json_value, print_table, without_details, write, write_json
 
 if TYPE_CHECKING:
@@ -25,16 +25,17 @@ if TYPE_CHECKING:
     from planner.search.goals.status import Status
 
 
+_OPTIONS = """
+MAP
+OBJECT               category or thing, e.g. cup or object/17
+--in PLACE -> place  only in this place: label, number or IRI
+--explain            print also what was seen close by, and the chances
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("object", metavar="OBJECT", help="category or thing, e.g. cup or object/17")
-    parser.add_argument(
-        "--in", dest="place", metavar="PLACE", help="only in this place: label, number or IRI"
-    )
-    parser.add_argument(
-        "--explain", action="store_true", help="print also what was seen close by, and the chances"
-    )
-    add_json(parser)
+    declare(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -109,7 +110,7 @@ def _perhaps(
     doubted: Sequence[KnownObject],
     arguments: argparse.Namespace,
 ) -> list[str]:
-    from hereabouts.cli.candidates import detections_in_vain
+    from hereabouts.cli.why import detections_in_vain
     from planner.search.plans.answer_sentences import answer_lines
 
     if doubted:

@@ -20,9 +20,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from hereabouts.cli.arguments import add_device, add_json, add_map
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, write_json
-from hereabouts.cli.network_options import Networks
+from hereabouts.cli.mapping_options import Networks
 from hereabouts.cli.recording_options import add_recording_arguments, recording_options
 from kg.model.errors import LayoutError, ModelError, RecordingError, UnknownCategoryError
 from kg.model.regular_files import read_bytes
@@ -40,33 +40,29 @@ Item = TypeVar("Item")
 _MAX_IMAGES: Final = 40  # images of a place from a recording or a folder, evenly spaced
 
 
+_OPTIONS = """
+MAP
+PLACE         place/2, its label or IRI; or: thing
+CATEGORY ...  kind of room: kitchen, home office, ...; of a thing its name, and pictures
+"""
+
+_SOURCE = """
+--recording DIR  recording in the map; its frames in the place count
+--images DIR     folder of images of the place
+"""
+
+_HOW = """
+--scene NAME|FILE  scene classifier with an output `features` (default: the bundled one)
+--marker MARK      ArUco or AprilTag on the thing, as in 4x4_50/17
+--device
+--json
+"""
+
+
 def add(parser: argparse.ArgumentParser) -> None:
-    add_map(parser)
-    parser.add_argument("place", metavar="PLACE", help="place/2, its label or IRI; or: thing")
-    parser.add_argument(
-        "category",
-        nargs="+",
-        metavar="CATEGORY",
-        help="kind of room: kitchen, home office, ...; of a thing its name, and pictures",
-    )
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument(
-        "--recording",
-        metavar="DIR",
-        help="recording in the map; its frames in the place count",
-    )
-    source.add_argument("--images", metavar="DIR", help="folder of images of the place")
-    parser.add_argument(
-        "--scene",
-        default="default",
-        metavar="NAME|FILE",
-        help="scene classifier with an output `features` (default: the bundled one)",
-    )
-    parser.add_argument(
-        "--marker", metavar="MARK", help="ArUco or AprilTag on the thing, as in 4x4_50/17"
-    )
-    add_device(parser)
-    add_json(parser)
+    declare(parser, _OPTIONS)
+    declare(parser.add_mutually_exclusive_group(), _SOURCE)
+    declare(parser, _HOW, scene={"default": "default"})
     add_recording_arguments(parser)
 
 

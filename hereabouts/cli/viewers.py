@@ -8,22 +8,22 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note
 
 if TYPE_CHECKING:
     from hereabouts.display.viewers.viewer import Viewer
 
 
+_VIEWERS = """
+--mcap OUT   record frames, boxes, map, robot and plan in a new MCAP file for Foxglove
+--rerun OUT  record the same in a new .rrd file for Rerun
+"""
+
+
 def add_viewers(parser: argparse.ArgumentParser) -> None:
     """The options that `open_viewers` reads."""
-    parser.add_argument(
-        "--mcap",
-        metavar="OUT",
-        help="record frames, boxes, map, robot and plan in a new MCAP file for Foxglove",
-    )
-    parser.add_argument(
-        "--rerun", metavar="OUT", help="record the same in a new .rrd file for Rerun"
-    )
+    declare(parser, _VIEWERS)
 
 
 @contextmanager

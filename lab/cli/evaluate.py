@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from hereabouts.cli.arguments import MAP_HELP, add_json, count, positive
+from hereabouts.cli.arguments import MAP_HELP, count, declare, positive
 from hereabouts.cli.console import note, print_table, write_json
 from hereabouts.cli.mapping_options import MODES, add_all_arguments
 from kg.model.errors import PictureError
@@ -101,7 +101,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="draw the reliability diagram of existence for all maps",
     )
-    add_json(mapping)
+    declare(mapping, "--json")
     add_all_arguments(mapping)
     mapping.set_defaults(run=run_map)
     add_detector(subjects)

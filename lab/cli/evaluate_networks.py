@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import add_device, add_json, count
+from hereabouts.cli.arguments import count, declare
 from hereabouts.cli.console import note, print_table, progress, write_json
 from hereabouts.cli.models import named_detector
 
@@ -43,14 +43,14 @@ def add_detector(subjects: _Subjects) -> None:
         metavar="NAME|FILE",
         help="detector to score, or best; repeatable (default: the two bundled ones)",
     )
-    add_device(parser)
+    declare(parser, "--device")
     parser.add_argument(
         "--limit", type=count, metavar="N", help="the first N images only (default: all)"
     )
     parser.add_argument(
         "--results", metavar="FILE", help="write the detections of one detector as COCO results"
     )
-    add_json(parser)
+    declare(parser, "--json")
     parser.set_defaults(run=run_detector, usage_error=parser.error)
 
 
@@ -74,8 +74,8 @@ def add_scene(subjects: _Subjects) -> None:
         metavar="NAME|FILE",
         help="scene classifier to score; repeatable (default: the bundled one)",
     )
-    add_device(parser)
-    add_json(parser)
+    declare(parser, "--device")
+    declare(parser, "--json")
     parser.set_defaults(run=run_scene)
 
 

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from hereabouts.cli.arguments import title_for
 from hereabouts.cli.map_recording import map_frames
-from hereabouts.cli.mapping_options import MODES, open_inputs
-from hereabouts.cli.network_options import Networks
+from hereabouts.cli.mapping_options import MODES, Networks, open_inputs
 from hereabouts.cli.recording_options import recording_options
 from kg.model.errors import LayoutError
 

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import add_json, count, positive, share
+from hereabouts.cli.arguments import count, declare, positive, share
 from hereabouts.cli.console import note, print_table, progress, write_json
 from hereabouts.cli.live import until_signal
 from hereabouts.cli.ros_connections import require_ros
@@ -62,7 +62,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         metavar="SHARE",
         help="error of each step of the written poses, e.g. 0.02 (default: true poses)",
     )
-    add_json(house)
+    declare(house, "--json")
     house.set_defaults(run=run_house)
     robot = subjects.add_parser(
         "robot",

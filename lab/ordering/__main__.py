@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import add_json, count, positive
+from hereabouts.cli.arguments import count, declare, positive
 from hereabouts.cli.console import err, note, progress, write, write_json
 from lab import command_line
 from lab.ordering.problem import OrderingError
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--time-limit", type=positive, default=1.0, metavar="S", help="a query (default: 1)"
     )
     plan.add_argument("--seed", type=count, default=0, metavar="N", help="(default: 0)")
-    add_json(plan)
+    declare(plan, "--json")
     return command_line.run(plan, run, argv)
 
 

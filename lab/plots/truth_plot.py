@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from hereabouts.display.plots.drawing import draw_floor, mark
 from hereabouts.display.plots.layout import Extent, Sheet
+from hereabouts.display.plots.map_labels import PointLabel, write_labels
 from hereabouts.display.plots.picture_file import checked_ending, picture_style, save_picture
-from hereabouts.display.plots.point_labels import PointLabel, write_labels
 from lab.maps.session_identity import SHOWN
 from lab.maps.truth_matching import Matching, Pair, TruthMatcher
 from mapping.occupancy.mapped_floor import MappedFloor

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hereabouts.cli.arguments import add_json
+from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import write, write_json
 from lab import command_line
 from lab.thesis import categorisation, localisation, registration
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--scene", default="default", metavar="NAME|FILE", help="scene classifier of table 4.4"
     )
-    add_json(parser)
+    declare(parser, "--json")
     return command_line.run(parser, run, argv)
 
 

@@ -37,6 +37,12 @@ from hereabouts.display.plots.drawing import (
 )
 from hereabouts.display.plots.label_placement import WallsBelow, drawable, wall_cells
 from hereabouts.display.plots.layout import Extent, Listing, Sheet
+from hereabouts.display.plots.map_labels import (
+    NamedPlace,
+    PointLabel,
+    write_labels,
+    write_place_names,
+)
 from hereabouts.display.plots.palette import (
     FAINT,
     FOUND,
@@ -51,8 +57,6 @@ from hereabouts.display.plots.palette import (
     top_category,
 )
 from hereabouts.display.plots.picture_file import checked_ending, picture_style, save_picture
-from hereabouts.display.plots.place_labels import NamedPlace, write_place_names
-from hereabouts.display.plots.point_labels import PointLabel, write_labels
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
 from kg.model.place_names import SURE, plain_place

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import math
 from collections.abc import Awaitable, Callable, Iterator
 from dataclasses import replace
@@ -73,8 +74,8 @@ def solved(server: MCPServer[Any], task: Callable[[Call], Awaitable[Any]]) -> An
                 found = await client.call_tool(tool, arguments)
                 if found.is_error:
                     return {"error": found.content[0].text}  # type: ignore[union-attr]
-                pictures = [one for one in found.content if one.type == "image"]
-                return {**(found.structured_content or {}), "pictures": len(pictures)}
+                pictures = [one.data for one in found.content if one.type == "image"]
+                return {**(found.structured_content or {}), "pictures": pictures}
 
             return await task(call)
 
@@ -164,8 +165,8 @@ TASKS: list[tuple[str, Any, Any]] = [
     ("which frame shows the book",
      one("why", lambda a: "frame-000007" in str(a["steps"]), what="object/5"), True),
     ("a picture of the book", one("picture", lambda a: (a["pictures"], a["box"]), what="object/5"),
-     (1, [10, 20, 30, 40])),
-    ("a picture of the map", one("picture", lambda a: (a["pictures"], sorted(a)), what="map"),
+     ([base64.b64encode(JPEG).decode()], [10, 20, 30, 40])),
+    ("a picture of the map", one("picture", lambda a: (len(a["pictures"]), sorted(a)), what="map"),
      (1, ["map", "pictures"])),
     ("a room as answers call it", one("list_things", ids, inside="the kitchen"),
      ["object/1"]),

@@ -20,7 +20,7 @@ BASE = "https://example.org/kitchen/"
 
 pytest.importorskip("rosbags")
 Prints = Callable[..., str]
-FRAMES = 12
+FRAMES = 8
 
 
 @pytest.fixture(scope="module")

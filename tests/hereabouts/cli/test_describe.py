@@ -105,25 +105,6 @@ def test_check_tells_of_a_history_that_is_missing(
     assert "keeps no history here" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("words", "now"),
-    [
-        (["frame", "MAP", "--json"], ["describe", "MAP", "--json"]),
-        (["places", "--find", "MAP"], ["rooms", "MAP", "find"]),
-    ],
-)
-def test_names_of_before_are_understood_and_the_new_ones_told(
-    flat: Path, capsys: pytest.CaptureFixture[str], words: list[str], now: list[str]
-) -> None:
-    here = [str(flat) if word == "MAP" else word for word in words]
-    then = [str(flat) if word == "MAP" else word for word in now]
-    code = main(here)
-    told = capsys.readouterr()
-    assert told.err.startswith(f"`hereabouts {words[0]}` goes; write `hereabouts {' '.join(then)}`")
-    assert main(then) == code
-    assert capsys.readouterr().out == told.out
-
-
 def test_a_map_in_place_of_a_recording_is_told(flat: Path, fails: Callable[..., str]) -> None:
     for words in (("info", flat), ("map", flat, "--into", flat.parent / "other.map")):
         assert f"is a map; `hereabouts describe {flat}` shows it" in fails(*words)

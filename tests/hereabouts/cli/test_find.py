@@ -16,11 +16,12 @@ from kg.serving.opening import create_map
 from tests.planner.flat import fill
 
 
-@pytest.fixture
-def flat_on_disk(tmp_path: Path) -> Path:
-    with create_map(tmp_path / "flat.map", title="flat") as semantic_map:
+@pytest.fixture(scope="module")
+def flat_on_disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("find") / "flat.map"
+    with create_map(path, title="flat") as semantic_map:
         fill(semantic_map)
-    return tmp_path / "flat.map"
+    return path
 
 
 Said = Callable[..., tuple[str, str]]

@@ -47,21 +47,9 @@ READING = {
 Calls = list[tuple[str, dict[str, Any]]]
 #: fields of answers that hold no text of people or detectors
 PLAIN = {
-    *("id", "base", "place", "thing", "found_by", "licence", "reasons"),
-    *(
-        "last_seen",
-        "found_gone",
-        "search",
-        "state",
-        "what",
-        "last_viewed",
-        "time",
-        "created",
-        "kind",
-        "status",
-        "relation",
-        "property",
-    ),
+    *("id", "base", "place", "thing", "found_by", "licence", "reasons", "last_seen", "found_gone"),
+    *("search", "state", "what", "last_viewed", "time", "created", "kind", "status", "relation"),
+    "property",
 }
 
 
@@ -156,70 +144,32 @@ def texts(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
         yield name, value
 
 
-def test_every_tool_answers_over_stdio(flat: Path) -> None:
+def test_tools_answer_over_stdio(flat: Path) -> None:
     calls: Calls = [
         ("describe_map", {}),
-        ("where_is", {"what": "mug"}),
-        ("where_is", {"what": "object/1"}),
         ("where_is", {"what": "sofa"}),
         ("where_is", {"what": "my keys"}),
-        ("status", {"what": "banana", "place": "place/3"}),
         ("list_things", {"x": 6, "y": 1, "radius": 1.5}),
-        ("list_things", {"near": f"{BASE}object/1", "radius": 5}),
-        ("list_things", {"inside": "kitchen", "limit": 1}),  # what place 1 is believed to be
-        ("list_things", {"near": "object/1", "to": "object/3", "radius": 4}),
-        ("recent", {"limit": 2}),
-        ("what_changed", {"since": "#1"}),
-        ("why", {"what": "object/1"}),
-        ("history", {"what": "object/2", "limit": 1}),
         ("route", {"to": "object/3", "x": 1, "y": 1}),
-        ("find_plan", {"what": ["apple"], "limit": 2}),
         ("next_look", {"what": ["apple"], "x": 6, "y": 1}),
         (
             "ask_sparql",
             {"query": "SELECT ?o ?z { ?o here:inPlace ?p ; here:z ?z } ORDER BY ?o", "limit": 2},
         ),
-        ("ask_sparql", {"query": "ASK { ?o a here:Cup }"}),
-        ("ask", {"question": "is there a banana in the kitchen?"}),
     ]
     found = answers(stdio(flat), calls)
-    for answer in found:
-        assert answer["map"]["sequence"] == 4
-    described, mug, banana, sofa, keys, gone, at, near, inside, *found = found
-    between, recent, moved, why, history, way, plan, look, rows, ask, plain = found
-    assert plain["kind"] == "status"
-    assert plain["untrusted_answer"][0] == "It was there, and has probably been moved since:"
+    assert [answer["map"]["sequence"] for answer in found] == [4] * len(calls)
+    described, sofa, keys, at, way, look, rows = found
     assert (described["objects"], described["writable"]) == (3, False)
     assert (described["untrusted_title"], described["base"]) == ("our flat", BASE)
     assert ["cup", 1] in described["untrusted_counts"]
-    (cup,) = mug["things"]
-    assert (cup["id"], cup["probability"], cup["x"], cup["z"]) == ("object/2", 0.9, 3.0, 0.8)
     assert described["map"]["time"] == described["robot"]["time"]
-    assert banana["things"][0]["untrusted_where"] == "in the kitchen"
     assert (sofa["things"], sofa["status"]) == ([], "hidden")
-    assert "viewed" in sofa["untrusted_proof"]
     assert sofa["untrusted_understood"] == "'sofa' means couch"
-    assert keys["things"] == []
     assert keys["untrusted_proof"].startswith(
         "No detector here can see things called 'my keys'. They are usually"
     )
-    assert (gone["status"], gone["places"][0]["viewed_share"]) == ("looked, none seen", 0.95)
-    assert [one["id"] for one in at["things"]] == ["object/3"]
-    assert at["place"] == "place/2"
-    assert [one["id"] for one in near["things"]] == ["object/2"]
-    assert [one["id"] for one in between["things"]] == ["object/2"]
-    assert [one["kind"] for one in moved["things"]] == ["relabelled", "relabelled"]
-    assert moved["things"][0]["id"] == "object/2"
-    assert moved["floor_seen"][0] == moved["floor_seen"][1]
-    assert (len(inside["things"]), inside["total"], inside["more"]) == (1, 2, 1)
-    seen = [one["last_seen"] for one in recent["things"]]
-    assert seen == sorted(seen, reverse=True)
-    assert {"thing", "rule", "commit"} <= {step["kind"] for step in why["steps"]}
-    (event,) = history["events"]
-    assert (event["kind"], event["untrusted_by"], history["more"]) == ("update", "mallory", 1)
-    assert len(plan["looks"]) == 2
-    assert plan["more"] == 2
-    assert plan["looks"][0]["reasons"] and plan["looks"][0]["untrusted_why"]
+    assert ([one["id"] for one in at["things"]], at["place"]) == (["object/3"], "place/2")
     (door,) = way["doors"]
     assert (way["reachable"], door["between"]) == (True, ["place/1", "place/2"])
     assert (door["untrusted_into"], way["metres"]) == ("place 2", pytest.approx(6.2, abs=0.3))
@@ -227,7 +177,6 @@ def test_every_tool_answers_over_stdio(flat: Path) -> None:
     assert (look["state"], look["untrusted_wanted"]) == ("searching", ["apple"])
     assert rows["untrusted_rows"] == [["object/1", 0.8], ["object/2", 0.8]]
     assert (rows["total"], rows["more"]) == (3, 2)
-    assert ask["untrusted_rows"] == [[True]]
 
 
 def test_hostile_text_stays_in_marked_fields_escaped_and_bounded(flat: Path) -> None:
@@ -262,8 +211,6 @@ def test_errors_say_what_would_work_and_mark_the_maps_text(flat: Path) -> None:
         ("ask_sparql", {"query": "INSERT DATA { <a> <b> <c> }"}),
         ("ask_sparql", {"query": "SELECT * { SERVICE <http://127.0.0.1:1/> { ?s ?p ?o } }"}),
         ("ask_sparql", {"query": "SELECT ?o {"}),
-        ("where_is", {"what": ""}),
-        ("list_things", {"inside": "place/1", "limit": 10_000}),
         ("list_things", {"limt": 3}),
     ]
     found = answers(stdio(flat), calls)
@@ -276,9 +223,7 @@ def test_errors_say_what_would_work_and_mark_the_maps_text(flat: Path) -> None:
     assert messages[2].startswith("object/99 is no object of the map now; ")
     assert "both x and y" in messages[4]
     assert [r["error"] for r in reports[5:8]] == ["QueryRefusedError"] * 2 + ["QueryError"]
-    assert "at least 1 character" in messages[8]
-    assert messages[9] == "limit should be less than or equal to 100, got 10000"
-    assert messages[10].startswith("no argument 'limt'; there are: inside, near,")
+    assert messages[8].startswith("no argument 'limt'; there are: inside, near,")
 
 
 @pytest.fixture

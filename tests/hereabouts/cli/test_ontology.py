@@ -113,19 +113,6 @@ def test_a_file_that_leaves_out_what_the_map_knows_is_refused_unless_it_is_the_w
     assert "- category 'kitchen' removed" in told
 
 
-def test_a_file_that_leaves_out_only_relations_is_refused_too(
-    flat: Path, mine: Path, fails: Run
-) -> None:
-    core = "https://w3id.org/hereabouts/ontology"
-    with open_map(flat) as semantic_map:
-        before = set(semantic_map.engine)
-    text = mine.read_text().replace("here:locatedAt here:Office", 'rdfs:seeAlso "nothing"')
-    mine.write_text(text.replace(f"<{core}/commonsense>", f"<{core}/objects> , <{core}/places>"))
-    assert f"leaves out <{core}/commonsense>" in fails("ontology", "reload", flat, mine)
-    with open_map(flat) as semantic_map:
-        assert set(semantic_map.engine) == before
-
-
 def test_what_is_exported_loads_again_without_a_change(
     flat: Path, tmp_path: Path, prints: Run
 ) -> None:

@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 
 from hereabouts.cli import build_parser, main
-from hereabouts.cli.mapping_options import mapping_options
-from hereabouts.cli.network_options import network_options
+from hereabouts.cli.mapping_options import mapping_options, network_options
 from hereabouts.cli.recording_options import recording_options, source_options
-from hereabouts.cli.ros_robot import ros_options
+from hereabouts.cli.ros_connections import ros_options
 from hereabouts.cli.search import search_options
 from kg.serving.opening import open_map
 from mapping.looks.user_encoder import listed_words
@@ -232,6 +231,7 @@ def test_serve_maps_a_recording_by_the_same_options_as_map(
     detector = shared("models/deimv2_femto_416.onnx")
     options = ["--detector", detector, "--scene", "none", "--mode", "reference"]
     options = [*map(str, options), "--threshold", "0.5", "--no-floor", "--no-pictures"]
+    options += ["--limit", "3"]
     assert main(["map", str(kitchen), "--into", str(tmp_path / "mapped.map"), *options]) == 0
     process = Process(tmp_path, tmp_path / "served.map", "--recording", kitchen, *options)
     try:

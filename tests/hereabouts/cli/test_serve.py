@@ -25,7 +25,7 @@ from tests.waiting import until
 ROOT = Path(__file__).resolve().parents[3]
 TOKEN = "a-token-of-the-tests-0123"
 ASK = {"query": "ASK { here:Cup a ?x }"}
-FLOOD = 4_000
+FLOOD = 2_000
 
 
 @contextmanager
@@ -206,21 +206,6 @@ def test_a_recording_is_mapped_while_questions_are_answered(
         assert semantic_map.recordings()[0].frames_applied == 8
         assert semantic_map.sequence == sequence
         assert len(semantic_map.objects()) > 0
-
-
-def test_a_recording_is_mapped_with_the_table_of_labels_that_is_given(
-    serve: Callable[..., Process], kitchen: Path, shared: Callable[[str], Path], tmp_path: Path
-) -> None:
-    detector = shared("models/deimv2_femto_416.onnx")
-    into, table = tmp_path / "live.map", tmp_path / "labels.csv"
-    table.write_text("label,category\nchair,-\nbook,cup\n", encoding="utf-8")
-    process = serve(into, "--recording", kitchen, "--detector", detector, "--labels-map", table)
-    until(lambda: "done" in str(process.get("health").json()["mapping"]), seconds=300)
-    assert process.end() == 0
-    with open_map(into, read_only=True) as semantic_map:
-        assert semantic_map.objects()
-        assert not semantic_map.objects("chair")
-        assert not semantic_map.objects("book")
 
 
 def test_a_signal_in_the_middle_of_a_recording_keeps_whole_frames(

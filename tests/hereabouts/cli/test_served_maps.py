@@ -25,7 +25,7 @@ __all__ = ["home", "serve", "tokens"]  # fixtures
 
 ROOT = Path(__file__).resolve().parents[3]
 BASE = "https://example.org/home/"
-FRAMES = 60
+FRAMES = 30
 Prints = Callable[..., str]
 Serve = Callable[..., Process]
 

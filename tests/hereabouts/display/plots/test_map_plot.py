@@ -14,9 +14,9 @@ from hereabouts.demo.house_demo import ground_truth
 from hereabouts.display.plots.drawing import Stop, draw_floor, draw_surface
 from hereabouts.display.plots.label_placement import WallsBelow, place_labels, wall_cells
 from hereabouts.display.plots.layout import Extent, Listing, ListItem, Sheet
+from hereabouts.display.plots.map_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.map_plot import SearchDrawing, plot_map
 from hereabouts.display.plots.palette import object_groups
-from hereabouts.display.plots.place_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.search_plot import numbered_stops
 from kg.export.thesis_json import import_reference_maps
 from kg.maps.semantic_map import SemanticMap

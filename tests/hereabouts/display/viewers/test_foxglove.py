@@ -27,10 +27,9 @@ from hereabouts.display.viewers.scene import ScenePlan, SceneReader, SceneStop
 from hereabouts.display.viewers.viewer import ViewerGroup
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import PictureError, ServerError
-from kg.model.records import FREE, TALL, MapUpdate, RobotRecord
+from kg.model.records import MapUpdate, RobotRecord
 from kg.serving.opening import in_memory_map
 from perception.frames import Detections, Frame
-from perception.sources.bags.bag_file import BagFile
 from perception.sources.ros.message_types import message_types
 
 
@@ -84,27 +83,6 @@ def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap)
     assert [m.text for m in markers if m.ns == "reasons"] == ["near the cup"]
     assert by_topic["/hereabouts/robot"].pose.position.x == 2.0
     assert len(by_topic["/hereabouts/plan"].poses) == 2
-
-
-def test_the_file_is_a_ros_2_bag(kitchen: SemanticMap, tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
-    path.write_bytes(scenes_as_mcap([(SceneReader(kitchen).read(), 1.0)]))
-    with BagFile(path) as bag:
-        assert {topic.name: topic.count for topic in bag.topics}["/hereabouts/markers"] == 1
-
-
-def test_the_floor_is_a_grid_with_rows_along_x(kitchen: SemanticMap) -> None:
-    scene = SceneReader(kitchen).read()
-    assert scene.floor is not None
-    states = scene.floor.grid.states
-    messages = read(scenes_as_mcap([(scene, 1.0)]))
-    grid = next(content for topic, _, _, content in messages if topic == "/map")
-    cells = np.asarray(grid.data, np.int8).reshape(grid.info.height, grid.info.width)
-    assert cells.shape == states.T.shape
-    assert (cells[states.T == TALL] == 100).all() and (cells[states.T == FREE] == 0).all()
-    assert (cells[states.T == 0] == -1).all()
-    origin = grid.info.origin.position
-    assert (origin.x, origin.z) == pytest.approx((0.05, 0.05))
 
 
 def test_an_empty_map_is_a_valid_file() -> None:

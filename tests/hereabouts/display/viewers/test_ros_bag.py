@@ -10,7 +10,7 @@ import pytest
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from hereabouts.display.viewers.ros_messages import TOPICS, RosMessages, scenes_as_bag
+from hereabouts.display.viewers.ros_messages import TOPICS, scenes_as_bag
 from hereabouts.display.viewers.scene import ScenePlan, SceneReader, SceneStop
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map
@@ -65,11 +65,3 @@ def test_an_empty_map_is_a_bag_that_clears_the_view(tmp_path: Path) -> None:
     messages = read(path)
     assert list(messages) == ["/hereabouts/markers"]
     assert [marker.action for marker in messages["/hereabouts/markers"].markers] == [3]
-
-
-def test_the_same_messages_are_made_for_ros_2(kitchen: SemanticMap) -> None:
-    types = get_typestore(Stores.ROS2_JAZZY)
-    for topic, message in RosMessages(is_ros1=False).of(SceneReader(kitchen).read(), 1.0):
-        data = types.serialize_cdr(message, TOPICS[topic])
-        again = types.deserialize_cdr(data, TOPICS[topic])
-        assert bytes(types.serialize_cdr(again, TOPICS[topic])) == bytes(data)

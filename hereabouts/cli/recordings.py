@@ -1,10 +1,4 @@
-"""Show the streams of a recording, and whether they can be mapped.
-
-The table lists rates and gaps, and the streams that `map` would read. The lines below the table
-tell whether depth fits the poses, the camera and the colour images.
-
-example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw
-"""
+"""Recordings: what they have, and their conversion."""
 
 from __future__ import annotations
 
@@ -13,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import add_json
-from hereabouts.cli.console import print_table, printable, write, write_json
+from hereabouts.cli.arguments import declare
+from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
 from hereabouts.cli.recording_options import (
     add_recording_arguments,
     opened_recording,
@@ -29,14 +23,25 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
     from perception.sources.summary import StreamSummary
 
+_INFO_OPTIONS = """
+RECORDING  folder, bag or MCAP file
+--json
+"""
 
-def add(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("recording", metavar="RECORDING", help="folder, bag or MCAP file")
-    add_json(parser)
+
+def add_info(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _INFO_OPTIONS)
     add_recording_arguments(parser)
 
 
-def run(arguments: argparse.Namespace) -> int:
+def info(arguments: argparse.Namespace) -> int:
+    """Show the streams of a recording, and whether they can be mapped.
+
+    The table lists rates and gaps, and the streams that `map` would read. The lines below the table
+    tell whether depth fits the poses, the camera and the colour images.
+
+    example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw
+    """
     from perception.sources.bags import bag
     from perception.sources.recording import format_of
 
@@ -147,3 +152,39 @@ def _depth_facts(findings: DepthFindings) -> dict[str, Any]:
     for warning in findings.warnings:
         facts["warning"] = "; ".join(filter(None, (facts.get("warning", ""), warning)))
     return facts
+
+
+_CONVERT_OPTIONS = """
+RECORDING         folder, bag or MCAP file
+-o, --output OUT  new file .mcap (ROS 2) or .bag (ROS 1); without an ending: folder of a ROS 2 bag
+--json
+"""
+
+
+def add_convert(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _CONVERT_OPTIONS, output={"required": True})
+    add_recording_arguments(parser)
+
+
+def convert(arguments: argparse.Namespace) -> int:
+    """Write a recording as an MCAP file, a ROS 1 bag or a ROS 2 bag.
+
+    The messages have types that ROS defines. Mapping the new file makes the same map as mapping the
+    recording.
+
+    example: hereabouts convert recordings/kitchen -o kitchen.mcap
+    """
+    from perception.sources.bag_writer import write_bag
+
+    path = arguments.recording
+    recording = opened_recording(path, recording_options(arguments, path))
+    output = Path(arguments.output)
+    with progress() as bar:
+        task = bar.add_task(recording.name, total=len(recording), status="")
+        for _ in write_bag(recording, output):
+            bar.advance(task)
+    if arguments.json:
+        write_json({"output": str(output), "frames": len(recording)})
+    else:
+        note(f"wrote {len(recording)} frames to {output}")
+    return 0

@@ -1,0 +1,188 @@
+"""The history of a map: its log, differences between two moments, compaction."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
+from hereabouts.cli.console import note, print_rows, print_table, write_json
+
+if TYPE_CHECKING:
+    from kg.history.replay.point_in_time import Difference
+    from kg.history.reports.comparison import Comparison
+    from kg.maps.semantic_map import SemanticMap
+
+_LOG_OPTIONS = """
+MAP
+IRI -> thing  object/17, a label such as 'cup 2', place/1, robot, or an IRI
+--last N      only the last N changes
+--explain     list every changed fact
+--json
+"""
+
+
+def add_log(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _LOG_OPTIONS, last=count)
+
+
+def log(arguments: argparse.Namespace) -> int:
+    """List the changes of one thing, each with its time and author.
+
+    Each line is a transaction, the oldest first. Counters, and corrections within the uncertainty
+    of what was told before, are left out; --explain lists every changed fact.
+
+    example: hereabouts log kitchen.map object/17
+    """
+    from kg.history.timestamps import iso
+    from kg.serving.opening import open_map
+    from planner.search.goals.place_names import thing_named
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        thing = thing_named(semantic_map, arguments.thing)
+        entries = list(semantic_map.history.events(thing))
+    whole = arguments.explain or arguments.json
+    shown = [entry for entry in entries if whole or entry.told]
+    shown = shown if arguments.last is None else shown[len(shown) - arguments.last :]
+    if arguments.json:
+        write_json(
+            [
+                {
+                    "sequence": entry.sequence,
+                    "time": iso(entry.time),
+                    "kind": entry.cause.kind,
+                    "by": entry.cause.by,
+                    "note": entry.cause.note,
+                    "changes": list(entry.changes),
+                    "told": list(entry.told),
+                }
+                for entry in shown
+            ]
+        )
+        return 0
+    print_table(
+        ("#", "time", "cause", "by", "change"),
+        [
+            (
+                e.sequence,
+                datetime.fromtimestamp(e.time, UTC),
+                f"{e.cause.kind} {e.cause.note}",
+                e.cause.by or "",
+                e.words if arguments.explain else ", ".join(e.told),
+            )
+            for e in shown
+        ],
+    )
+    more = "" if arguments.explain else "; --explain lists every changed fact"
+    note(f"{len(shown)} of {len(entries)} changes{more}")
+    return 0
+
+
+_COLUMNS = ("change", "thing", "category", "before", "after", "metres")
+_FACTS = ("change", "subject", "predicate", "before", "after")
+
+
+_DIFF_OPTIONS = """
+MAP
+T1 -> before  first moment
+T2 -> after   second moment
+--moved       only objects that moved
+--far M       shortest move [m] (default: 0.3)
+--facts       all facts that changed instead
+--json
+"""
+
+
+def add_diff(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _DIFF_OPTIONS, far={"type": float, "default": 0.3})
+
+
+def diff(arguments: argparse.Namespace) -> int:
+    """List what changed between two moments of the map.
+
+    Objects that appeared, are gone, moved or have another name, rooms that have another name or
+    shape, and the area of floor that was seen. A moment is a time in ISO 8601 (UTC if it has no
+    zone), words such as yesterday, 2h or now, or a transaction: #42 is the state after the 42nd.
+    Where the history begins later than T1, it counts from there. A move counts if it is longer than
+    the uncertainty of both positions and than --far.
+
+    example: hereabouts diff kitchen.map '#10' 2026-08-01T12:30:00Z
+    """
+    from kg.serving.opening import open_map
+    from planner.questions.moments import read_since
+
+    with open_map(arguments.map, read_only=True) as semantic_map:
+        before = moment_of(arguments.before)
+        is_now = arguments.after.strip().casefold() == "now"
+        after = f"#{semantic_map.sequence}" if is_now else moment_of(arguments.after)
+        history = semantic_map.history
+        if arguments.facts:
+            facts = read_since(semantic_map, before, lambda begin: history.diff(begin, after))
+            return _facts(semantic_map, facts, arguments)
+        found = read_since(
+            semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
+        )
+    rows = _rows(found, only_moved=arguments.moved)
+    print_rows(_COLUMNS, rows, as_json=arguments.json)
+    note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
+    return 0
+
+
+def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
+    objects: list[tuple[object, ...]] = [
+        (
+            one.kind,
+            one.iri,
+            one.category,
+            *one.sides,
+            round(one.metres, 2) if one.kind == "moved" and one.metres is not None else None,
+        )
+        for one in found.changes
+        if one.kind == "moved" or not only_moved
+    ]
+    rooms = [(one.kind, one.iri, one.title, one.before, one.after, None) for one in found.rooms]
+    return objects if only_moved else [*objects, *rooms]
+
+
+def _facts(semantic_map: SemanticMap, found: Difference, arguments: argparse.Namespace) -> int:
+    print_rows(_FACTS, found.rows(semantic_map.base), as_json=arguments.json)
+    note(
+        f"#{found.before} to #{found.after}: {len(found.added)} triples added, "
+        f"{len(found.removed)} removed"
+    )
+    return 0
+
+
+_COMPACT_OPTIONS = """
+MAP
+--keep DURATION  length of the history to keep: 30d, 12h, 90m, 2w or 1y (default: all of the past)
+--json
+"""
+
+
+def add_compact(parser: argparse.ArgumentParser) -> None:
+    declare(parser, _COMPACT_OPTIONS)
+
+
+def compact(arguments: argparse.Namespace) -> int:
+    """Compact a map's history, and with --keep remove its older part.
+
+    The map itself and all later states stay as they are.
+
+    example: hereabouts compact kitchen.map --keep 30d
+    """
+    from kg.serving.opening import open_map
+
+    keep = keep_seconds(arguments)
+    with open_map(arguments.map) as semantic_map:
+        done = semantic_map.history.compact(keep)
+    if arguments.json:
+        write_json(asdict(done))
+        return 0
+    note(
+        f"{done.dropped} transactions dropped; the history begins at #{done.floor}; "
+        f"{done.bytes_before / 1e6:.2f} MB before, {done.bytes_after / 1e6:.2f} MB after"
+    )
+    return 0
