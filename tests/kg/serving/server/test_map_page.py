@@ -486,7 +486,7 @@ def test_the_page_of_an_object_has_its_place_reasons_and_history(open_page: Open
 
 def test_times_of_the_last_view_differ_for_all_kinds_of_colour_vision(open_page: OpenPage) -> None:
     page = open_page()
-    schemes = page.evaluate("import('/files/floor-picture.js').then((module) => module.VIEWED)")
+    schemes = page.evaluate("import('/files/surface.js').then((module) => module.VIEWED)")
     # Machado, Oliveira and Fernandes 2009: complete protanopia, deuteranopia and tritanopia
     seen_by = {
         "all": np.eye(3),
