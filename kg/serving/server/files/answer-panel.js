@@ -1,7 +1,7 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, element, named } from "/files/page-elements.js";
-import { request } from "/files/server.js";
-import { pictureOf } from "/files/thing-details.js";
+import { button, byId, element, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { read } from "/files/server.js";
+import { pictureOf } from "/files/thing-panel.js";
 
 const MAX_STEPS = 12, MAX_THINGS = 30; // that are listed
 const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+\)/g; // told otherwise on the page
@@ -35,8 +35,7 @@ export class AnswerPanel {
     if (!wanted) return;
     this._say("planning …");
     try {
-      const reply = await request(`/find?object=${encodeURIComponent(wanted)}`, { accept: "application/json", signal });
-      const { about = [], known = [], steps = [], understood = [], ...rest } = await reply.json();
+      const { about = [], known = [], steps = [], understood = [], ...rest } = await read(`/find?object=${encodeURIComponent(wanted)}`, { signal });
       this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });
       if (!quiet) this._found(this._answer.known[0]?.iri ?? null);
     } catch (error) {
@@ -63,7 +62,7 @@ export class AnswerPanel {
     this._view.plan = this._isWay ? answer : null;
     const iris = answer ? [...answer.known, ...answer.about].map((one) => one.iri) : [];
     this._view.highlights = { iris: new Set(iris), points: [], rings: [] };
-    byId("plan").classList.toggle("hidden", this._data.past !== null);
+    reveal("plan", this._data.past === null);
     this._view.draw();
   }
 
@@ -81,8 +80,7 @@ export class AnswerPanel {
   /** How sure it is that the best thing is still there, and its picture. */
   _surely({ iri, still_there: sure }, frame) {
     pictureOf(this._data, iri).then((picture) => picture && frame.replaceChildren(picture), () => {});
-    const bar = Object.assign(element("meter"), { value: sure, ariaLabel: "how sure" });
-    return [element("p", `${Math.round(100 * sure)} % sure that it is still there `, bar)];
+    return [element("p", "", sureness(sure, "sure that it is still there"))];
   }
 
   /** A sentence with links where it names things. */
@@ -94,10 +92,8 @@ export class AnswerPanel {
   }
 
   _link(iri, text) {
-    const one = this._data.thingAt(iri), made = button("", () => this._choose(iri));
-    made.className = "link";
-    made.append(...(one && (!text || text === one.label) ? named(this._data, one) : [text || this._data.nameAt(iri)]));
-    return made;
+    const one = this._data.thingAt(iri), hasName = one && (!text || text === one.label);
+    return linkButton(() => this._choose(iri), hasName ? named(this._data, one) : text || this._data.nameAt(iri));
   }
 
   /** What the answer is about and its sentences do not name. */
@@ -109,15 +105,14 @@ export class AnswerPanel {
   }
 
   _entry(iri) {
-    const one = this._data.thingAt(iri), place = one && this._data.places.get(one.place), told = element("span");
-    if (one) told.textContent = ` ${place ? `${this._data.inPlace(place)}, ` : ""}${Math.round(100 * one.existence)} % sure`;
+    const one = this._data.thingAt(iri), told = element("span", one ? ` ${this._data.whereabouts(one)}` : "");
     told.className = "dim";
     return element("li", "", this._link(iri, ""), told);
   }
 
   _looks(plan) {
     const rest = plan.steps.length - plan.worthwhile, looks = element("details", "", element("summary", "Where to look"),
-      element("p", `It is on this floor with ${Math.round(100 * plan.present)} %; these looks find it with ${Math.round(100 * plan.probability)} %.`),
+      element("p", `It is on this floor with ${percent(plan.present)}; these looks find it with ${percent(plan.probability)}.`),
       element("ol", "", ...this._steps(plan)),
       ...rest ? [element("p", `${rest} more ${rest === 1 ? "look gains" : "looks gain"} little for ${rest === 1 ? "its" : "their"} time`)] : []);
     looks.open = this._isWay;
@@ -130,10 +125,9 @@ export class AnswerPanel {
   _steps(plan) {
     const given = new Set(); // reasons that were listed already
     return plan.steps.slice(0, Math.min(plan.worthwhile, MAX_STEPS)).map((step, n) => {
-      const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri)), look = button(`look ${n + 1}`, () => this._view.goTo(step.x, step.y));
+      const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri));
       if (reason) given.add(reason.iri);
-      look.className = "link";
-      return element("li", "", look, ` after ${Math.round(step.seconds)} s, finds it with ${(100 * step.probability).toPrecision(2)} %`,
+      return element("li", "", linkButton(() => this._view.goTo(step.x, step.y), `look ${n + 1}`), ` after ${Math.round(step.seconds)} s, finds it with ${(100 * step.probability).toPrecision(2)} %`,
         element("small", reason ? reason.facts.slice(0, 2).join("; ") : ""));
     });
   }

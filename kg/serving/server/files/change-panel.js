@@ -1,6 +1,6 @@
 // What changed from one moment to the shown one: a list, and signs on the map.
-import { button, byId, element, named } from "/files/page-elements.js";
-import { request } from "/files/server.js";
+import { byId, element, linkButton, named } from "/files/page-elements.js";
+import { read } from "/files/server.js";
 import { clock } from "/files/time-axis.js";
 
 const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names", reshaped: "Other shape" };
@@ -26,7 +26,7 @@ export class ChangePanel {
     if (from === null) return this._clear();
     const to = this._data.past, given = new URLSearchParams({ from, ...(to === null ? {} : { to }) });
     try {
-      const found = await (await request(`/diff?${given}`, { accept: "application/json", signal })).json();
+      const found = await read(`/diff?${given}`, { signal });
       if (to === this._data.past) this._show(found); // else the moment has changed meanwhile
     } catch (error) {
       if (!signal.aborted) this._clear(element("p", error.message));
@@ -62,10 +62,8 @@ export class ChangePanel {
   }
 
   _link(one) {
-    const there = this._data.thingAt(this._data.base + one.iri), made = button("", () => this._choose(one));
-    made.className = "link";
-    made.append(...(there ? named(this._data, there) : [one.title ?? one.category]));
-    return made;
+    const there = this._data.thingAt(this._data.base + one.iri);
+    return linkButton(() => this._choose(one), there ? named(this._data, there) : one.title ?? one.category);
   }
 
   _wordsOf({ kind, metres, before, after, place }) {

@@ -1,12 +1,10 @@
 // The console: questions in words or in SPARQL, shipped ones, those of before; the answer as a table or on the map.
 import { cleaned } from "/files/answer-panel.js";
-import { enter } from "/files/entry.js";
-import { button, byId, element, save, status } from "/files/page-elements.js";
-import { QueryEditor } from "/files/query-editor.js";
+import { button, byId, element, reveal, save, status } from "/files/page-elements.js";
+import { QueryEditor, SparqlCompletion } from "/files/query-editor.js";
 import { QuestionList } from "/files/question-list.js";
 import { tableOf } from "/files/result-table.js";
-import { request } from "/files/server.js";
-import { SparqlCompletion } from "/files/sparql-completion.js";
+import { enter, read, request } from "/files/server.js";
 
 const SOLUTIONS = "application/sparql-results+json", TURTLE = "text/turtle";
 const ROWS_AS = { CSV: ["text/csv", "csv"], TSV: ["text/tab-separated-values", "tsv"], JSON: [SOLUTIONS, "json"] };
@@ -15,7 +13,7 @@ const IN_SPARQL = /[{}]|^\s*(#|prefix|base|select|ask|construct|describe|insert|
 const KEPT = 20; // queries of before, until the tab is closed
 
 const base = await enter(byId("console"));
-const { prefixes, queries } = await (await request("/queries", { accept: "application/json" })).json();
+const { prefixes, queries } = await read("/queries");
 const questions = new QuestionList(base, queries, (text, label) => { editor.text = text.trim(); ask(label); });
 const completion = new SparqlCompletion(prefixes, queries, (name) => questions.open(name));
 const editor = new QueryEditor(byId("editor"), queryOfAddress() ?? byId("query").value, {
@@ -48,7 +46,7 @@ async function ask(label = "") {
     const took = `${Math.round(performance.now() - started)} ms`;
     remember(label || /^(?!\s*#).*\S.*$/m.exec(text)?.[0] || text, text);
     status(isTriples ? `triples, ${took}` : `${show(content)}, ${took}`);
-    if (isTriples) showTriples(content);
+    if (isTriples) put(null, [element("pre", content)]);
     offerDownloads(text, isTriples ? TRIPLES_AS : "boolean" in content ? { JSON: ROWS_AS.JSON } : ROWS_AS);
   } catch (error) {
     if (number === asked) refuse(error.message);
@@ -61,10 +59,10 @@ async function askInWords(text) {
   const number = ++asked;
   status("asking …");
   try {
-    const { answer: lines, query, parameters } = await (await request(`/find?object=${encodeURIComponent(text)}`, { accept: "application/json" })).json();
+    const { answer: lines, query, parameters } = await read(`/find?object=${encodeURIComponent(text)}`);
     if (number !== asked) return;
     byId("said").replaceChildren(...lines.map((line) => element("p", cleaned(line))));
-    byId("results").classList.add("hidden");
+    reveal("results", false);
     if (query) await questions.ask(query, parameters, text);
     else { remember(text, text); status("no single query has the facts of this answer"); }
   } catch (error) {
@@ -84,7 +82,7 @@ function listBefore() {
     editor.text = one.text;
     ask(one.label === one.text ? "" : one.label);
   }), { title: one.text }))));
-  byId("asked-before").classList.toggle("hidden", !before.length);
+  reveal("asked-before", before.length > 0);
 }
 
 function post(text, accept) {
@@ -93,7 +91,7 @@ function post(text, accept) {
 
 /** Show why there is no answer, and mark the position of the error in the query. */
 function refuse(message) {
-  byId("results").classList.add("hidden");
+  reveal("results", false);
   status(message);
   const found = /line (\d+), column (\d+)|error at (\d+):(\d+)/.exec(message);
   if (found) editor.mark(Number(found[1] ?? found[3]), Number(found[2] ?? found[4]), message);
@@ -101,18 +99,16 @@ function refuse(message) {
 
 /** Show rows, or yes or no; returns their number in words. */
 function show({ head, results, boolean }) {
-  answer = results ? { columns: head.vars, rows: results.bindings } : null;
-  byId("table").replaceChildren(...(answer ? tableOf(answer, base, prefixes) : [element("p", boolean ? "yes" : "no")]));
-  byId("results").classList.remove("hidden");
-  turnMap(byId("on-map").ariaPressed === "true");
-  if (!answer) return "yes or no";
-  return `${answer.rows.length} row${answer.rows.length === 1 ? "" : "s"}`;
+  const found = results ? { columns: head.vars, rows: results.bindings } : null, count = found?.rows.length;
+  put(found, found ? tableOf(found, base, prefixes) : [element("p", boolean ? "yes" : "no")]);
+  return found ? `${count} row${count === 1 ? "" : "s"}` : "yes or no";
 }
 
-function showTriples(text) {
-  answer = null;
-  byId("table").replaceChildren(element("pre", text));
-  byId("results").classList.remove("hidden");
+/** Put an answer into its place; `found` has its columns and rows, or is null. */
+function put(found, content) {
+  answer = found;
+  byId("table").replaceChildren(...content);
+  reveal("results", true);
   turnMap(byId("on-map").ariaPressed === "true");
 }
 
@@ -120,7 +116,7 @@ function showTriples(text) {
 async function turnMap(isShown) {
   byId("on-map").ariaPressed = String(isShown);
   byId("on-map").disabled = !answer;
-  byId("map").classList.toggle("hidden", !isShown || !answer);
+  reveal("map", isShown && answer !== null);
   if (isShown && answer) await showOnMap();
 }
 

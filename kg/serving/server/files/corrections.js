@@ -1,44 +1,55 @@
-// Corrections on the page: assertions by the holder of a token.
-import { button, byId, element, option, status } from "/files/page-elements.js";
-import { RoomEdits } from "/files/room-edits.js";
-import { hasToken, request, useToken } from "/files/server.js";
+// Corrections on the page by the holder of a token: assertions about things, edits of rooms, and the clicks on the map that they ask for.
+import { inside } from "/files/map-drawing.js";
+import { button, byId, element, option, reveal, status } from "/files/page-elements.js";
+import { hasToken, read, useToken } from "/files/server.js";
+
+/** Edits of rooms by their buttons: the words that ask for another place and for points, and how many points each takes.
+ * @type {{kind: string, text?: string, count: number, points?: string, other?: string}[]} */
+const EDITS = [
+  { kind: "split", text: "split", count: 2, points: "click two points of the line that divides it" },
+  { kind: "merge", text: "merge with", count: 0, other: "click the place that becomes part of it" },
+  { kind: "wall", text: "move the wall to", count: 2, other: "click the place behind the wall", points: "click two points of the new wall" },
+  { kind: "door", text: "mark a door to", count: 1, other: "click the place behind the door", points: "click where the door is" },
+  { kind: "draw", text: "draw a place", count: Infinity, points: "click its corners, then press Enter" },
+];
+const MOVE = { kind: "move", count: 1, points: "click where it is" }; // of an object
 
 export class Corrections {
-  /** `done()` is called when the token or the map has changed. */
+  /** `view` shows what an edit will do; `done()` is called when the token or the map has changed. */
   constructor(data, view, done) {
     this._data = data;
     this._view = view;
     this._done = done;
-    this._rooms = new RoomEdits(data, view, (edit) => this._send("/rooms", { method: "POST", body: JSON.stringify(edit) }, `rooms: ${edit.kind}`, edit.kind === "undo" ? undefined : null));
     this._author = ""; // holder of the token
     /** @type {(string | null)[]} */
-    this._edits = []; // of this page: the thing of each, or null for rooms
-    this._moving = null; // IRI of the object that the next click on the map positions
+    this._made = []; // edits of this page: the thing of each, or null for rooms
+    this._edit = null; // the edit that waits for clicks
     this._thing = null; // that is selected
     this._past = data.past;
-    data.addEventListener("changed", () => this._follow());
-    byId("corrector")?.addEventListener("submit", (event) => this._take(event));
-    byId("edit").classList.toggle("hidden", !byId("corrector"));
+    data.addEventListener("changed", () => { if (this._data.past !== this._past) this._renew(); });
+    byId("corrector")?.addEventListener("submit", (event) => this._unlock(event));
+    reveal("edit", byId("corrector") !== null);
     byId("edit").addEventListener("click", () => this._turn(byId("edit").ariaPressed !== "true"));
+    document.addEventListener("keydown", (event) => {
+      if (!this._edit) return;
+      if (event.key === "Escape") this._stop("nothing was changed");
+      if (event.key === "Enter" && this._edit.kind === "draw") { event.preventDefault(); this._finish(); }
+    });
   }
 
   /** Begin to edit, or end that. */
   _turn(isOn) {
     byId("edit").ariaPressed = String(isOn);
-    byId("editing").classList.toggle("hidden", !isOn);
+    reveal("editing", isOn);
     byId("map").classList.toggle("edited", isOn);
-    this._rooms.stop();
-    this._moving = null;
-    this.offer();
+    this._renew();
     if (isOn && !hasToken()) byId("token").focus();
   }
 
-  /** Tools are those of the moment that is shown. */
-  _follow() {
-    if (this._data.past === this._past) return;
+  /** Offer the tools of the moment that is shown. */
+  _renew() {
     this._past = this._data.past;
-    this._rooms.stop();
-    this._moving = null;
+    this._stop();
     this.offer();
   }
 
@@ -53,44 +64,80 @@ export class Corrections {
   /** Offer the tools for the selected thing, where one may edit. */
   offer(thing = this._thing) {
     this._thing = thing;
-    const tools = byId("tools");
-    if (!tools || this._data.past === null && tools.contains(document.activeElement) && document.activeElement.matches("input")) return;
-    byId("corrector").classList.toggle("hidden", hasToken());
+    const tools = byId("tools"), isPast = this._data.past !== null;
+    if (!tools || (!isPast && tools.contains(document.activeElement) && document.activeElement.matches("input"))) return;
+    reveal("corrector", !hasToken());
     if (!hasToken()) tools.replaceChildren();
-    else if (this._data.past !== null) tools.replaceChildren(element("p", "The past cannot be edited: choose now."));
-    else tools.replaceChildren(...(thing ? [this._form(thing)] : [element("p", "Select what to edit: click on the map or in the list.")]), this._rooms.form(this._data.places.has(thing?.iri) ? thing : null),
-      element("p", "", button("undo my last edit", () => this._undo())));
+    else if (isPast) tools.replaceChildren(element("p", "The past cannot be edited: choose now."));
+    else {
+      tools.replaceChildren(thing ? this._thingTools(thing) : element("p", "Select what to edit: click on the map or in the list."),
+        this._roomTools(this._data.places.has(thing?.iri) ? thing : null), element("p", "", button("undo my last edit", () => this._undo())));
+    }
   }
 
-  _form(thing) {
-    const isPlace = this._data.places.has(thing.iri);
-    const name = element("input"), category = element("input");
-    name.value = thing.label || "";
-    name.setAttribute("aria-label", "name");
+  _thingTools({ iri, label = "" }) {
+    const isPlace = this._data.places.has(iri), name = field("name", { value: label });
+    const category = field("category", { placeholder: isPlace ? "e.g. kitchen" : "e.g. coffee machine" });
     category.setAttribute("list", isPlace ? "place-categories" : "object-categories");
-    category.setAttribute("aria-label", "category");
-    category.placeholder = isPlace ? "e.g. kitchen" : "e.g. coffee machine";
-    const made = element("fieldset", "", element("legend", this._data.nameOf(thing)),
-      element("p", "", name, button("rename", () => this._assert(thing.iri, "label", name.value))),
-      element("p", "", category, button("is a", () => this._assert(thing.iri, isPlace ? "category" : "name", category.value))));
-    if (!isPlace) {
-      made.append(element("p", "",
-        button("move", () => { this._moving = thing.iri; this._view.sketch = { points: [[thing.x, thing.y]], cursor: null }; status("click where it is"); }),
-        button("it is not there", () => this._assert(thing.iri, "existence", "absent"))));
-    }
+    const made = element("fieldset", "", element("legend", this._data.nameAt(iri)),
+      element("p", "", name, button("rename", () => this._assert(iri, "label", name.value))),
+      element("p", "", category, button("is a", () => this._assert(iri, isPlace ? "category" : "name", category.value))));
+    if (isPlace) return made;
+    made.append(element("p", "", button("move", () => this._begin(MOVE, iri)), button("it is not there", () => this._assert(iri, "existence", "absent"))));
     return made;
   }
 
-  /** Use a clicked position [m] for a correction; false if none waits for one. */
-  place([x, y]) {
-    if (this._rooms.take([x, y])) return true;
-    const iri = this._moving;
-    if (iri) this._moving = this._view.sketch = null;
-    if (iri) this._assert(iri, "position", `${x.toFixed(2)} ${y.toFixed(2)} ${(this._data.thingAt(iri)?.z ?? 0).toFixed(2)}`);
-    return iri !== null;
+  /** The buttons for a place, or without one. */
+  _roomTools(place) {
+    const name = field("name of a new place", { placeholder: "name of a new place" }), edits = EDITS.filter(({ kind }) => place || kind === "draw");
+    return element("fieldset", "", element("legend", "Rooms"), element("p", "", name),
+      element("p", "", ...edits.map((edit) => button(edit.text, () => this._begin(edit, place?.iri, name.value)))),
+      element("p", "", button("the robot is in this room", () => this._editRooms("here", [], [], name.value))));
   }
 
-  async _take(event) {
+  _begin(edit, iri, name = "") {
+    this._edit = { ...edit, things: edit.kind === "draw" ? [] : [iri], clicked: [], name };
+    this._ask();
+    byId("canvas").focus();
+  }
+
+  /** Take a click on the map at a point [m]; false if no edit waits for one. */
+  place([x, y]) {
+    const edit = this._edit;
+    if (!edit) return false;
+    if (edit.other && edit.things.length < 2) {
+      const place = [...this._data.places.values()].find((one) => inside(x, y, one.rings) && one.iri !== edit.things[0]);
+      if (!place) { status(`that is no other place; ${edit.other}`); return true; }
+      edit.things.push(place.iri);
+    } else edit.clicked.push([Number(x.toFixed(2)), Number(y.toFixed(2))]);
+    if (edit.clicked.length >= edit.count && (!edit.other || edit.things.length === 2)) this._finish();
+    else this._ask();
+    return true;
+  }
+
+  _ask() {
+    const { kind, other, things, clicked, points } = this._edit, moved = kind === "move" ? this._data.thingAt(things[0]) : null;
+    this._view.sketch = { points: moved ? [[moved.x, moved.y]] : clicked, cursor: null, isArea: kind === "draw" };
+    this._view.draw();
+    status(`${other && things.length < 2 ? other : points} (${clicked.length} points so far; Escape stops)`);
+  }
+
+  _finish() {
+    const { kind, things, clicked, name } = this._edit;
+    if (kind !== "move") { this._editRooms(kind, things, clicked, name); return; }
+    const [iri] = things, height = this._data.thingAt(iri)?.z ?? 0;
+    this._stop();
+    this._assert(iri, "position", [...clicked[0], height].map((value) => value.toFixed(2)).join(" "));
+  }
+
+  /** End the edit without a change. */
+  _stop(text = "") {
+    if (text) status(text);
+    this._edit = this._view.sketch = null;
+    this._view.draw();
+  }
+
+  async _unlock(event) {
     event.preventDefault();
     useToken(byId("token").value.trim());
     byId("token").value = "";
@@ -102,15 +149,11 @@ export class Corrections {
     this._done();
   }
 
-  /** Whether the server knows the author of the token. */
+  /** Whether the server knows the author of the token; a private map refuses a wrong one. */
   async _isGood() {
-    try {
-      const { author } = await (await request("/health", { accept: "application/json" })).json();
-      this._author = author || "";
-      return Boolean(author);
-    } catch {
-      return false; // a private map refuses a wrong token
-    }
+    const { author } = await read("/health").catch(() => ({}));
+    this._author = author || "";
+    return this._author !== "";
   }
 
   _assert(iri, property, value) {
@@ -118,25 +161,28 @@ export class Corrections {
     return this._send("/assertions", { method: "POST", body }, `${property}: ${value}`, iri);
   }
 
+  _editRooms(kind, places = [], points = [], name = "") {
+    this._stop();
+    const body = JSON.stringify({ kind, places: places.map((iri) => this._data.pathOf(iri)), points, name });
+    return this._send("/rooms", { method: "POST", body }, `rooms: ${kind}`, kind === "undo" ? undefined : null);
+  }
+
   /** Undo the last edit of this page; before the first, one's last about the selected thing, or else of rooms. */
-  async _undo() {
-    const iri = this._edits.length ? this._edits.pop() : this._thing?.iri;
-    if (iri) await this._retract(iri);
-    else this._rooms.sendNow("undo");
+  _undo() {
+    const iri = this._made.length ? this._made.pop() : this._thing?.iri;
+    return iri ? this._retract(iri) : this._editRooms("undo");
   }
 
   /** Retract one's own last assertion about a thing; those of others stay. */
   async _retract(iri) {
     const address = `/assertions?iri=${encodeURIComponent(this._data.pathOf(iri))}`;
     try {
-      const { assertions } = await (await request(address, { accept: "application/json" })).json();
+      const { assertions } = await read(address);
       const own = assertions.filter((one) => one.by === this._author);
       const last = own.sort((a, b) => (a.time > b.time ? 1 : -1)).pop();
-      if (!last) {
-        const others = [...new Set(assertions.map((one) => one.by))].join(", ");
-        return status(others ? `nothing of yours is left to undo: what is asserted is by ${others}` : "nothing was asserted about it");
-      }
-      return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
+      if (last) return this._send(`${address}&property=${last.property}`, { method: "DELETE" }, `retracted: ${last.property}`);
+      const others = [...new Set(assertions.map((one) => one.by))].join(", ");
+      return status(others ? `nothing of yours is left to undo: what is asserted is by ${others}` : "nothing was asserted about it");
     } catch (error) {
       return status(error.message);
     }
@@ -145,13 +191,19 @@ export class Corrections {
   /** Write something to the map; `about` is the thing that may be undone by this page, or null for rooms. */
   async _send(address, options, done, about = undefined) {
     try {
-      const answer = await request(address, { ...options, accept: "application/json", type: "application/json" });
-      const { notes = [] } = await answer.json();
-      if (about !== undefined) this._edits.push(about);
+      const { notes = [] } = await read(address, options);
+      if (about !== undefined) this._made.push(about);
       status([done, ...notes].join("; "));
       setTimeout(this._done, 700);
     } catch (error) {
       status(error.message);
     }
   }
+}
+
+/** A field with a name for screen readers. */
+function field(name, given) {
+  const made = Object.assign(element("input"), given);
+  made.setAttribute("aria-label", name);
+  return made;
 }

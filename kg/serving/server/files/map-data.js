@@ -1,6 +1,6 @@
 // The data of the page: the state of the map at one moment, updated by the feed of changes if that is now.
-import { followChanges } from "/files/change-feed.js";
-import { isNumber, request, select, stateAt } from "/files/server.js";
+import { percent } from "/files/page-elements.js";
+import { followChanges, read, select } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
@@ -19,6 +19,7 @@ const FIELDS = {
   [`${HERE}positionDeviation`]: "deviation", [`${HERE}yaw`]: "yaw", [`${HERE}extentX`]: "dx", [`${HERE}extentY`]: "dy",
   [`${HERE}extentZ`]: "dz", [`${HERE}observationCount`]: "count", [`${HERE}heading`]: "heading",
 };
+const TEXTS = new Set(["class", "label", "place", "seen"]); // fields that are no numbers
 
 /** The bytes of a zlib stream in base64. */
 async function inflated(text) {
@@ -33,14 +34,16 @@ export function ringsOf(text) {
     ring[1].split(",").map((corner) => corner.trim().split(/\s+/).map(Number)));
 }
 
+function cornersOf({ outline, xmin, xmax, ymin, ymax }) {
+  return outline ? ringsOf(outline) : [[[xmin, ymin], [xmax, ymin], [xmax, ymax], [xmin, ymax]]];
+}
+
 const QUAD = /^<([^>]*)> <([^>]*)> (?:<([^>]*)>|"((?:[^"\\]|\\.)*)"\S*) <([^>]*)> \.$/;
 
-/** [subject, predicate, value] of a line of N-Quads in graph:map; null for other graphs. */
-function factOf(line) {
-  const found = QUAD.exec(line);
-  if (!found || found[5] !== MAP_GRAPH) return null;
-  const [, subject, predicate, iri, text] = found;
-  return [subject, predicate, iri !== undefined ? iri : JSON.parse(`"${text.replace(/\\'/g, "'")}"`)];
+/** The facts {subject, predicate, value} of graph:map in lines of N-Quads. */
+function factsOf(lines) {
+  return lines.map((line) => QUAD.exec(line)).filter((found) => found?.[5] === MAP_GRAPH)
+    .map(([, subject, predicate, iri, text]) => ({ subject, predicate, value: iri ?? JSON.parse(`"${text.replace(/\\'/g, "'")}"`) }));
 }
 
 /** A time of the map as seconds since 1970. */
@@ -83,11 +86,10 @@ export class MapData extends EventTarget {
     this._missed = []; // changes that arrive while the present is read
     try {
       if (!this.labels.size) await this._readCategories();
-      const state = await stateAt(at, { signal });
-      if ((state.objects ?? []).some((one) => !this.kinds.has(one.class))) await this._readCategories();
-      const tiles = await this._tilesOf(state);
+      const state = await this._read(at === null ? {} : { at }, signal);
+      if (state.objects.some((one) => !this.kinds.has(one.class))) await this._readCategories();
       if (signal.aborted) return false;
-      this._show(state, tiles, at !== null);
+      this._show(state, at !== null);
     } catch (error) {
       if (signal.aborted) return false;
       throw error;
@@ -97,7 +99,13 @@ export class MapData extends EventTarget {
     return true;
   }
 
-  _show(state, tiles, isPast) {
+  /** The answer of `/state`, with the tiles of its floor unpacked. */
+  async _read(given, signal) {
+    const state = await read(`/state?${new URLSearchParams(given)}`, { signal });
+    return { ...state, floor: (await Promise.all(state.floor.map((tile) => this._tile(tile)))).filter(Boolean) };
+  }
+
+  _show(state, isPast) {
     this.past = isPast ? state.sequence : null;
     this.time = isPast ? state.time : null;
     this.sequence = state.sequence;
@@ -108,24 +116,17 @@ export class MapData extends EventTarget {
     this.things = byIri(state.things, { class: UNNAMED });
     this.version++;
     this.trail = [];
-    this._takeSurroundings(state, tiles);
+    this._takeSurroundings(state);
     const missed = this._missed || [];
     this._missed = null;
     if (!isPast) missed.filter((change) => change.sequence > state.sequence).forEach((change) => this._take(change));
     this._tell("changed");
   }
 
-  _takeSurroundings(state, tiles) {
-    this._takePlaces(state.places);
-    this.doors = state.doors;
-    this.floor = tiles;
-    this.surface = state.surface ?? 0;
-    this.poses = state.poses ?? [];
-    this.robot = state.robot && { ...state.robot, iri: this.fullOf(state.robot.iri) };
-  }
-
-  async _tilesOf(state) {
-    return (await Promise.all(state.floor.map((tile) => this._tile(tile)))).filter(Boolean);
+  _takeSurroundings({ places, doors, floor, surface = 0, poses = [], robot }) {
+    Object.assign(this, { doors, floor, surface, poses });
+    this.places = new Map(places.map((row) => [this.base + row.iri, { ...row, iri: this.base + row.iri, rings: cornersOf(row) }]));
+    this.robot = robot && { ...robot, iri: this.fullOf(robot.iri) };
   }
 
   /** Height of the floor [m] in most of the map. */
@@ -150,7 +151,7 @@ export class MapData extends EventTarget {
 
   /** Read everything again; returns the number of the map's last transaction. */
   async _readAnew() {
-    const { sequence } = await (await request("/health", { accept: "application/json" })).json();
+    const { sequence } = await read("/health");
     this.last = sequence;
     await this.load(this.past);
     return this.past === null ? this.sequence : sequence;
@@ -185,6 +186,12 @@ export class MapData extends EventTarget {
     return `in ${isKind ? "the " : ""}${this.nameOf(place)}`;
   }
 
+  /** Where an object is and how sure that is: "in the kitchen, 80 % sure". */
+  whereabouts(one) {
+    const place = this.places.get(one.place);
+    return `${place ? `${this.inPlace(place)}, ` : ""}${percent(one.existence)} sure`;
+  }
+
   /** The name of a thing in two parts: without the number that the map gave it, and the number, perhaps "". */
   partsOf(one) {
     const name = this.nameOf(one), [, word, number] = /^(.*) (\d+)$/.exec(name) ?? [null, name, ""];
@@ -208,83 +215,74 @@ export class MapData extends EventTarget {
     return latest;
   }
 
+  /** Take a change of the feed. */
   _take(change) {
     this.last = Math.max(this.last, change.sequence);
     this._tell("transaction", change);
     this._missed?.push(change);
     if (this.past !== null) return;
     this.sequence = change.sequence;
-    let around = false, back = false;
-    const touched = new Set();
-    for (const [lines, added] of [[change.removed, false], [change.added, true]]) {
-      for (const line of lines) {
-        const fact = factOf(line);
-        if (!fact) continue;
-        const [subject, predicate, value] = fact;
-        back ||= !added && predicate === RDF_TYPE && value === `${HERE}DepartedObject`;
-        const path = subject.slice(this.base.length - 1);
-        if (/^\/(place|door|floor)\//.test(path) || (path === "/robot" && !this.robot)) { around = true; continue; }
-        const field = FIELDS[predicate];
-        if (!field) continue;
-        const one = this._at(subject, added);
-        if (!one) continue;
-        touched.add(one);
-        if (added) {
-          if (field === "class" && !this.kinds.has(value)) { this._learn(value); continue; }
-          one[field] = isNumber(field) ? Number(value) : value;
-        } else if (String(one[field]) === value || isNumber(field)) delete one[field];
-      }
-    }
+    const removed = factsOf(change.removed), added = factsOf(change.added);
+    const isAround = ({ subject }) => (this.robot ? /^(place|door|floor)\// : /^((place|door|floor)\/|robot$)/).test(this.pathOf(subject));
+    const isField = (fact) => FIELDS[fact.predicate] && !isAround(fact);
+    const touched = new Set([...removed.filter(isField).map((fact) => this._remove(fact)), ...added.filter(isField).map((fact) => this._add(fact))]);
     for (const one of touched) {
+      if (!one) continue;
       if (one === this.robot) this.trail.push([one.x, one.y]);
       else { this._sort(one); this.version++; }
     }
     if (this.trail.length > 2000) this.trail.splice(0, 500);
-    if (around) this._readSurroundings();
+    if ([...removed, ...added].some(isAround)) this._readSurroundings();
     // if an object left and was found again, the feed has only the differences
-    if (back) this.load(null).catch(() => {});
+    if (removed.some((fact) => fact.predicate === RDF_TYPE && fact.value === `${HERE}DepartedObject`)) this.load(null).catch(() => {});
     this._tell("changed");
   }
 
-  /** A class that the page does not know: a new category, with which the state is read again, or none. */
-  _learn(iri) {
-    if (this._others.has(iri)) return;
-    this._others.add(iri);
-    this._learning ??= setTimeout(async () => {
-      this._learning = undefined;
-      try {
-        await this._readCategories();
-        const found = [...this._others].filter((one) => this.kinds.has(one));
-        found.forEach((one) => this._others.delete(one));
-        if (found.length && this.past === null) await this.load(null);
-        if (found.length) this._tell("categories");
-      } catch { this._others.clear(); /* the next change asks again */ }
-    }, 100);
+  _remove({ subject, predicate, value }) {
+    const field = FIELDS[predicate], one = this._at(subject);
+    if (one && (!TEXTS.has(field) || one[field] === value)) delete one[field];
+    return one;
   }
 
-  _at(iri, make) {
-    if (this.robot && iri === this.robot.iri) return this.robot;
-    if (!this.thingAt(iri) && make) this.objects.set(iri, { iri });
-    return this.thingAt(iri);
+  _add({ subject, predicate, value }) {
+    const field = FIELDS[predicate], one = this._at(subject) ?? { iri: subject };
+    if (!this.has(subject) && one !== this.robot) this.objects.set(subject, one); // `_sort` decides whether it stays
+    if (field === "class" && !this.kinds.has(value)) this._learn(value);
+    else one[field] = TEXTS.has(field) ? value : Number(value);
+    return one;
+  }
+
+  _at(iri) {
+    return iri === this.robot?.iri ? this.robot : this.thingAt(iri);
+  }
+
+  /** A class that the page does not know: a new category, with which the state is read again, or none. */
+  async _learn(iri) {
+    if (this._others.has(iri)) return;
+    this._others.add(iri);
+    try {
+      await this._readCategories();
+      if (this.kinds.has(iri) && this.past === null) await this.load(null);
+      if (this.kinds.has(iri)) this._tell("categories");
+    } catch { this._others.delete(iri); /* the next change asks again */ }
   }
 
   /** Keep a changed object or thing where it belongs now: a name makes an object of a thing. */
   _sort(one) {
     const isThere = one.existence !== undefined && one.x !== undefined && one.y !== undefined;
     const kind = isThere ? this.kinds.get(one.class) : null;
-    if (kind === "object") this.objects.set(one.iri, one);
-    else this.objects.delete(one.iri);
-    if (kind === "thing") this.things.set(one.iri, one);
-    else this.things.delete(one.iri);
+    for (const [wanted, among] of Object.entries({ object: this.objects, thing: this.things })) {
+      if (kind === wanted) among.set(one.iri, one);
+      else among.delete(one.iri);
+    }
   }
 
   /** Read places, doors and floor, at most once a second: they change often while a robot drives. */
   _readSurroundings() {
     this._soon ??= setTimeout(async () => {
       try {
-        const state = await stateAt(null, { objects: false });
-        const tiles = await this._tilesOf(state);
-        if (this.past === null) this._takeSurroundings({ ...state, robot: this.robot || state.robot }, tiles);
+        const state = await this._read({ objects: "0" });
+        if (this.past === null) this._takeSurroundings({ ...state, robot: this.robot || state.robot });
         this._tell("changed");
       } catch { /* the next change asks again */ } finally {
         this._soon = undefined;
@@ -292,26 +290,16 @@ export class MapData extends EventTarget {
     }, 1000);
   }
 
-  _takePlaces(rows) {
-    this.places = new Map();
-    for (const row of rows) {
-      const iri = this.base + row.iri;
-      const rings = row.outline ? ringsOf(row.outline)
-        : [[[row.xmin, row.ymin], [row.xmax, row.ymin], [row.xmax, row.ymax], [row.xmin, row.ymax]]];
-      this.places.set(iri, { ...row, iri, rings });
-    }
-  }
-
   async _readCategories() {
     this.labels.set(UNNAMED, "unnamed thing");
     this.kinds.set(UNNAMED, "thing");
-    for (const { class: iri, label, kind } of (await select(CATEGORIES)).rows) {
+    for (const { class: iri, label, kind } of await select(CATEGORIES)) {
       this.labels.set(iri, label);
       this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");
     }
   }
 
-  /** A tile with its cells and the times of their last views (minutes since 1970); cached by its text. */
+  /** A tile with its cells, the times of their last views (minutes since 1970) and the latest of them; cached by its text. */
   async _tile(row) {
     const key = `${row.cells}|${row.views || ""}`;
     if (!this._tiles.has(key)) {
@@ -319,7 +307,8 @@ export class MapData extends EventTarget {
       try {
         const cells = await inflated(row.cells);
         const viewed = row.views ? new Uint32Array((await inflated(row.views)).buffer) : null;
-        this._tiles.set(key, { cells, viewed, side: Math.sqrt(cells.length) });
+        const latest = viewed ? viewed.reduce((a, b) => Math.max(a, b), 0) : 0;
+        this._tiles.set(key, { cells, viewed, latest, side: Math.sqrt(cells.length) });
       } catch {
         this._tiles.set(key, null); // an invalid tile is not drawn
       }

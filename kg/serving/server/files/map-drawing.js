@@ -1,10 +1,15 @@
-// Functions of drawing: colours, text, free space for text, points in polygons.
+// Functions of drawing: colours, text and free space for it, points in polygons, circles that stand for many objects.
+import { BOXES } from "/files/map-scene.js";
+import { drawing } from "/files/page-elements.js";
 
 const EDGE = 5, HIGH = 22; // [px] around a text, and of its picture
 const MAX_SPRITES = 2000;
 const sprites = new Map(); // pictures of texts
 const LINES = 12; // of a place in which space for its name is searched
 const WIDER = 1.5; // times its place a name may be, where nothing else is in the way
+const FEW = 400; // objects that are drawn one by one at any zoom
+const SIDE = 48; // [px] of the square of a cluster, at least
+const clustered = new WeakMap(); // list of objects -> its last clusters
 
 /** The colours of `hereabouts plot`, which stay apart for the colour-blind; lighter ones for a dark page. */
 const PALETTE = {
@@ -24,7 +29,7 @@ export function drawText(c, view, text, x, y, colour, alpha = 1) {
   const ratio = c.getTransform().a, key = [text, c.font, colour, view.panel, ratio].join("|");
   if (!sprites.has(key)) {
     if (sprites.size > MAX_SPRITES) sprites.clear();
-    sprites.set(key, spriteOf(text, c, view.panel, colour, ratio));
+    sprites.set(key, spriteOf(text, { font: c.font, width: c.measureText(text).width }, view.panel, colour, ratio));
   }
   const sprite = sprites.get(key), at = (value) => Math.round(value * ratio) / ratio;
   c.globalAlpha = alpha;
@@ -32,16 +37,13 @@ export function drawText(c, view, text, x, y, colour, alpha = 1) {
   c.globalAlpha = 1;
 }
 
-function spriteOf(text, { font }, panel, colour, ratio) {
-  const canvas = document.createElement("canvas"), c = canvas.getContext("2d");
-  c.font = font;
-  canvas.width = Math.ceil((c.measureText(text).width + 2 * EDGE) * ratio);
-  canvas.height = Math.ceil(HIGH * ratio);
+function spriteOf(text, { font, width }, panel, colour, ratio) {
+  const c = drawing(Math.ceil((width + 2 * EDGE) * ratio), Math.ceil(HIGH * ratio));
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   Object.assign(c, { font, lineWidth: 4, lineJoin: "round", strokeStyle: panel, fillStyle: colour });
   c.strokeText(text, EDGE, HIGH - EDGE);
   c.fillText(text, EDGE, HIGH - EDGE);
-  return canvas;
+  return c.canvas;
 }
 
 /** Occupied rectangles of the screen, in a grid of squares. */
@@ -95,4 +97,29 @@ export function inside(x, y, rings) {
     }
   }
   return within;
+}
+
+/** Clusters {x, y, count, one, spot} of the shown objects; null where they are drawn one by one. */
+export function clustersOf(view) {
+  const { drawn, scale } = view;
+  if (!view.isFlat || scale >= BOXES || drawn.length <= FEW) return null;
+  const side = 2 ** Math.ceil(Math.log2(SIDE / scale)), before = clustered.get(drawn);
+  const clusters = before?.side === side ? before.clusters : groupsOf(drawn, side);
+  clustered.set(drawn, { side, clusters });
+  for (const cluster of clusters) cluster.spot = view.toScreen(cluster.x, cluster.y);
+  return clusters;
+}
+
+/** The objects of each square [m] of the floor. Squares lie still, so that moving the map changes no group. */
+function groupsOf(drawn, side) {
+  const groups = new Map();
+  for (const one of drawn) {
+    const key = `${Math.floor(one.x / side)} ${Math.floor(one.y / side)}`;
+    if (!groups.has(key)) groups.set(key, { x: 0, y: 0, count: 0, one, spot: null });
+    const group = groups.get(key);
+    group.count += 1;
+    group.x += (one.x - group.x) / group.count;
+    group.y += (one.y - group.y) / group.count;
+  }
+  return [...groups.values()];
 }

@@ -1,22 +1,19 @@
 // The page of the live map: its parts, the selected thing, and the address of that thing.
 import { AnswerPanel } from "/files/answer-panel.js";
-import { offerExports } from "/files/exports.js";
 import { ChangePanel } from "/files/change-panel.js";
 import { Corrections } from "/files/corrections.js";
-import { enter } from "/files/entry.js";
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
-import { MeasuringTape } from "/files/measuring-tape.js";
-import { ObjectList } from "/files/object-list.js";
-import { all, byId, status } from "/files/page-elements.js";
+import { ObjectList, offerExports } from "/files/object-list.js";
 import { PageAddress, readAddress } from "/files/page-address.js";
+import { all, byId, reveal, status } from "/files/page-elements.js";
+import { enter } from "/files/server.js";
 import { ThingPanel } from "/files/thing-panel.js";
 import { TimeAxis } from "/files/time-axis.js";
 
 const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
 const view = new MapView(byId("canvas"), data, shown);
-const tape = new MeasuringTape(view);
 const corrections = new Corrections(data, view, () => { if (view.selected) panel.show(view.selected, list.least); });
 const panel = new ThingPanel(data, goTo, (thing) => corrections.offer(thing));
 const axis = new TimeAxis(data, () => changes.compare(changes.from));
@@ -25,6 +22,7 @@ const search = new AnswerPanel(data, view, { found, choose: goTo, asked: () => b
 const address = new PageAddress({ data, view, changes, search });
 let listing = 0, hasState = false; // whether the map was read
 let connection = ["", "connecting …"]; // class and words of the feed's state
+let isMeasuring = false; // whether clicks on the map are ends of a distance
 
 function shown(one) {
   return one.iri === view.selected || list.passes(one);
@@ -41,9 +39,8 @@ function showLists() {
   list.show(shown, view.selected, view.dark);
   byId("cut-shown").textContent = view.cut.toFixed(1);
   byId("cut").value = view.cut;
-  const isEmpty = hasState && !data.objects.size && !data.places.size && !data.floor.length;
-  byId("empty").classList.toggle("hidden", !isEmpty);
-  byId("empty-now").classList.toggle("hidden", data.past !== null);
+  reveal("empty", hasState && !data.objects.size && !data.places.size && !data.floor.length);
+  reveal("empty-now", data.past === null);
   if (!panel.isBehind) return;
   if (panel.mayChange) panel.show(view.selected, list.least);
   else setTimeout(refresh, 500);
@@ -63,7 +60,7 @@ function choose(iri, { isFound = false } = {}) {
 function bringToFront(id) {
   byId("side").dataset.front = id;
   byId("side").scrollTop = 0;
-  byId("back").classList.toggle("hidden", id === "plan" || !search.wanted);
+  reveal("back", id !== "plan" && search.wanted !== "");
 }
 
 /** Go to what an answer found; without one, show all that it is about. */
@@ -111,6 +108,24 @@ function focus(isFocused = !view.isFocused, options = {}) {
   return address.write();
 }
 
+/** Begin to measure a distance by two clicks, or end that. */
+function measure(isOn = !isMeasuring) {
+  isMeasuring = isOn;
+  byId("measure").setAttribute("aria-pressed", String(isOn));
+  if (isOn) byId("canvas").focus();
+  showMeasured([]);
+}
+
+/** Show points [m], at most two, and how far apart they are. */
+function showMeasured(points) {
+  view.measured = points;
+  view.draw();
+  const height = points.length === 2 && !view.isFlat ? `, ${Math.abs(points[1][2] - points[0][2]).toFixed(2)} m of it in height` : "";
+  if (!isMeasuring) status("");
+  else if (points.length === 2) status(`${view.distance().toFixed(2)} m apart${height}`);
+  else status(`click the ${points.length ? "second" : "first"} point; the space bar takes the middle of the map, Escape ends`);
+}
+
 /** Cut walls at a height [m] above the floor; null: where it suits. */
 function cut(height) {
   view.height = height;
@@ -123,25 +138,28 @@ function showTransaction({ sequence, cause }) {
   axis.follow();
 }
 
-byId("solid").addEventListener("click", turn);
-byId("focus").addEventListener("click", () => focus());
+const CLICKS = { solid: turn, focus, measure, fit: () => view.fit(), closer: () => view.camera.zoom(1.4), farther: () => view.camera.zoom(1 / 1.4), back: () => bringToFront("plan") };
+for (const [id, act] of Object.entries(CLICKS)) byId(id).addEventListener("click", () => act());
 byId("cut").addEventListener("input", () => cut(Number(byId("cut").value)));
-byId("fit").addEventListener("click", () => view.fit());
-byId("closer").addEventListener("click", () => view.zoom(1.4));
-byId("farther").addEventListener("click", () => view.zoom(1 / 1.4));
 all("[data-layer]").forEach((box) => box.addEventListener("change", () => {
   view.layers[box.dataset.layer] = box.checked;
-  byId("viewed-legend").classList.toggle("hidden", !view.layers.viewed);
+  reveal("viewed-legend", view.layers.viewed);
   refresh();
 }));
 view.onMove = () => address.write();
 view.onSurface = refresh;
 offerExports(data, view, shown);
-view.onPick = (iri, point) => { if (!tape.take(point) && !corrections.place(point)) choose(iri); };
+view.onPick = (iri, point) => {
+  if (isMeasuring) showMeasured(view.measured.length === 1 ? [...view.measured, point] : [point]);
+  else if (!corrections.place(point)) choose(iri);
+};
 data.addEventListener("changed", refresh);
-byId("back").addEventListener("click", () => bringToFront("plan"));
 document.addEventListener("click", ({ target }) => closeMenus(target));
-document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closeMenus(null); });
+document.addEventListener("keydown", ({ key }) => {
+  if (key !== "Escape") return;
+  closeMenus(null);
+  if (isMeasuring) measure(false);
+});
 data.addEventListener("on", () => say(...(connection = ["on", "live"])));
 data.addEventListener("off", () => say(...(connection = ["off", "not connected, so this may be old; trying again …"])));
 window.addEventListener("busy", () => say("off", "the server is busy; asking it again …"));

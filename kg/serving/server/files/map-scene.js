@@ -1,6 +1,6 @@
 // The scene of the map: surface, floor, walls, places, and the objects as boxes and dots. Metres, z up.
-import { SurfaceReader } from "/files/surface-reader.js";
-import { floorSheets, surfaceSheet } from "/files/floor-picture.js";
+import { drawing } from "/files/page-elements.js";
+import { floorSheets, SurfaceReader, surfaceSheet } from "/files/surface.js";
 import * as THREE from "/files/vendor/three.min.js";
 
 const TALL = 3; // cells of walls
@@ -185,7 +185,7 @@ export class MapScene {
     const { data, layers, dark, camera, cut } = this._view, down = surface ? BELOW : 0;
     const sheets = layers.floor || layers.viewed ? floorSheets(data.floor, { viewed: layers.viewed, dark }) : [];
     for (const sheet of sheets) {
-      const mesh = this._picture({ ...sheet, high: sheet.wide }, (sheet.z ?? 0) - down);
+      const mesh = this._picture(sheet, (sheet.z ?? 0) - down);
       mesh.renderOrder = GROUND;
       group.add(mesh);
     }
@@ -197,16 +197,16 @@ export class MapScene {
    *
    * They are no instances, of which a machine that draws in software draws each on its own. */
   _boxes(shape, boxes, given) {
-    const [corners, normals] = ["position", "normal"].map((name) => shape.getAttribute(name).array), faces = shape.index.array, each = corners.length / 3;
-    const places = new Float32Array(boxes.length * corners.length), turned = places.slice(), colours = new Float32Array(4 * boxes.length * each);
-    const index = new Uint32Array(boxes.length * faces.length), tone = new THREE.Color();
+    const [corners, normals] = ["position", "normal"].map((name) => shape.getAttribute(name)), faces = shape.index.array, each = corners.count;
+    const places = new Float32Array(3 * boxes.length * each), turned = places.slice(), colours = new Float32Array(4 * boxes.length * each);
+    const index = new Uint32Array(boxes.length * faces.length), tone = new THREE.Color(), point = new THREE.Vector3();
     boxes.forEach((box, n) => {
-      const middle = this.at(box.x, box.y, box.z), [a, b, c] = box.sides, [cos, sin] = [Math.cos(box.yaw ?? 0), Math.sin(box.yaw ?? 0)];
+      const matrix = this._placed(box);
       tone.set(box.colour ?? "#ffffff");
       for (let k = 0; k < each; k++) {
-        const at = n * each + k, [x, y] = [corners[3 * k] * a, corners[3 * k + 1] * b], [p, q] = [normals[3 * k], normals[3 * k + 1]];
-        places.set([middle.x + x * cos - y * sin, middle.y + x * sin + y * cos, middle.z + corners[3 * k + 2] * c], 3 * at);
-        turned.set([p * cos - q * sin, p * sin + q * cos, normals[3 * k + 2]], 3 * at);
+        const at = n * each + k;
+        point.fromBufferAttribute(corners, k).applyMatrix4(matrix).toArray(places, 3 * at);
+        point.fromBufferAttribute(normals, k).transformDirection(matrix).toArray(turned, 3 * at);
         colours.set([tone.r, tone.g, tone.b, box.alpha ?? 1], 4 * at);
       }
       for (let k = 0; k < faces.length; k++) index[n * faces.length + k] = n * each + faces[k];
@@ -321,7 +321,7 @@ function mixed(value, pale) {
   return Math.round(FADED * 2 * value + (1 - FADED * 2) * 255 * pale);
 }
 
-const painter = document.createElement("canvas").getContext("2d"); // that reads colours
+const painter = drawing(1, 1); // that reads colours
 
 /** A CSS colour in the form of three.js. */
 export function hexOf(colour) {
@@ -356,12 +356,11 @@ function discard(scene, group) {
 
 /** A white disc, for dots. */
 function disc() {
-  const canvas = document.createElement("canvas"), c = canvas.getContext("2d");
-  canvas.width = canvas.height = 32;
+  const c = drawing(32, 32);
   c.fillStyle = "#fff";
   c.arc(16, 16, 15, 0, 7);
   c.fill();
-  return new THREE.CanvasTexture(canvas);
+  return new THREE.CanvasTexture(c.canvas);
 }
 
 const DISC = disc();

@@ -1,10 +1,9 @@
 // The map, flat or in three dimensions: one scene, one camera, and marks with names above them.
 import { MapCamera } from "/files/map-camera.js";
-import { clustersOf } from "/files/clusters.js";
-import { colourOf, footprintOf, inside } from "/files/map-drawing.js";
+import { clustersOf, colourOf, footprintOf, inside } from "/files/map-drawing.js";
 import { MarkLayer } from "/files/mark-layer.js";
 import { hexOf, MANY, MapScene } from "/files/map-scene.js";
-import { element } from "/files/page-elements.js";
+import { drawing, element } from "/files/page-elements.js";
 import * as THREE from "/files/vendor/three.min.js";
 
 const NEAR = 16; // [px] from a click to the thing that it selects
@@ -143,10 +142,6 @@ export class MapView {
     this.draw();
   }
 
-  zoom(factor) {
-    this.camera.zoom(factor);
-  }
-
   /** The measured distance [m]: between two points of the room, or of the flat map. */
   distance() {
     const [a, b] = this.measured;
@@ -220,11 +215,10 @@ export class MapView {
   /** What is shown, as a PNG. */
   toBlob() {
     this._renderNow({ smooth: true });
-    const picture = document.createElement("canvas"), c = picture.getContext("2d"), { width, height } = this._marks.canvas;
-    [picture.width, picture.height] = [width, height];
+    const { width, height } = this._marks.canvas, c = drawing(width, height);
     if (this._renderer) c.drawImage(this.canvas, 0, 0, width, height);
     c.drawImage(this._marks.canvas, 0, 0);
-    return new Promise((done) => { picture.toBlob(done, "image/png"); });
+    return new Promise((done) => { c.canvas.toBlob(done, "image/png"); });
   }
 
   /** Whether the scene is drawn; otherwise the marks alone. */

@@ -1,7 +1,8 @@
 // Marks above the scene, of a constant width in pixels: robot, plan, highlights, changes, clusters, pictures, names.
 import { drawText, footprintOf, spotsIn, Taken } from "/files/map-drawing.js";
 import { radiusAt } from "/files/map-scene.js";
-import { ObjectPictures } from "/files/object-pictures.js";
+import { element } from "/files/page-elements.js";
+import { pictureOf } from "/files/thing-panel.js";
 
 const FAINT = 0.55; // opacity of the outlines of things without a name
 const RADIUS = 11; // [px] around a thing or point
@@ -13,20 +14,21 @@ const TRIED = 1500; // objects for which space for a name is searched; fewer whi
 const CONFIDENT = { flat: 2.45, solid: 2.8 }; // deviations within which a position lies with 95 %, in two and three dimensions
 const TEXT = "system-ui, sans-serif";
 const MANY = 300; // things without a name that are not drawn while the map moves
+const CLOSE = 170; // [px/m] at and above which an object has its picture
+const MAX_PICTURES = { shown: 12, kept: 300 };
+const SIDES = [44, 110], WIDE = 0.3; // [px] of a picture, at least and at most; [m] within these limits
 const BUTTONS = [[270, 0, 50], [52, -225, 225]]; // [px] above and below at the right: wide, from, high
 
 export class MarkLayer {
   /** Marks of `view` (a MapView), on a canvas above its own that passes pointer events through. */
   constructor(view) {
     this._view = view;
-    this.canvas = document.createElement("canvas");
-    this.canvas.className = "marks";
-    this.canvas.setAttribute("aria-hidden", "true");
+    this.canvas = Object.assign(element("canvas"), { className: "marks", ariaHidden: "true" });
     this._c = this.canvas.getContext("2d");
     this._width = this._height = 0; // [px]
     this._ratio = 1; // pixels of the canvas in one of the page
     this._widths = new Map(); // of names [px]
-    this._pictures = new ObjectPictures(view);
+    this._pictures = new Map(); // of objects by IRI; null without one
     this._names = []; // of objects that were drawn at rest: [object, u and v from its spot, font]
     this._failed = new Set(); // errors that were reported
   }
@@ -47,11 +49,11 @@ export class MarkLayer {
     this._each(data.places.values(), (place) => this._drawOutline(place));
     this._each(data.doors, (door) => this._ring(this._at([door.x, door.y]), 3));
     if (layers.things && !inFocus && !clusters && !(isMoving && data.things.size > MANY)) this._each(data.things.values(), (one) => this._drawBox(one));
-    if (!view.hasGraphics && !clusters) this._each(view.drawn, (one) => this._dot(one.x, one.y, one.z, view.hexOfClass(one.class)));
+    if (!view.hasGraphics && !clusters) this._each(view.drawn, (one) => this._dot([one.x, one.y, one.z], view.hexOfClass(one.class)));
     if (plan?.steps.length) this._each([plan], () => this._drawPlan(plan));
     this._each(view.highlights.iris, (iri) => this._drawHighlight(iri));
     this._each(view.highlights.points, (point) => this._ring(this._at(point), RADIUS));
-    this._each(view.highlights.rings, (ring) => this._line(ring, { width: 3, isClosed: true }));
+    this._each(view.highlights.rings, (ring) => this._polygon(ring, { width: 3 }));
     this._each(view.changes, (change) => this._drawChange(change));
     for (const mark of [this._drawRobot, this._drawSelection, this._drawMeasure, this._drawSketch]) this._each([mark], () => mark.call(this));
     this._each(clusters || [], (cluster) => this._drawCluster(cluster));
@@ -77,17 +79,33 @@ export class MarkLayer {
     return this._view.toScreen(x, y, z);
   }
 
-  /** Stroke a line through points [m]; a part behind the camera is left out. */
-  _line(points, { colour = this._view.accent, width = 2, dash = [], isClosed = false, alpha = 1 } = {}) {
+  /** Stroke the current path.
+   * @param {{colour?: string, width?: number, dash?: number[], alpha?: number}} style */
+  _stroke({ colour = this._view.accent, width = 2, dash = [], alpha = 1 }) {
     const c = this._c;
-    this._trace(isClosed ? [...points, points[0]] : points);
-    c.strokeStyle = colour;
-    c.lineWidth = width;
-    c.globalAlpha = alpha;
+    Object.assign(c, { strokeStyle: colour, lineWidth: width, globalAlpha: alpha });
     c.setLineDash(dash);
     c.stroke();
     c.setLineDash([]);
     c.globalAlpha = 1;
+  }
+
+  /** Fill the current path. */
+  _fill(colour, alpha = 1) {
+    Object.assign(this._c, { fillStyle: colour, globalAlpha: alpha });
+    this._c.fill();
+    this._c.globalAlpha = 1;
+  }
+
+  /** Stroke a line through points [m]; a part behind the camera is left out. */
+  _line(points, style = {}) {
+    this._trace(points);
+    this._stroke(style);
+  }
+
+  /** Stroke a ring of corners [m]. */
+  _polygon(corners, style = {}) {
+    this._line([...corners, corners[0]], style);
   }
 
   _trace(points) {
@@ -100,55 +118,46 @@ export class MarkLayer {
     }
   }
 
-  _ring(spot, radius, { colour = this._view.accent, width = 3, dash = [] } = {}) {
-    const c = this._c;
+  _ring(spot, radius, style = {}) {
     if (!spot) return;
-    c.strokeStyle = colour;
-    c.lineWidth = width;
-    c.setLineDash(dash);
-    c.beginPath();
-    c.arc(spot[0], spot[1], radius, 0, 7);
-    c.stroke();
-    c.setLineDash([]);
+    this._c.beginPath();
+    this._c.arc(spot[0], spot[1], radius, 0, 7);
+    this._stroke({ width: 3, ...style });
   }
 
-  _dot(x, y, z, colour, radius = 4) {
-    const spot = this._at([x, y, z]), c = this._c;
+  _dot(point, colour, radius = 4) {
+    const spot = this._at(point);
     if (!spot) return;
-    c.fillStyle = colour;
-    c.beginPath();
-    c.arc(spot[0], spot[1], radius, 0, 7);
-    c.fill();
+    this._c.beginPath();
+    this._c.arc(spot[0], spot[1], radius, 0, 7);
+    this._fill(colour);
   }
 
   /** The outline of a place: of the selected one, and of all where nothing else draws them. */
   _drawOutline(place) {
     const view = this._view, isChosen = place.iri === view.selected;
     if (!isChosen && view.hasGraphics) return;
-    for (const ring of place.rings) this._line(ring, { colour: isChosen ? view.accent : view.faint, width: isChosen ? 3 : 1.2, isClosed: true });
+    for (const ring of place.rings) this._polygon(ring, { colour: isChosen ? view.accent : view.faint, width: isChosen ? 3 : 1.2 });
   }
 
   /** The faint outline of a thing without a name: its box, and from above its footprint. */
   _drawBox(one) {
     const { ink: colour, isFlat } = this._view, style = { colour, width: 1.2, dash: [3, 3], alpha: FAINT }, corners = footprintOf(one);
     const level = (z) => corners.map(([x, y]) => [x, y, z]), low = level(one.z - one.dz / 2), high = level(one.z + one.dz / 2);
-    this._line(high, { ...style, isClosed: true });
+    this._polygon(high, style);
     if (isFlat) return;
-    this._line(low, { ...style, isClosed: true });
+    this._polygon(low, style);
     low.forEach((corner, n) => this._line([corner, high[n]], style));
   }
 
   /** The steps of a plan: the way, directions of view, order. */
   _drawPlan(plan) {
-    const { accent, panel } = this._view, c = this._c;
+    const { accent, panel } = this._view;
     this._line([plan.start, ...plan.steps.flatMap((step) => [...(step.way || []), [step.x, step.y]])], { dash: [7, 5] });
     for (const step of plan.steps) {
       const half = Math.min(step.extent, 6.28) / 2, turns = Array.from({ length: 13 }, (_, n) => step.heading + half * (n - 6) / 6);
       this._trace([[step.x, step.y], ...turns.map((angle) => [step.x + REACH * Math.cos(angle), step.y + REACH * Math.sin(angle)])]);
-      c.fillStyle = accent;
-      c.globalAlpha = 0.18;
-      c.fill();
-      c.globalAlpha = 1;
+      this._fill(accent, 0.18);
     }
     const stops = new Map(); // positions once, with the numbers of their steps
     plan.steps.forEach((step, n) => {
@@ -165,10 +174,9 @@ export class MarkLayer {
     c.textAlign = "center";
     const half = Math.max(c.measureText(text).width / 2 + 6, 10);
     this._taken.take(u - half, v - 10, 2 * half, 20, true);
-    c.fillStyle = colour;
     c.beginPath();
     c.roundRect(u - half, v - 10, 2 * half, 20, 10);
-    c.fill();
+    this._fill(colour);
     c.fillStyle = ink;
     c.fillText(text, u, v + 4);
     c.textAlign = "left";
@@ -178,7 +186,7 @@ export class MarkLayer {
   _drawHighlight(iri) {
     const { data } = this._view, one = data.thingAt(iri);
     if (one) this._ring(this._at([one.x, one.y, one.z]), RADIUS);
-    data.places.get(iri)?.rings.forEach((ring) => this._line(ring, { width: 3, isClosed: true }));
+    data.places.get(iri)?.rings.forEach((ring) => this._polygon(ring, { width: 3 }));
   }
 
   /** The sign of a change: a plus, a cross, or a line from the former to the present position. */
@@ -198,37 +206,33 @@ export class MarkLayer {
     const { sketch, accent } = this._view;
     if (!sketch) return;
     const points = [...sketch.points, ...(sketch.cursor ? [sketch.cursor] : [])];
-    if (points.length > 1) this._line(points, { width: 3, dash: [8, 5], isClosed: sketch.isArea && points.length > 2 });
-    points.forEach(([x, y]) => this._dot(x, y, undefined, accent, 5));
+    const isClosed = sketch.isArea && points.length > 2;
+    this._line(isClosed ? [...points, points[0]] : points, { width: 3, dash: [8, 5] });
+    points.forEach((point) => this._dot(point, accent, 5));
   }
 
   /** Two lines through a pixel, turned by 45 degrees if `across` is not 0. */
   _cross(spot, across, along) {
     const c = this._c;
     if (!spot) return;
-    c.strokeStyle = this._view.ink;
-    c.lineWidth = 2;
     c.beginPath();
     for (const [du, dv] of across ? [[along, across], [along, -across]] : [[along, 0], [0, along]]) {
       c.moveTo(spot[0] - du, spot[1] - dv);
       c.lineTo(spot[0] + du, spot[1] + dv);
     }
-    c.stroke();
+    this._stroke({ colour: this._view.ink });
   }
 
   _drawRobot() {
-    const { data: { robot, trail }, layers, accent, panel } = this._view, c = this._c;
+    const { data: { robot, trail }, layers, accent, panel } = this._view;
     if (layers.trail && trail.length > 1) this._line(trail, { alpha: 0.5 });
     const spot = robot && this._at([robot.x, robot.y]);
     if (!spot) return;
     const grown = Math.max(1, MIN_ARROW / spot[2]), [cos, sin] = [Math.cos(robot.heading) * grown, Math.sin(robot.heading) * grown];
     this._trace(ARROW.map(([x, y]) => [robot.x + x * cos - y * sin, robot.y + x * sin + y * cos]));
-    c.closePath();
-    c.fillStyle = accent;
-    c.strokeStyle = panel;
-    c.lineWidth = 2;
-    c.stroke();
-    c.fill();
+    this._c.closePath();
+    this._stroke({ colour: panel });
+    this._fill(accent);
     this._taken.take(spot[0] - 11, spot[1] - 11, 22, 22, true);
   }
 
@@ -247,7 +251,7 @@ export class MarkLayer {
   _drawCluster({ x, y, count, one, spot }) {
     const { ink, panel } = this._view;
     if (spot[0] < -20 || spot[1] < -20 || spot[0] > this._width + 20 || spot[1] > this._height + 20) return;
-    if (count === 1) this._dot(x, y, undefined, this._view.hexOfClass(one.class));
+    if (count === 1) this._dot([x, y], this._view.hexOfClass(one.class));
     else this._pill(String(count), spot, ink, panel);
   }
 
@@ -255,7 +259,7 @@ export class MarkLayer {
   _drawMeasure() {
     const { measured, ink, panel } = this._view;
     if (!measured.length) return;
-    measured.forEach((point) => this._dot(...point, ink));
+    measured.forEach((point) => this._dot(point, ink));
     if (measured.length < 2) return;
     this._line(measured, { colour: panel, width: 5 });
     this._line(measured, { colour: ink, width: 2 });
@@ -283,12 +287,12 @@ export class MarkLayer {
   _nameObjects() {
     const view = this._view, { isFlat, isMoving, layers, inFocus, selected } = view, most = MAX_NAMES[isFlat ? "flat" : "solid"];
     if (isMoving && this._names.length) {
-      this._pictures.draw(this._c, this._taken, this._onScreen(TRIED / 8));
+      this._drawPictures(this._onScreen(TRIED / 8));
       return this._each(this._names, (name) => this._drawName(name));
     }
     const found = this._onScreen(isMoving ? TRIED / 8 : Infinity);
     for (const { spot } of found.slice(0, isFlat ? TRIED : 0)) this._taken.take(spot[0] - 5, spot[1] - 5, 10, 10, true);
-    this._pictures.draw(this._c, this._taken, found);
+    this._drawPictures(found);
     this._names = [];
     return this._each(found.slice(0, TRIED), ({ one, spot: [u, v, scale] }) => {
       const isChosen = one.iri === selected;
@@ -307,6 +311,38 @@ export class MarkLayer {
     if (!spot) return;
     this._c.font = `${font} ${TEXT}`;
     drawText(this._c, view, text, spot[0] + x, spot[1] + y, view.ink, view.isFlat ? Math.max(one.existence, 0.75) : 1);
+  }
+
+  /** The pictures of objects {one, spot} above them where there is room: of the selected one first, and of those that are near. */
+  _drawPictures(found) {
+    const { layers, selected, inFocus } = this._view, c = this._c;
+    const near = found.filter(({ one, spot }) => one.iri === selected || (layers.pictures && !inFocus && spot[2] >= CLOSE));
+    let shown = 0;
+    for (const { one, spot: [u, v, scale] } of near) {
+      if (shown >= MAX_PICTURES.shown) break;
+      const picture = this._pictureOf(one);
+      if (!picture) continue;
+      const side = Math.min(Math.max(WIDE * scale, SIDES[0]), SIDES[1]), factor = side / Math.max(picture.height, picture.width / 2);
+      const [wide, high] = [picture.width * factor, picture.height * factor], [x, y] = [u - wide / 2, v - high - 26];
+      if (!this._taken.take(x - 2, y - 2, wide + 4, high + 4)) continue;
+      c.fillStyle = this._view.hexOfClass(one.class);
+      c.fillRect(x - 2, y - 2, wide + 4, high + 4);
+      c.fillRect(u - 1, y + high, 2, 10);
+      c.drawImage(picture, x, y, wide, high);
+      shown++;
+    }
+  }
+
+  /** The picture of an object; null until it is read, in the past, and where none is kept. */
+  _pictureOf({ iri }) {
+    const { data, isMoving } = this._view, kept = this._pictures;
+    if (data.past !== null) return null;
+    if (!kept.has(iri) && !isMoving) {
+      if (kept.size >= MAX_PICTURES.kept) kept.clear();
+      kept.set(iri, null);
+      pictureOf(data, iri).then((picture) => { kept.set(iri, picture); if (picture) this._view.draw(); }, () => {});
+    }
+    return kept.get(iri) ?? null;
   }
 
   /** The pixel at which an object is named: its middle, in three dimensions the top of its box. */
@@ -343,11 +379,9 @@ export class MarkLayer {
     if (!view.isFlat) return;
     const metres = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200].find((m) => m * view.scale > 60) || 500;
     const x = 14, y = this._height - 16, end = x + metres * view.scale;
-    c.strokeStyle = view.ink;
-    c.lineWidth = 2;
     c.beginPath();
     [[x, y - 4], [x, y], [end, y], [end, y - 4]].forEach(([u, v]) => c.lineTo(u, v));
-    c.stroke();
+    this._stroke({ colour: view.ink });
     c.font = `12px ${TEXT}`;
     drawText(c, view, `${metres} m`, x + 6, y - 6, view.ink);
   }

@@ -1,10 +1,11 @@
-// Filters, and the objects that pass them: number, legend and list.
+// What is shown: filters, the objects that pass them with their number and legend, and all of it as files.
 import { colourOf } from "/files/map-drawing.js";
 import { seconds } from "/files/map-data.js";
-import { button, byId, element, named, option } from "/files/page-elements.js";
+import { button, byId, element, linkButton, named, option, percent, save } from "/files/page-elements.js";
 
 const MAX_ENTRIES = 200; // of the list
 const MAX_CATEGORIES = 40; // of the legend
+const COLUMNS = ["iri", "name", "category", "x", "y", "z", "existence", "place", "lastSeen"]; // of a table
 
 export class ObjectList {
   /** `choose(iri)` selects an object; `changed()` is called when the filters change. */
@@ -17,8 +18,7 @@ export class ObjectList {
     this._place = "";
     this._age = Infinity; // [s]
     this._now = 0;
-    ["filter", "least"].forEach((id) => byId(id).addEventListener("input", () => this._read()));
-    ["in-place", "age"].forEach((id) => byId(id).addEventListener("change", () => this._read()));
+    for (const id of ["filter", "least", "in-place", "age"]) byId(id).addEventListener("input", () => this._read());
   }
 
   /** Set the fields by their ids; `place` is the IRI of a place, or empty. */
@@ -64,13 +64,9 @@ export class ObjectList {
   }
 
   _entry(one, selected) {
-    const place = this._data.places.get(one.place);
-    const made = button("", () => this._choose(one.iri));
-    made.className = "link";
-    made.append(...named(this._data, one));
+    const made = linkButton(() => this._choose(one.iri), named(this._data, one));
     made.setAttribute("aria-current", String(one.iri === selected));
-    const where = place ? `${this._data.inPlace(place)}, ` : "";
-    return element("li", "", made, element("span", ` ${where}${Math.round(100 * one.existence)} % sure`));
+    return element("li", "", made, element("span", ` ${this._data.whereabouts(one)}`));
   }
 
   _offerPlaces(chosen = byId("in-place").value) {
@@ -86,7 +82,41 @@ export class ObjectList {
     this.least = Number(byId("least").value);
     this._age = Number(byId("age").value) || Infinity;
     this._now = this._data.lastView();
-    byId("least-shown").textContent = `${Math.round(100 * this.least)} %`;
+    byId("least-shown").textContent = percent(this.least);
     this._changed();
   }
+}
+
+/** Offer what is shown as a picture, a table and shapes; `shown(object)` returns whether an object is drawn. */
+export function offerExports(data, view, shown) {
+  const objects = () => [...data.objects.values()].filter(shown).map((one) => recordOf(data, one));
+  /** @type {Record<string, [string, () => any]>} */
+  const files = {
+    PNG: ["map.png", () => view.toBlob()],
+    CSV: ["objects.csv", () => new Blob([tableOf(objects())], { type: "text/csv" })],
+    GeoJSON: ["map.geojson", () => new Blob([JSON.stringify(shapesOf(data, objects()))], { type: "application/geo+json" })],
+  };
+  byId("exports").replaceChildren(...Object.entries(files).map(([name, [file, make]]) => button(name, async () => save(file, await make()))));
+}
+
+function recordOf(data, { iri, class: category, x, y, z = "", existence, place, seen = "" }) {
+  return { iri, name: data.nameAt(iri), category: data.labelOf(category), x, y, z, existence, place: place ? data.nameAt(place) : "", lastSeen: seen };
+}
+
+/** CSV (RFC 4180); a text that a spreadsheet would take for a formula gets an apostrophe. */
+function tableOf(rows) {
+  const cell = (value) => {
+    const text = typeof value === "string" && /^[=+\-@\t\r]/.test(value) ? `'${value}` : String(value);
+    return /[",\r\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
+  };
+  return [COLUMNS, ...rows.map((row) => COLUMNS.map((name) => row[name]))].map((row) => `${row.map(cell).join(",")}\r\n`).join("");
+}
+
+/** GeoJSON in metres of the map frame, which a member says: without a place on Earth there are no degrees. */
+function shapesOf(data, rows) {
+  const feature = (geometry, properties) => ({ type: "Feature", geometry, properties });
+  const points = rows.map((row) => feature({ type: "Point", coordinates: [row.x, row.y] }, row));
+  const places = [...data.places.values()].map((place) => feature(
+    { type: "Polygon", coordinates: place.rings.map((ring) => [...ring, ring[0]]) }, { iri: place.iri, name: data.nameOf(place) }));
+  return { type: "FeatureCollection", coordinates: "metres in the frame of the map", moment: data.time ?? "now", features: [...points, ...places] };
 }

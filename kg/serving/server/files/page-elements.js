@@ -7,6 +7,8 @@ export const byId = (id) => document.getElementById(id);
  * @type {(selector: string) => any[]} */
 export const all = (selector) => [...document.querySelectorAll(selector)];
 
+export const percent = (share) => `${Math.round(100 * share)} %`;
+
 /** An element with text and children.
  * @type {(name: string, text?: string, ...children: (Node | string)[]) => any} */
 export function element(name, text = "", ...children) {
@@ -23,6 +25,19 @@ export function button(text, onClick) {
   return made;
 }
 
+/** A button that looks like a link. */
+export function linkButton(onClick, ...content) {
+  const made = button("", onClick);
+  made.className = "link";
+  made.append(...content);
+  return made;
+}
+
+/** Show or hide an element by its id. */
+export function reveal(id, isShown) {
+  byId(id).classList.toggle("hidden", !isShown);
+}
+
 export function option(value, text) {
   const made = element("option", text);
   made.value = value;
@@ -34,7 +49,17 @@ export function named(data, one) {
   const [name, number] = data.partsOf(one), made = element("span", name), hidden = element("span", ` ${number}`);
   hidden.className = "nr";
   if (number) made.append(hidden);
-  return [made];
+  return made;
+}
+
+/** How sure something is, in words with a bar. */
+export function sureness(share, words = "sure") {
+  return element("span", `${percent(share)} ${words} `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
+}
+
+/** A context that draws on an empty canvas of its own, of so many pixels. */
+export function drawing(width, height) {
+  return Object.assign(element("canvas"), { width, height }).getContext("2d");
 }
 
 /** A link to the page of an IRI on this server; IRIs of the map begin with `base`. A path with `//` would be another host. */

@@ -86,8 +86,7 @@ export class QuestionList {
     if (this._offered) return;
     this._offered = true;
     const options = { categories: new Map(), places: new Map(), things: new Map() };
-    const { rows } = await select(OFFERED).catch(() => ({ rows: [] }));
-    for (const { kind, name, iri } of rows) {
+    for (const { kind, name, iri } of await select(OFFERED).catch(() => [])) {
       const path = iri.startsWith(this._base) ? iri.slice(this._base.length) : iri;
       if (kind === "things") options.things.set(path, option(path, name));
       else options[kind].set(name, option(name, ""));

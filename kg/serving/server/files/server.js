@@ -1,8 +1,10 @@
-// Requests to the server. The token is kept only in memory, as long as the page is open.
+// Requests to the server: answers, queries, the feed of changes, and the token, which is kept only in memory.
+import { byId } from "/files/page-elements.js";
 
-const NUMBERS = new Set(["x", "y", "z", "existence", "deviation", "dx", "dy", "dz", "yaw", "count", "heading", "xmin", "xmax",
-  "ymin", "ymax", "share", "belief", "size", "storey"]);
+const JSON_TYPE = "application/json";
 const BUSY = [429, 503], RETRIES = 3; // statuses of a server that has no time, and how often it is asked again
+const FIRST_PAUSE = 2000, MAX_PAUSE = 30000; // [ms] before the feed is opened again
+const GONE = 410; // the status where the server does not keep the missed changes any more
 let token = "";
 
 export function useToken(given) {
@@ -13,8 +15,25 @@ export function hasToken() {
   return token !== "";
 }
 
-export function isNumber(column) {
-  return NUMBERS.has(column);
+/** Wait until the map may be read, for a private one by a token that is asked for; returns its base IRI, which `place` of a public map has. */
+export function enter(place) {
+  const form = byId("entry");
+  if (!form) return Promise.resolve(place.dataset.base);
+  byId("entry-token").focus();
+  return new Promise((open) => form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    useToken(byId("entry-token").value.trim());
+    try {
+      const { map, base } = await read("/health");
+      byId("title").textContent = map;
+      document.title = `${map} · hereabouts`;
+      form.remove();
+      document.querySelector("#links, footer")?.remove(); // its links would send no token
+      open(base);
+    } catch (error) {
+      byId("entry-outcome").textContent = error.message;
+    }
+  }));
 }
 
 /** The answer to a request; `accept` is a media type. A refusal throws an Error with the server's message and `status`.
@@ -48,20 +67,57 @@ async function reasonOf(answer) {
   }
 }
 
-/** What a page draws at a moment (ISO 8601 or the number of a transaction), or now; perhaps without objects.
- * @param {string | null} at
- * @param {{signal?: AbortSignal, objects?: boolean}} [options] */
-export async function stateAt(at, { signal, objects = true } = {}) {
-  const given = new URLSearchParams({ ...(at === null ? {} : { at }), ...(objects ? {} : { objects: "0" }) });
-  return (await request(`/state?${given}`, { accept: "application/json", signal })).json();
+/** The content of an answer in JSON.
+ * @param {string} address
+ * @param {{method?: string, body?: string, signal?: AbortSignal}} [options] */
+export async function read(address, options = {}) {
+  return (await request(address, { ...options, accept: JSON_TYPE, type: options.body && JSON_TYPE })).json();
 }
 
-/** The answer to a query: {rows, sequence}; `at` is a transaction number, or null for the present. */
+/** The rows of a query's answer, as texts by their columns; `at` is a transaction number, or null for the present. */
 export async function select(query, at = null) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
     method: "POST", type: "application/sparql-query", accept: "application/sparql-results+json", body: query,
   });
-  const { results } = await answer.json(), plain = ([name, { value }]) => [name, isNumber(name) ? Number(value) : value];
-  const rows = results.bindings.map((row) => Object.fromEntries(Object.entries(row).map(plain)));
-  return { rows, sequence: Number(answer.headers.get("Here-Sequence") || 0) };
+  const { results } = await answer.json();
+  return results.bindings.map((row) => Object.fromEntries(Object.entries(row).map(([name, { value }]) => [name, value])));
+}
+
+/** Follow a map's changes after a transaction, as long as the page is open: server-sent events, read by fetch since EventSource sends no token.
+ *
+ * - `onOpen()` and `onClosed()` are called when the connection opens and closes.
+ * - `onChange(change)` is called for each change.
+ * - `onGap()` is called where changes are missing: it reads the map again and returns the transaction to continue from.
+ */
+export async function followChanges(since, { onOpen, onClosed, onChange, onGap }) {
+  let sequence = since, pause = FIRST_PAUSE;
+  for (;;) {
+    try {
+      const answer = await request(`/changes?since=${sequence}`, { accept: "text/event-stream" });
+      onOpen();
+      pause = FIRST_PAUSE;
+      await readEvents(answer.body, (change) => { sequence = change.sequence; onChange(change); });
+    } catch (error) {
+      if (error.status === GONE) sequence = await onGap().catch(() => sequence);
+    }
+    onClosed();
+    await new Promise((done) => setTimeout(done, pause));
+    pause = Math.min(2 * pause, MAX_PAUSE);
+  }
+}
+
+/** Call `take` with the data of each event of a stream, until it ends. */
+async function readEvents(body, take) {
+  const reader = body.getReader(), decoder = new TextDecoder(); // a TextDecoderStream would be slower on a busy page
+  let waiting = "";
+  for (;;) {
+    const { done, value } = await reader.read();
+    if (done) return;
+    const events = (waiting + decoder.decode(value, { stream: true })).split("\n\n");
+    waiting = events.pop();
+    for (const event of events) {
+      const found = /^data: (.*)$/m.exec(event); // each event of this feed has one line of data
+      if (found) take(JSON.parse(found[1]));
+    }
+  }
 }

@@ -1,6 +1,6 @@
 // The clock axis: the times of the map without quiet times, with marks where things changed. It selects what is shown.
 import { byId, status } from "/files/page-elements.js";
-import { request } from "/files/server.js";
+import { read } from "/files/server.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const STEPS = 10000; // of the range input; the last one is now
@@ -63,7 +63,7 @@ export class TimeAxis {
     this._asked = performance.now();
     this._waiting = false;
     try {
-      this._line = await (await request("/timeline", { accept: "application/json" })).json();
+      this._line = await read("/timeline");
       this._lay();
       this._draw();
     } catch (error) {
@@ -91,8 +91,7 @@ export class TimeAxis {
   async _showWanted() {
     while (this._wanted !== undefined) {
       const at = this._wanted;
-      /** @type {string | null | undefined} */
-    this._wanted = undefined;
+      this._wanted = undefined;
       try {
         if (await this._data.load(at)) this._shown();
         status("");

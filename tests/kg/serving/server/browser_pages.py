@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable
 from typing import Any
+
+import cv2
+import numpy as np
 
 PATIENCE = 120_000  # [ms] for what comes at once, on a machine however slow
 HOSTILE = '<img src=x onerror="alert(1)">'
@@ -22,6 +26,8 @@ ARGUMENTS = (
         for name in ("background-networking", "component-update", "sync", "quic", "gpu")
     ),
 )
+#: [px] as small as leaves the margins of the map as they are: it is drawn in software
+VIEWPORT = {"width": 1120, "height": 640}
 OpenPage = Callable[..., Any]
 
 
@@ -43,6 +49,63 @@ def show_layer(page: Any, name: str, is_shown: bool) -> None:
     page.set_checked(f"[data-layer={name}]", is_shown)
     page.keyboard.press("Escape")
     page.mouse.move(1, 1)
+
+
+def ask(page: Any, question: str) -> None:
+    """Ask a question on the map, and wait for the answer's head."""
+    page.fill("#wanted", question)
+    page.press("#wanted", "Enter")
+    page.wait_for_selector("#plan h2")
+
+
+def unlock(page: Any, token: str) -> None:
+    """Begin to edit with a token."""
+    page.click("#edit")
+    page.fill("#token", token)
+    page.click("#corrector button")
+
+
+def go_to(page: Any, address: str) -> None:
+    """Follow an address within the page."""
+    page.evaluate("address => { location.hash = address; }", address)
+
+
+def click_map(page: Any, right: float = 0.0, up: float = 0.0) -> None:
+    """Click on the map, so many pixels from its middle."""
+    box = page.locator("#canvas").bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2 + right, box["y"] + box["height"] / 2 - up)
+
+
+def picture(page: Any) -> Any:
+    """The map as it looks at rest, (H, W, 3) uint8 BGR."""
+    page.wait_for_selector("#canvas[data-drawn=smoothly]")
+    data = np.frombuffer(page.locator("#canvas").screenshot(), np.uint8)
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+def picture_where(page: Any, condition: Callable[[Any], Any]) -> Any:
+    """The map at rest, as soon as its picture fulfils a condition."""
+    end = time.monotonic() + PATIENCE / 1000
+    while not condition(now := picture(page)):
+        assert time.monotonic() < end, "the map was not drawn so"
+        page.wait_for_timeout(50)  # until the next change is drawn
+    return now
+
+
+def other_picture(page: Any, before: Any) -> Any:
+    """The map at rest, as soon as it does not look as before."""
+    return picture_where(page, lambda now: not np.array_equal(now, before))
+
+
+def same_picture(page: Any, before: Any) -> None:
+    """Wait until the map looks as before."""
+    picture_where(page, lambda now: np.array_equal(now, before))
+
+
+def has_violet(image: Any) -> bool:
+    """Whether more than a hundred pixels of a picture are violet."""
+    blue, green, red = np.moveaxis(image, -1, 0)
+    return int(((red > 150) & (blue > 150) & (green < 90)).sum()) > 100
 
 
 def is_fault(message: Any) -> bool:

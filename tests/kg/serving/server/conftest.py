@@ -6,7 +6,8 @@ import http.client
 import json
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode, urlsplit
@@ -21,6 +22,7 @@ from kg.model.transactions import Cause
 from kg.serving.opening import in_memory_map, open_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.server.app_state import Planner
+from planner.questions.answers import answer_box
 from tests.kg.serving.server import browser_pages as pages
 
 TOKEN = "a-token-of-the-tests-0123"
@@ -227,60 +229,93 @@ def on_disk() -> Callable[..., AbstractContextManager[Served]]:
     return start
 
 
+@contextmanager
+def answering(semantic_map: SemanticMap) -> Iterator[Served]:
+    """A server for pages, which answers questions and whose clients may write with `bearer()`."""
+    tokens = BearerTokens((("ann", TOKEN.encode()),))
+    settings = Settings(port=0, tokens=tokens, limits=replace(LIMITS, workers=1))
+    with MapServer(semantic_map, settings, planner=partial(answer_box, semantic_map)) as server:
+        yield Served(semantic_map, server)
+
+
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Headless Chromium."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
-    if pages.CHROMIUM is None:
-        pytest.skip("Chromium is not installed: apt-get install chromium")
-    with sync_api.sync_playwright() as playwright:
-        started = playwright.chromium.launch(
-            executable_path=pages.CHROMIUM, args=list(pages.ARGUMENTS)
-        )
-        yield started
-        started.close()
+def shown() -> Iterator[Served]:
+    """A server of the flat, for the pages of a module that change nothing."""
+    with furnished() as semantic_map, answering(semantic_map) as served:
+        yield served
 
 
 @pytest.fixture
-def open_page(browser: Any, served: Served) -> Iterator[pages.OpenPage]:
-    """Callable: path and fragment, a server (else `served`) -> its page, once it is ready.
+def own(flat: SemanticMap) -> Iterator[Served]:
+    """A server of a flat that one test changes."""
+    with answering(flat) as served:
+        yield served
+
+
+RUNNING = ExitStack()  # the browser
+
+
+@cache
+def started_browser() -> Any:
+    """Headless Chromium, which runs until the last test of this folder."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="pip install playwright")
+    if pages.CHROMIUM is None:
+        pytest.skip("Chromium is not installed: apt-get install chromium")
+    playwright = RUNNING.enter_context(sync_api.sync_playwright())
+    RUNNING.callback(started_browser.cache_clear)
+    options = {"executable_path": pages.CHROMIUM, "args": list(pages.ARGUMENTS)}
+    return RUNNING.enter_context(playwright.chromium.launch(**options))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(nextitem: pytest.Item | None) -> None:
+    """Stop the browser after the last test here: its event loop is in the way of others."""
+    if nextitem is None or Path(__file__).parent not in nextitem.path.parents:
+        RUNNING.close()
+
+
+@contextmanager
+def page_opener(request: pytest.FixtureRequest) -> Iterator[pages.OpenPage]:
+    """Callable: path and fragment, a server (else `shown`) -> its page, once it is ready.
 
     A script of its own runs before those of the page.
 
     At the end no page may have had an error, or asked any other host.
     """
     wrong: list[str] = []
-    contexts = []
+    browser = started_browser()
 
-    def open_one(
-        path: str = "",
-        of: Served | None = None,
-        *,
-        ready: str = "html[data-ready]",
-        script: str = "",
-        **options: Any,
-    ) -> Any:
-        url = (of or served).url
-        context = browser.new_context(viewport={"width": 1300, "height": 900}, **options)
-        contexts.append(context)
-        page = context.new_page()
-        if script:
-            page.add_init_script(script)
-        page.set_default_timeout(pages.PATIENCE)
-        page.on("console", lambda m: wrong.append(m.text) if pages.is_fault(m) else None)
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("dialog", lambda dialog: wrong.append(f"a dialog: {dialog.message}"))
-        page.on(
-            "request",
-            lambda asked: (
-                None if asked.url.startswith((url, f"blob:{url}")) else wrong.append(asked.url)
-            ),
-        )
-        page.goto(f"{url}{path}")
-        page.wait_for_selector(ready)
-        return page
+    with ExitStack() as stack:
 
-    yield open_one
-    for context in contexts:
-        context.close()
+        def open_one(
+            path: str = "",
+            of: Served | None = None,
+            *,
+            ready: str = "html[data-ready]",
+            script: str = "",
+            **options: Any,
+        ) -> Any:
+            url = (of or request.getfixturevalue("shown")).url
+            ours = (url, f"blob:{url}")
+            context = browser.new_context(**{"viewport": pages.VIEWPORT, **options})
+            page = stack.enter_context(context).new_page()
+            if script:
+                page.add_init_script(script)
+            page.set_default_timeout(pages.PATIENCE)
+            page.on("console", lambda m: wrong.append(m.text) if pages.is_fault(m) else None)
+            page.on("pageerror", lambda error: wrong.append(str(error)))
+            page.on("dialog", lambda dialog: wrong.append(f"a dialog: {dialog.message}"))
+            page.on("request", lambda r: None if r.url.startswith(ours) else wrong.append(r.url))
+            page.goto(f"{url}{path}")
+            page.wait_for_selector(ready)
+            return page
+
+        yield open_one
     assert wrong == []
+
+
+@pytest.fixture
+def open_page(request: pytest.FixtureRequest) -> Iterator[pages.OpenPage]:
+    """`page_opener`, whose pages are closed after a test."""
+    with page_opener(request) as opened:
+        yield opened

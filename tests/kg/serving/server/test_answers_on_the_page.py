@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
 from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
-from planner.questions.answers import answer_box
-from tests.kg.serving.server.browser_pages import OpenPage, says
+from tests.kg.serving.server.browser_pages import OpenPage, ask, says
 
 if TYPE_CHECKING:
     from conftest import Served
-
-    from kg.maps.semantic_map import SemanticMap
 
 #: question -> what its card says
 FAMILIES = {
@@ -49,17 +43,6 @@ ARROWS = """
         return close.call(this); };"""
 
 
-@pytest.fixture
-def served(flat: SemanticMap, serve: Callable[..., Served]) -> Served:
-    return serve(planner=partial(answer_box, flat))
-
-
-def ask(page: Any, question: str) -> None:
-    page.fill("#wanted", question)
-    page.press("#wanted", "Enter")
-    page.wait_for_selector("#plan h2")
-
-
 def names_drawn(page: Any, *names: str) -> None:
     """Wait until the map is drawn anew, at rest, with all of the names."""
     page.evaluate("window.written.clear()")
@@ -89,17 +72,30 @@ def test_who_opens_the_shared_address_of_an_answer_has_the_names_too(open_page: 
     assert page.is_visible("#plan h2")
 
 
-def test_a_thing_that_is_given_a_new_word_stays(served: Served, open_page: OpenPage) -> None:
-    page = open_page("#object/1", script=WRITTEN)
-    names_drawn(page, "cup", "chair")
+def test_what_comes_later_is_drawn_and_told(own: Served, open_page: OpenPage) -> None:
+    place = PlaceRecord(f"{own.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
+    own.map.apply(MapUpdate(places=(place,)))
+    page = open_page("", own, script=WRITTEN + ARROWS)
+    says(page, "#about", "the kitchen: 2 objects")
+    says(page, "#about", "place 2: 0 objects")
+    own.put(3, "bowl", 2.0, 2.0)
+    says(page, "#about", "the kitchen: 3 objects")
+    page.click("#about .link >> text=place 2")
+    says(page, "#about h2", "place 2")
+    names_drawn(page, "cup", "chair", "bowl")
+    assert page.evaluate("window.arrows") == 0
+    own.map.apply(MapUpdate(robot=RobotRecord(np.array([1.0, 1.0, 0.0]), 0.5, 1.7e9)))
+    page.wait_for_function("() => window.arrows > 0")
+    # a thing that is given a word which the page does not know
+    page.evaluate("location.hash = 'object/1'")
     given = {"thing": "object/1", "property": "name", "value": "gherkin grater"}
-    assert served.post("assertions", json=given, headers=served.bearer()).ok
+    assert own.post("assertions", json=given, headers=own.bearer()).ok
     says(page, "#about dl", "gherkin grater")
-    says(page, "#count", "2 of 2 objects")
+    says(page, "#count", "3 of 3 objects")
     names_drawn(page, "gherkin grater", "chair")
 
 
-def test_one_broken_mark_ends_no_other(open_page: OpenPage, served: Served) -> None:
+def test_one_broken_mark_ends_no_other(open_page: OpenPage) -> None:
     broken: list[str] = []
     page = open_page(script=WRITTEN + "window.reportError = (error) => { window.failed = error; };")
     page.on("pageerror", lambda error: broken.append(str(error)))
@@ -111,26 +107,14 @@ def test_one_broken_mark_ends_no_other(open_page: OpenPage, served: Served) -> N
     assert broken == []
 
 
-def test_a_room_is_called_on_the_map_as_in_sentences(served: Served, open_page: OpenPage) -> None:
-    served.map.assertions.add(f"{served.map.base}place/1", "label", "place 1", by="ann")
-    served.map.assertions.add(f"{served.map.base}place/1", "category", "shower", by="ann")
-    page = open_page("#place/1", script=WRITTEN)
+def test_a_room_is_called_on_the_map_as_in_sentences(own: Served, open_page: OpenPage) -> None:
+    own.map.assertions.add(f"{own.map.base}place/1", "label", "place 1", by="ann")
+    own.map.assertions.add(f"{own.map.base}place/1", "category", "shower", by="ann")
+    page = open_page("#place/1", own, script=WRITTEN)
     says(page, "#about h2", "bathroom")
     names_drawn(page, "bathroom")
     ask(page, "where is the cup?")
     says(page, "#plan h2", "bathroom")
-
-
-def test_rooms_are_listed_while_nothing_is_selected(served: Served, open_page: OpenPage) -> None:
-    place = PlaceRecord(f"{served.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
-    served.map.apply(MapUpdate(places=(place,)))
-    page = open_page()
-    says(page, "#about", "the kitchen: 2 objects")
-    says(page, "#about", "place 2: 0 objects")
-    served.put(3, "bowl", 2.0, 2.0)
-    says(page, "#about", "the kitchen: 3 objects")
-    page.click("#about .link >> text=place 2")
-    says(page, "#about h2", "place 2")
 
 
 def test_a_map_that_does_not_come_is_asked_for_again_in_words(open_page: OpenPage) -> None:
@@ -165,24 +149,14 @@ def test_a_busy_server_is_asked_again(open_page: OpenPage) -> None:
 
 
 def test_a_page_without_connection_says_so_and_follows_again(
-    served: Served, open_page: OpenPage
+    own: Served, open_page: OpenPage
 ) -> None:
-    page = open_page()
+    page = open_page("", own)
     says(page, "#live", "live")
     page.route("**/changes?*", lambda route: route.abort())
     page.evaluate("window.stop()")  # ends the feed
     says(page, "#live", "not connected")
-    served.put(3, "bowl", 2.0, 2.0)
+    own.put(3, "bowl", 2.0, 2.0)
     page.unroute("**/changes?*")
     says(page, "#live", "live")
     says(page, "#count", "3 of 3 objects")
-
-
-def test_a_robot_that_comes_later_is_drawn(served: Served, open_page: OpenPage) -> None:
-    page = open_page(script=ARROWS)
-    page.click("#fit")
-    page.wait_for_selector("#canvas[data-drawn=smoothly]")
-    assert page.evaluate("window.arrows") == 0
-    robot = RobotRecord(np.array([1.0, 1.0, 0.0]), 0.5, 1.7e9)
-    served.map.apply(MapUpdate(robot=robot))
-    page.wait_for_function("() => window.arrows > 0")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -13,14 +11,12 @@ from urllib.parse import quote
 import pytest
 
 from kg.serving.server.linked_data.resource_description import local_path
-from planner.questions.answers import answer_box
 from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, faults, says
+from tests.kg.serving.server.conftest import READER
 from tests.waiting import until
 
 if TYPE_CHECKING:
     from conftest import Served
-
-    from kg.maps.semantic_map import SemanticMap
 
 CUPS = "SELECT ?cup ?name { ?cup a here:Cup ; rdfs:label ?name }"
 
@@ -37,9 +33,9 @@ def ask(page: Any, query: str) -> None:
     page.keyboard.press("Control+Enter")
 
 
-def test_pages_run_no_script_and_no_style_of_their_own_text(served: Served) -> None:
+def test_pages_run_no_script_and_no_style_of_their_own_text(shown: Served) -> None:
     for path in ("", "console", "object/1"):
-        page = served.get(path, headers={"Accept": "text/html"})
+        page = shown.get(path, headers={"Accept": "text/html"})
         policy = page.headers["Content-Security-Policy"]
         assert "default-src 'none'; script-src 'self'; style-src 'self'" in policy
         assert "unsafe" not in policy
@@ -47,23 +43,20 @@ def test_pages_run_no_script_and_no_style_of_their_own_text(served: Served) -> N
         assert "://" not in "".join(re.findall(r"<(?:script|link)[^>]*>", page.text))
 
 
-def test_questions_are_listed_with_their_parameters(served: Served) -> None:
-    content = served.get("queries").json()
+def test_questions_are_listed_with_their_parameters(shown: Served) -> None:
+    content = shown.get("queries").json()
     assert content["prefixes"]["here"] == "https://w3id.org/hereabouts#"
     (question,) = (q for q in content["queries"] if q["name"] == "objects-by-category")
     assert question["columns"][0] == "object"
     category, least = question["parameters"]
-    assert (category["name"], category["type"], category["default"]) == (
-        *("category", "category"),
-        None,
-    )
+    assert [category[key] for key in ("name", "type", "default")] == ["category", "category", None]
     assert (least["name"], least["default"]) == ("least", "0.5")
 
 
-def test_a_question_is_given_as_sparql_with_its_values(served: Served) -> None:
-    answer = served.get("queries/objects-by-category", params={"category": "cup"})
+def test_a_question_is_given_as_sparql_with_its_values(shown: Served) -> None:
+    answer = shown.get("queries/objects-by-category", params={"category": "cup"})
     assert answer.headers["Content-Type"].startswith("application/sparql-query")
-    assert [row["label"] for row in served.rows(answer.text)] == ["cup 1"]
+    assert [row["label"] for row in shown.rows(answer.text)] == ["cup 1"]
 
 
 @pytest.mark.parametrize(
@@ -78,15 +71,13 @@ def test_a_question_is_given_as_sparql_with_its_values(served: Served) -> None:
     ],
 )
 def test_values_that_do_not_fit_are_refused_in_words(
-    served: Served, path: str, status: int, word: str
+    shown: Served, path: str, status: int, word: str
 ) -> None:
-    answer = served.get(path)
+    answer = shown.get(path)
     assert (answer.status_code, word in answer.text) == (status, True)
 
 
-def test_a_shipped_question_is_asked_with_a_parameter_and_shown_on_the_map(
-    open_page: OpenPage,
-) -> None:
+def test_a_shipped_question_is_asked_and_shown_on_the_map(open_page: OpenPage) -> None:
     page = open_page("console")
     page.click("#questions >> text=objects-by-category")
     page.fill("#question [name=category]", "cup")
@@ -101,17 +92,7 @@ def test_a_shipped_question_is_asked_with_a_parameter_and_shown_on_the_map(
     assert not page.is_visible("#canvas")
 
 
-def test_an_error_is_marked_at_its_place(open_page: OpenPage) -> None:
-    page = open_page("console")
-    ask(page, "SELECT ?x\n{ ?x a here:Cup }}")
-    says(page, "#status", "line 2, column 1")
-    says(page, ".cm-line:nth-child(2) .cm-lintRange-error", "}")
-    ask(page, CUPS)
-    says(page, "#table", "cup 1")
-    assert page.locator(".cm-lintRange-error").count() == 0
-
-
-def test_properties_classes_variables_and_questions_are_completed(open_page: OpenPage) -> None:
+def test_the_editor_completes_words_and_marks_errors_at_their_place(open_page: OpenPage) -> None:
     page = open_page("console")
     for typed, offered in (
         ("SELECT ?thing { ?thing here:existe", "here:existence"),
@@ -123,13 +104,21 @@ def test_properties_classes_variables_and_questions_are_completed(open_page: Ope
         page.keyboard.type(typed)
         says(page, ".cm-tooltip-autocomplete", offered)
         page.keyboard.press("Escape")
+    ask(page, "SELECT ?x\n{ ?x a here:Cup }}")
+    says(page, "#status", "line 2, column 1")
+    says(page, ".cm-line:nth-child(2) .cm-lintRange-error", "}")
+    ask(page, CUPS)
+    says(page, "#table", "cup 1")
+    assert page.locator(".cm-lintRange-error").count() == 0
 
 
-def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) -> None:
-    served.map.assertions.add(f"{served.map.base}object/1", "label", HOSTILE, by="mallory")
+def test_names_and_iris_of_others_are_text_and_no_links_elsewhere(
+    own: Served, open_page: OpenPage
+) -> None:
+    own.map.assertions.add(f"{own.map.base}object/1", "label", HOSTILE, by="mallory")
     # what others write may come a moment later to a reader
-    until(lambda: "onerror" in served.get(f"sparql?query={quote(CUPS)}").text)
-    page = open_page("console")
+    until(lambda: "onerror" in own.get(f"sparql?query={quote(CUPS)}").text)
+    page = open_page("console", own)
     ask(page, CUPS)
     says(page, "#table", HOSTILE)
     page.click("#table th >> text=name")
@@ -138,30 +127,18 @@ def test_hostile_names_are_text_everywhere(served: Served, open_page: OpenPage) 
     ask(page, f'SELECT ("{HOSTILE.replace(chr(34), chr(39))}" AS ?x) {{}}')
     says(page, "#table", "onerror")
     assert page.locator("img").count() == 0
-
-
-def test_iris_that_run_scripts_are_no_links_to_them(served: Served, open_page: OpenPage) -> None:
-    page = open_page("console")
-    ask(page, 'SELECT (IRI("javascript:alert(1)") AS ?x) {}')
-    says(page, "#table a", "javascript:alert(1)")
-    assert page.get_attribute("#table a", "href").startswith("/resource?iri=javascript%3A")
-
-
-def test_iris_of_the_map_lead_to_no_other_host(served: Served, open_page: OpenPage) -> None:
-    iri = f"{served.map.base}/evil.example/"
-    page = open_page("console")
-    ask(page, f'SELECT (IRI("{iri}") AS ?x) {{}}')
-    says(page, "#table a", "/evil.example/")
-    assert page.get_attribute("#table a", "href").startswith("/resource?iri=")
-    assert local_path(served.map.base, iri).startswith("/resource?iri=")
+    other = f"{own.map.base}/evil.example/"  # a path of the map that a browser takes for a host
+    for iri in ("javascript:alert(1)", other):
+        ask(page, f'SELECT (IRI("{iri}") AS ?x) {{}}')
+        says(page, "#table a", "alert" if "alert" in iri else "/evil.example/")
+        assert page.get_attribute("#table a", "href") == f"/resource?iri={quote(iri, safe='()')}"
+    assert local_path(own.map.base, other).startswith("/resource?iri=")
 
 
 def test_a_click_on_the_name_of_a_column_sorts_by_it(open_page: OpenPage) -> None:
     page = open_page("console")
-    ask(
-        page,
-        'SELECT ?n ?name { VALUES (?n ?name) { (10 "b") (9 "c") (UNDEF "a") (-2.5 "d") } }',
-    )
+    rows = '(10 "b") (9 "c") (UNDEF "a") (-2.5 "d")'
+    ask(page, f"SELECT ?n ?name {{ VALUES (?n ?name) {{ {rows} }} }}")
     says(page, "#status", "4 rows")
     for clicked, first, sorting in (
         ("n", "-2.5", "ascending"),
@@ -177,10 +154,8 @@ def test_a_click_on_the_name_of_a_column_sorts_by_it(open_page: OpenPage) -> Non
     assert page.locator("#table td[style*=gradient]").count() == 3
 
 
-def test_a_question_in_words_is_answered_with_the_query_behind_it(
-    serve: Callable[..., Served], flat: SemanticMap, open_page: OpenPage
-) -> None:
-    page = open_page("console", of=serve(planner=partial(answer_box, flat)))
+def test_a_question_in_words_is_answered_with_the_query_behind_it(open_page: OpenPage) -> None:
+    page = open_page("console")
     page.fill("#words", "what is in the kitchen?")
     page.press("#words", "Enter")
     says(page, "#said", "2 objects")
@@ -196,10 +171,13 @@ def test_a_question_in_words_is_answered_with_the_query_behind_it(
     says(page, "#status", "not understood")
 
 
-def test_queries_of_before_are_kept_until_the_tab_is_closed(open_page: OpenPage) -> None:
-    page = open_page("console")
-    ask(page, CUPS)
+def test_a_query_comes_by_its_address_and_from_those_of_before(open_page: OpenPage) -> None:
+    page = open_page(f"console#query={quote(CUPS)}")
+    says(page, ".cm-content", "here:Cup")
+    assert page.locator("#table >> text=cup 1").count() == 0  # it waits
+    page.click("#form >> text=Ask")
     says(page, "#table", "cup 1")
+    assert quote("here:Cup", safe="") in page.url
     page.click("#questions >> text=graph-sizes")
     says(page, "#before", "graph-sizes")
     page.reload()
@@ -209,34 +187,19 @@ def test_queries_of_before_are_kept_until_the_tab_is_closed(open_page: OpenPage)
     assert page.locator("#before li").all_inner_texts() == [CUPS, "graph-sizes"]
 
 
-@pytest.mark.parametrize(
-    ("query", "name", "file", "content"),
-    [
+def test_answers_are_downloaded(open_page: OpenPage) -> None:
+    page = open_page("console")
+    for query, name, file, content in (
         (CUPS, "CSV", "answer.csv", "cup,name"),
         (CUPS, "TSV", "answer.tsv", "?cup\t?name"),
         (CUPS, "JSON", "answer.json", '"bindings"'),
         (f"CONSTRUCT {{ ?cup rdfs:label ?name }} {CUPS[17:]}", "Turtle", "answer.ttl", "cup 1"),
-    ],
-)
-def test_answers_are_downloaded(
-    open_page: OpenPage, tmp_path: Path, query: str, name: str, file: str, content: str
-) -> None:
-    page = open_page("console")
-    ask(page, query)
-    with page.expect_download() as coming:
-        page.click(f"#downloads >> text={name}")
-    assert coming.value.suggested_filename == file
-    coming.value.save_as(tmp_path / file)
-    assert content in (tmp_path / file).read_text()
-
-
-def test_an_address_names_a_query_and_does_not_ask_it(open_page: OpenPage) -> None:
-    page = open_page(f"console#query={quote(CUPS)}")
-    says(page, ".cm-content", "here:Cup")
-    assert page.locator("#table >> text=cup 1").count() == 0
-    page.click("#form >> text=Ask")
-    says(page, "#table", "cup 1")
-    assert quote("here:Cup", safe="") in page.url
+    ):
+        ask(page, query)
+        with page.expect_download() as coming:
+            page.click(f"#downloads >> text={name}")
+        assert coming.value.suggested_filename == file
+        assert content in coming.value.path().read_text()
 
 
 def test_the_form_asks_without_scripts(open_page: OpenPage) -> None:
@@ -247,9 +210,7 @@ def test_the_form_asks_without_scripts(open_page: OpenPage) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_console_has_no_serious_fault_of_accessibility(
-    open_page: OpenPage, scheme: str
-) -> None:
+def test_the_console_is_accessible_and_fits_on_a_phone(open_page: OpenPage, scheme: str) -> None:
     pytest.importorskip("axe_playwright_python")
     page = open_page("console", color_scheme=scheme, bypass_csp=True)
     page.click("#questions >> text=objects-by-category")
@@ -257,10 +218,6 @@ def test_the_console_has_no_serious_fault_of_accessibility(
     says(page, "#status", "rows,")
     page.click("#table th >> text=x")
     assert faults(page) == []
-
-
-def test_a_phone_shows_the_console_in_one_column(open_page: OpenPage) -> None:
-    page = open_page("console")
     page.set_viewport_size({"width": 390, "height": 844})
     ask(page, "SELECT * { GRAPH ?g { ?s ?p ?o } } LIMIT 20")
     says(page, "#status", "20 rows")
@@ -271,12 +228,11 @@ def test_a_phone_shows_the_console_in_one_column(open_page: OpenPage) -> None:
 def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(
     private: Served, open_page: OpenPage, path: str
 ) -> None:
-    reader = "a-token-that-only-reads"
     page = open_page(path, private, ready="#entry")
     page.fill("#entry-token", "a-token-that-somebody-guessed")
     page.click("#entry button")
     says(page, "#entry-outcome", "private")
-    page.fill("#entry-token", reader)
+    page.fill("#entry-token", READER)
     page.click("#entry button")
     page.wait_for_selector("html[data-ready]")
     if path:
@@ -290,7 +246,7 @@ def test_a_private_map_is_looked_at_with_a_token_that_is_kept_nowhere(
     kept = page.evaluate(
         "JSON.stringify([location.href, document.cookie, {...localStorage}, {...sessionStorage}])"
     )
-    assert reader not in kept
+    assert READER not in kept
     page.reload()
     page.wait_for_selector("#entry-token", timeout=PATIENCE)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +15,18 @@ from kg.maps.object_pictures import ObjectPictures
 from kg.model import vocabulary as v
 from kg.model.records import SURFACE, Evidence, MapUpdate
 from kg.serving.opening import create_map
-from tests.kg.serving.server.browser_pages import OpenPage, says, show_layer
-from tests.kg.serving.server.conftest import BASE, TOKEN, thing
+from tests.kg.serving.server.browser_pages import (
+    OpenPage,
+    click_map,
+    go_to,
+    other_picture,
+    picture,
+    same_picture,
+    says,
+    show_layer,
+    unlock,
+)
+from tests.kg.serving.server.conftest import BASE, TOKEN, answering, thing
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -40,58 +50,42 @@ def unnamed(semantic_map: SemanticMap) -> ObjectRecord:
 
 
 @pytest.fixture
-def served(flat: SemanticMap, serve: Callable[..., Served]) -> Served:
+def own(flat: SemanticMap) -> Iterator[Served]:
     flat.apply(MapUpdate(objects=(unnamed(flat),)))
-    return serve()
+    with answering(flat) as served:
+        yield served
 
 
-def click_the_middle(page: Any) -> None:
-    box = page.locator("#canvas").bounding_box()
-    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-
-
-def drawn(page: Any) -> bytes:
-    """The picture of the map, as soon as it rests."""
-    last = None
-    while True:
-        page.wait_for_timeout(200)
-        page.wait_for_selector("#canvas[data-drawn=smoothly]")
-        now = bytes(page.locator("#canvas").screenshot())
-        if now == last:
-            return now
-        last = now
-
-
-@pytest.mark.parametrize("is_flat", [True, False])
 def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
-    is_flat: bool, served: Served, open_page: OpenPage
+    own: Served, open_page: OpenPage
 ) -> None:
-    page = open_page()
+    page = open_page("", own)
     says(page, "#count", "2 of 2 objects")  # not in the list
     page.click("text=All objects")
     assert "unnamed" not in page.locator("#objects").inner_text()
-    if not is_flat:
-        page.click("#solid")
-        page.evaluate("location.hash = 'object/7'")  # which flies there
-        says(page, "#about h2", "unnamed thing")
-        page.evaluate("location.hash = ''")
+    for is_flat in (True, False):
+        if not is_flat:
+            page.click("#solid")
+            go_to(page, "")
+            says(page, "#about", "Nothing is selected")
+            go_to(page, THING)  # which flies there
+            says(page, "#about h2", "unnamed thing")
+            go_to(page, "")
         says(page, "#about", "Nothing is selected")
-    page.mouse.move(1, 1)
-    outlined = drawn(page)
-    show_layer(page, "things", False)
-    assert drawn(page) != outlined
-    show_layer(page, "things", True)
-    assert drawn(page) == outlined
-    click_the_middle(page)
-    says(page, "#about h2", "unnamed thing")
-    says(page, "#about dl", "20 cm high")
+        page.mouse.move(1, 1)
+        outlined = picture(page)
+        show_layer(page, "things", False)
+        other_picture(page, outlined)
+        show_layer(page, "things", True)
+        same_picture(page, outlined)
+        click_map(page)
+        says(page, "#about h2", "unnamed thing")
+        says(page, "#about dl", "20 cm high")
 
 
-def test_a_name_given_on_the_page_makes_it_an_object(served: Served, open_page: OpenPage) -> None:
-    page, other = open_page(f"#{THING}"), open_page()
-    page.click("#edit")
-    page.fill("#token", TOKEN)
-    page.click("#corrector button")
+def test_a_name_given_on_the_page_makes_it_an_object(own: Served, open_page: OpenPage) -> None:
+    page, other = open_page(f"#{THING}", own), open_page("", own)
+    unlock(page, TOKEN)
     page.fill("[aria-label=category]", "bottle")
     page.click("text=is a")
     for one in (page, other):
@@ -99,17 +93,17 @@ def test_a_name_given_on_the_page_makes_it_an_object(served: Served, open_page: 
     says(page, "#about dl", "bottle")
     page.click("text=undo")
     says(other, "#count", "2 of 2 objects")
-    other.evaluate("location.hash = 'object/7'")
+    go_to(other, THING)
     says(other, "#about h2", "unnamed thing")
 
 
-def test_the_past_has_the_things_of_that_time(served: Served) -> None:
-    now = served.get("state").json()
+def test_the_past_has_the_things_of_that_time(own: Served) -> None:
+    now = own.get("state").json()
     assert [one["iri"] for one in now["things"]] == [THING]
     assert now["things"][0]["dx"] == 0.6 and "class" not in now["things"][0]
-    past = served.get("state", params={"at": served.map.sequence - 1}).json()
+    past = own.get("state", params={"at": own.map.sequence - 1}).json()
     assert past["things"] == [] and past["objects"] == now["objects"]
-    assert "things" not in served.get("state", params={"objects": "0"}).json()
+    assert "things" not in own.get("state", params={"objects": "0"}).json()
 
 
 def test_a_selected_thing_has_its_picture(
@@ -122,6 +116,6 @@ def test_a_selected_thing_has_its_picture(
         violet = np.full((40, 60, 3), (220, 20, 200), np.uint8)
         ObjectPictures(folder).write(record, cv2.imencode(".jpg", violet)[1].tobytes())
     with on_disk(folder) as other:
-        page = open_page(f"#{THING}", of=other)
+        page = open_page(f"#{THING}", other)
         page.wait_for_selector("#about [aria-label='unnamed thing 7 as it was seen best']")
         page.close()

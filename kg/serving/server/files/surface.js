@@ -1,5 +1,8 @@
-// Pictures from above: of the surface, and of the floor, by its cells or by the time of their last view.
+// The surface, coloured voxels of what the camera saw, and the floor: read, and as pictures from above.
+import { drawing } from "/files/page-elements.js";
+import { request } from "/files/server.js";
 
+const PATIENCE = 10000; // [ms] from one reading of the surface of the present to the next
 const SHEET = 16; // tiles along the side of a picture
 const MAX_SIDE = 4096; // [px] of the picture of a surface
 const OBSTACLE = 3;
@@ -11,15 +14,72 @@ export const VIEWED = {
   dark: { fresh: [30, 110, 190], old: [42, 49, 56], never: [170, 105, 10] },
 };
 
-/** The floor as few pictures of many tiles each: {canvas, x, y, z, wide} [m], with the lower left corner.
+export class SurfaceReader {
+  constructor(view) {
+    this._view = view;
+    this.surface = null; // {size, points, colours}; points [m] of the map
+    this._at = undefined; // the moment that was read
+    this._version = -1; // of the surface that was read
+    this._time = 0; // [ms] when that was
+    this._loading = new AbortController();
+  }
+
+  /** The surface at the shown moment; null without one. It is read in the background. */
+  current() {
+    const { data, layers } = this._view;
+    if (!layers.surface) return null;
+    const isOld = data.past === null && data.surface !== this._version && Date.now() - this._time > PATIENCE;
+    if (data.past !== this._at || isOld) this._read(data.past, data.surface);
+    return this.surface?.points.length ? this.surface : null;
+  }
+
+  async _read(at, version) {
+    this._loading.abort();
+    const { signal } = this._loading = new AbortController();
+    if (at !== this._at) this._show(null); // nothing of another moment
+    [this._at, this._version, this._time] = [at, version, Date.now()];
+    try {
+      const answer = await request(at === null ? "/surface" : `/surface?at=${at}`, { signal });
+      const surface = decoded(await answer.arrayBuffer());
+      if (!signal.aborted) this._show(surface);
+    } catch {
+      // without a surface, floor and boxes are shown; the next moment is read anew
+    }
+  }
+
+  _show(surface) {
+    this.surface = surface;
+    this._view.draw();
+    this._view.onSurface();
+  }
+}
+
+/** The surface of an answer: a JSON header, then columns (kg/maps/surface/wire_format.py). */
+function decoded(buffer) {
+  const length = new DataView(buffer).getUint32(0, true);
+  const { size, origin, voxels } = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
+  const from = 4 + length + 4 * voxels, cells = new Int16Array(buffer.slice(from, from + 6 * voxels));
+  const shades = new Uint8Array(buffer, from + 8 * voxels, 3 * voxels);
+  const points = new Float32Array(3 * voxels), colours = new Uint8Array(4 * voxels).fill(255); // with alpha
+  for (let n = 0; n < voxels; n++) for (let k = 0; k < 3; k++) {
+    points[3 * n + k] = origin[k] + size * cells[k * voxels + n];
+    colours[4 * n + k] = shades[k * voxels + n];
+  }
+  return { size, points, colours };
+}
+
+/** The floor as few pictures of many tiles each: {canvas, x, y, z, wide, high} [m], with the lower left corner.
  *
  * `viewed` paints the time of the last view, `dark` takes the colours of a dark page. */
 export function floorSheets(tiles, { viewed, dark }) {
-  const sheets = new Map(), latest = viewed ? latestOf(tiles) : 0, scheme = dark ? "dark" : "light";
+  const sheets = new Map(), latest = Math.max(0, ...tiles.map((tile) => tile.latest)), scheme = dark ? "dark" : "light";
   for (const tile of tiles) {
     const span = tile.side * tile.size, [column, row] = [Math.round((tile.x - tiles[0].x) / span), Math.round((tile.y - tiles[0].y) / span)];
     const [i, j] = [Math.floor(column / SHEET), Math.floor(row / SHEET)], key = [i, j, tile.side, tile.size, tile.z].join();
-    if (!sheets.has(key)) sheets.set(key, sheetAt(tiles[0].x + i * SHEET * span, tiles[0].y + j * SHEET * span, SHEET * span, tile));
+    if (!sheets.has(key)) {
+      const { canvas } = drawing(SHEET * tile.side, SHEET * tile.side), side = SHEET * span;
+      sheets.set(key, { canvas, x: tiles[0].x + i * side, y: tiles[0].y + j * side, z: tile.z, wide: side, high: side });
+    }
     const image = imageOf(tile, viewed, latest, scheme), { canvas } = sheets.get(key);
     canvas.getContext("2d").putImageData(image, (column - i * SHEET) * tile.side, canvas.height - (row - j * SHEET + 1) * tile.side);
   }
@@ -45,28 +105,12 @@ export function surfaceSheet({ size, points }, colours, top) {
     highest[at] = z;
     pixels[at] = tones[n / 3];
   }
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [columns, rows];
-  canvas.getContext("2d").putImageData(image, 0, 0);
-  return { canvas, x: xmin - pixel / 2, y: ymin - pixel / 2, wide: columns * pixel, high: rows * pixel };
+  const c = drawing(columns, rows);
+  c.putImageData(image, 0, 0);
+  return { canvas: c.canvas, x: xmin - pixel / 2, y: ymin - pixel / 2, wide: columns * pixel, high: rows * pixel };
 }
 
-function sheetAt(x, y, wide, { side, z }) {
-  const canvas = document.createElement("canvas");
-  canvas.width = canvas.height = SHEET * side;
-  return { canvas, x, y, z, wide };
-}
-
-/** The time of the last view, in minutes since 1970. */
-function latestOf(tiles) {
-  let latest = 0;
-  for (const tile of tiles) {
-    tile.latest ??= tile.viewed ? tile.viewed.reduce((a, b) => Math.max(a, b), 0) : 0;
-    latest = Math.max(latest, tile.latest);
-  }
-  return latest;
-}
-
+/** A tile as a picture; `latest` is the time of the last view of all, in minutes since 1970. */
 function imageOf(tile, viewed, latest, scheme) {
   const n = tile.side, image = new ImageData(n, n);
   const m = viewed && tile.viewed ? Math.sqrt(tile.viewed.length / 2) : 0; // number of view times along a side
