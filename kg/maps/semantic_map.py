@@ -22,6 +22,7 @@ from kg.maps.facts.robot_and_recordings import recordings_in, robot_in
 from kg.maps.facts.searches import SearchRecords
 from kg.maps.map_metadata import Description, description_of
 from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms
+from kg.maps.networkx_graph import network
 from kg.maps.object_pictures import ObjectPictures
 from kg.maps.query.evaluation import Table, evaluate
 from kg.maps.query.parameter_resolution import ParameterResolver
@@ -29,6 +30,7 @@ from kg.maps.query.query_files import ParameterizedQuery, resolve_query
 from kg.maps.subscriptions import MapSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.maps.surface.voxels import Surface
+from kg.model.errors import QueryParameterError
 from kg.model.records import (
     DepartedRecord,
     DoorRecord,
@@ -45,6 +47,7 @@ from kg.rdf.quad_store import QuadStore
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:
+    import networkx as nx
     import rdflib
     from numpy.typing import ArrayLike
 
@@ -200,6 +203,13 @@ class SemanticMap(ABC):
             wanted = self.catalogue.find(category, "place").iri
             kinds = subcategories(self.engine, wanted)
         return tuple(place for place in places if is_believed(place, kinds, min_belief))
+
+    def network(self, *, near: float = 1.0) -> nx.Graph[str]:
+        """Objects and places as a networkx graph with edges "in" and "near" (within `near` [m])."""
+        if not near > 0:
+            raise QueryParameterError(f"near must be a distance above 0 m, got {near!r}")
+        view = self.in_one_frame()
+        return network(view.objects(), view.places(), view.catalogue, near)
 
     def robot(self) -> RobotRecord | None:
         """The last pose of the robot; None without a robot."""

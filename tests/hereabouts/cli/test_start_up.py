@@ -13,6 +13,7 @@ from kg.serving.opening import create_map
 HEAVY = {
     "cv2",
     "matplotlib",
+    "networkx",
     "onnxruntime",
     "owlready2",
     "pyshacl",

@@ -19,15 +19,23 @@ from kg.model.errors import GraphError, QueryError, QueryParameterError, Unknown
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map, open_map
 from kg.serving.publishing.target import PublishTarget, snapshot_of
-from tests.kg.conftest import thing
 
 BASE = "https://example.org/flat/"
 WHERE = {"banana": (1.0, 1.0), "apple": (1.5, 1.0), "cup": (4.0, 1.0), "chair": (7.0, 7.0)}
 
 
 def object_at(m: SemanticMap, number: int, label: str, x: float, y: float) -> ObjectRecord:
-    iri, place = f"{BASE}object/{number}", f"{BASE}place/{1 if x < 5 else 2}"
-    return thing(m, label, iri=iri, p_map=np.array([x, y, 0.5]), place=place)
+    return ObjectRecord(
+        f"{BASE}object/{number}",
+        m.catalogue.find(label, "object").iri,
+        np.array([x, y, 0.5]),
+        confidence=1.0,
+        existence=0.5,
+        observations=1,
+        first_seen=0.0,
+        last_seen=0.0,
+        place=f"{BASE}place/{1 if x < 5 else 2}",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -112,6 +120,39 @@ def test_query_takes_a_name_a_text_or_a_file(flat: SemanticMap, tmp_path: object
     assert flat.query("ASK{?o a here:Cup}").rows == ((True,),)
     with pytest.raises(QueryError, match="no query 'objekts'; did you mean objects"):
         flat.query("objekts")
+
+
+def test_network_says_who_is_in_what_and_near_whom(flat: SemanticMap) -> None:
+    graph = flat.network(near=1.0)
+    edges = {
+        (graph.nodes[a]["label"], d["relation"], graph.nodes[b]["label"])
+        for a, b, d in graph.edges(data=True)
+        if d["relation"] == "near"
+    }
+    assert edges in ({("apple", "near", "banana")}, {("banana", "near", "apple")})
+    assert set(graph.neighbors(f"{BASE}place/2")) == {o.iri for o in flat.objects("chair")}
+    assert graph.nodes[f"{BASE}place/3"]["label"] == "place 3"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    near=st.floats(0.1, 5.0),
+    points=st.lists(st.tuples(st.floats(-9, 9), st.floats(-9, 9)), max_size=12),
+)
+def test_near_edges_are_all_pairs_within_reach(
+    flat: SemanticMap, near: float, points: list[tuple[float, float]]
+) -> None:
+    from kg.maps.networkx_graph import network
+
+    objects = [object_at(flat, n, "cup", x, y) for n, (x, y) in enumerate(points)]
+    graph = network(objects, (), flat.catalogue, near)
+    expected = {
+        frozenset((a.iri, b.iri))
+        for a in objects
+        for b in objects
+        if a.iri < b.iri and math.dist(a.p_map[:2], b.p_map[:2]) <= near
+    }
+    assert {frozenset(edge) for edge in graph.edges} == expected
 
 
 @pytest.fixture

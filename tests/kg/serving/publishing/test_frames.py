@@ -101,6 +101,7 @@ def test_merged_maps_without_a_way_compare_nothing(
         assert [record.iri for record in both.objects(near=(1.0, 0.5))] == [CHAIR]
         within = both.query("objects-within-radius", x=1.0, y=0.5, radius=1.0).rows
         assert [row[0] for row in within] == [CHAIR]
+        assert not [edge for edge in both.network(near=5.0).edges if {*edge} == {CUP, CHAIR}]
     members = ["--member", folders[0], "--member", folders[1]]
     assert main(["ask", *members, "objects", "--json"]) == 0
     said = capsys.readouterr()

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import networkx as nx
 import pytest
 import rdflib
 import requests
@@ -158,6 +159,8 @@ def test_exports_are_read_by_others(old: Served, tmp_path: Path) -> None:
         graph = rdflib.Graph().parse(data=export_text(old.map, form, ontology=False), format=name)
         assert str(graph.value(thing, rdflib.RDFS.comment)) == FINE, form
         assert str(graph.value(thing, rdflib.RDFS.label)) == TEXT, form
+    nx.write_graphml(old.map.network(), tmp_path / "old.graphml")
+    assert INSTEAD in texts((tmp_path / "old.graphml").read_bytes())
 
 
 @pytest.mark.parametrize("page", ["", "object/1", "place/1"])
