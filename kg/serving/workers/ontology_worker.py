@@ -156,5 +156,6 @@ def _decoded(answer: Answer) -> ReplacementPlan:
         delete=step.delete,
         insert=step.insert,
         lost=tuple(head["lost"]),
+        unnamed=head["unnamed"],
         warnings=tuple(Finding(**warning) for warning in head["warnings"]),
     )
