@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
-from pyoxigraph import Quad, Store
+from pyoxigraph import NamedNode, Quad, Store
 
 from kg.model.errors import GraphError
 from kg.model.transactions import Cause, ChangeSet
@@ -280,6 +280,15 @@ class TransactionalStore(CommitListeners):
         with self._committing:
             self._write(change)
             self._sequence = change.sequence
+
+    def rewrite_graph(self, graph: NamedNode, quads: Iterable[Quad]) -> None:
+        """Replace the quads of a graph by equivalent ones without blank nodes; no transaction.
+
+        For maps whose ontology was stored with blank nodes.
+        """
+        self.check_writable()
+        with self._committing:
+            self._update(f"CLEAR GRAPH {graph};\n{update_text((), quads)}")
 
     def _update(self, sparql: str) -> None:
         with self._writing():

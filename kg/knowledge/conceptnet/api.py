@@ -130,7 +130,12 @@ class ApiClient:
     def _answer(self, url: str) -> dict[str, object]:
         if self.cache and (cached := self.cache.get(url)) is not None:
             return cached
-        answer = self._parse(url, self._fetch(url))
+        try:
+            answer = json.loads(self._fetch(url))
+        except (ValueError, RecursionError):
+            raise ConceptNetError(f"{url} did not answer JSON: is that ConceptNet?") from None
+        if not isinstance(answer, dict):
+            raise ConceptNetError(f"{url} answered JSON without edges: is that ConceptNet?")
         if self.cache:
             self.cache.put(url, answer)
         return answer
@@ -158,15 +163,6 @@ class ApiClient:
         if (wait := self._last_request + _INTERVAL - self.clock()) > 0:
             self.sleep(wait)
         self._last_request = self.clock()
-
-    def _parse(self, url: str, body: bytes) -> dict[str, object]:
-        try:
-            answer = json.loads(body)
-        except (ValueError, RecursionError):
-            raise ConceptNetError(f"{url} did not answer JSON: is that ConceptNet?") from None
-        if not isinstance(answer, dict):
-            raise ConceptNetError(f"{url} answered JSON without edges: is that ConceptNet?")
-        return answer
 
 
 def read_api(

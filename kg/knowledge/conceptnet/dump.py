@@ -83,10 +83,10 @@ def _parsed(
         assertion = parse(line, language, wanted)
     except UnicodeDecodeError:
         statistics.skipped["not UTF-8"] += 1
-    except (ValueError, SyntaxError, RecursionError, MemoryError) as error:
-        statistics.skipped[
-            str(error) if isinstance(error, MalformedEdgeError) else "no data in it"
-        ] += 1
+    except MalformedEdgeError as error:
+        statistics.skipped[str(error)] += 1
+    except (ValueError, SyntaxError, RecursionError, MemoryError):
+        statistics.skipped["no data in it"] += 1
     else:
         if assertion is not None:
             yield assertion
@@ -147,11 +147,8 @@ def _sniff(
                 return lines_read, parse
         if len(lines_read) >= _SNIFFED:
             break
-    what = (
-        "it is empty"
-        if not statistics.lines
-        else f"none of its first {len(lines_read)} lines is one"
-    )
+    none = f"none of its first {len(lines_read)} lines is one"
+    what = none if statistics.lines else "it is empty"
     raise ConceptNetError(
         f"{path} holds no ConceptNet assertions ({what}): expected the TSV of ConceptNet 5 "
         "(5 columns, the first /a/[...]) or the graph of ConceptNet 4 (3 columns), plain or gzip"

@@ -154,12 +154,10 @@ class TermMatcher:
     def terms(self, category: Category) -> tuple[str, ...]:
         """Query terms of a category: its names as words, without duplicates, sorted."""
         extra = [term for term in self._doubtful if self._doubtful[term] == category.iri]
-        names = {joined(n): " ".join(_words(n)) for n in (*extra, *_names(category))}
+        names = {
+            joined(n): " ".join(_words(n)) for n in (*extra, category.label, *category.synonyms)
+        }
         return tuple(sorted(filter(None, names.values())))
-
-
-def _names(category: Category) -> Iterable[str]:
-    return (category.label, *category.synonyms)
 
 
 def _index(categories: Iterable[Category]) -> dict[str, str]:
@@ -167,10 +165,8 @@ def _index(categories: Iterable[Category]) -> dict[str, str]:
     categories = tuple(categories)
     ranked = [(c.label, c.iri) for c in categories]
     ranked += [(name, c.iri) for c in categories for name in c.synonyms]
-    for form in (
-        reduced,
-        joined,
-    ):  # labels take precedence over synonyms, separate words over joined ones
+    # labels take precedence over synonyms, separate words over joined ones
+    for form in (reduced, joined):
         for name, iri in ranked:
             if key := form(name):
                 found.setdefault(key, iri)

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import BlankNode, NamedNode, Quad
 
 from kg.knowledge.ontology.diff import OntologyChange, changes, renamed_terms
 from kg.knowledge.ontology.import_closure import headers
@@ -52,6 +52,7 @@ class ReplacementPlan:
     delete: tuple[Quad, ...]  # quads of the state
     insert: tuple[Quad, ...]  # quads that the state lacks
     lost: tuple[str, ...]  # IRIs of categories that the new ontology lacks
+    unnamed: bool  # whether the state has blank nodes in its ontology
     warnings: tuple[Finding, ...] = ()  # as of `Replacement`
 
     def fits(self, engine: QuadStore) -> bool:
@@ -60,6 +61,9 @@ class ReplacementPlan:
 
     def write(self, store: TransactionalStore, by: str | None) -> Replacement:
         """Write it to a store that it fits, in one transaction."""
+        if self.unnamed:
+            stored = store.engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH)
+            store.rewrite_graph(v.ONTOLOGY_GRAPH, named(stored))
         note = "; ".join(change.words for change in self.changes)[:MAX_NOTE]
         cause = Cause("ontology", by, note)
         commit = store.commit(self.delete, self.insert, cause, exact_at=store.sequence)
@@ -79,7 +83,8 @@ def plan_replacement(
     """
     given = [Quad(q.subject, q.predicate, q.object, v.ONTOLOGY_GRAPH) for q in quads]
     new = named(_without_types_of_classes(given))
-    old = named(engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
+    stored = tuple(engine.quads_for_pattern(None, None, None, v.ONTOLOGY_GRAPH))
+    old = named(stored)
     new += tuple(provisional_to_keep(old, new, lambda node: _is_used(engine, node)))
     compiled = compile_commonsense(new)
     present = set(engine.quads_for_pattern(None, None, None, v.COMMONSENSE_GRAPH))
@@ -96,6 +101,7 @@ def plan_replacement(
         delete=tuple(sorted(removed, key=str)),
         insert=tuple(sorted(added, key=str)),
         lost=tuple(sorted(_classes(old) - _classes(new))),
+        unnamed=any(isinstance(t, BlankNode) for q in stored for t in (q.subject, q.object)),
     )
 
 

@@ -98,17 +98,10 @@ def _supercategories(
 def _objects(
     catalogue: Catalogue, properties: _PropertiesBySubject, found: tuple[CategoryRelation, ...]
 ) -> Iterator[tuple[str, ...]]:
-    yield from [
-        (
-            "label",
-            "term",
-            "also called",
-            "a kind of",
-            "located at (p)",
-            "near (p)",
-            "networks' names",
-        )
-    ]
+    yield (
+        *("label", "term", "also called", "a kind of"),
+        *("located at (p)", "near (p)", "networks' names"),
+    )
     for category in _of(catalogue, "object"):
         above = [catalogue.by_iri(term.value) for term in _above(category, properties)]
         kinds = sorted(c.label for c in above if c is not None)

@@ -144,5 +144,6 @@ def _decoded(answer: Answer) -> ReplacementPlan:
         delete=step.delete,
         insert=step.insert,
         lost=tuple(head["lost"]),
+        unnamed=head["unnamed"],
         warnings=tuple(Finding(**warning) for warning in head["warnings"]),
     )

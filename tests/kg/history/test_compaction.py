@@ -109,10 +109,10 @@ def test_a_reader_cannot_compact_or_retain(written: Written) -> None:
 def test_an_observation_costs_less_than_150_bytes(written: Written) -> None:
     """Ten objects a frame, a fifth of the sightings the best so far; all of the file counts."""
     with written(1) as semantic_map:
-        for number in range(1, 200):
+        for number in range(1, 100):
             semantic_map.apply(_ten_objects(semantic_map.base, number))
         done = semantic_map.history.compact()
-    assert done.bytes_after / (10 * 200) < 150
+    assert done.bytes_after / (10 * 100) < 150
 
 
 def _ten_objects(base: str, number: int) -> MapUpdate:
@@ -224,15 +224,16 @@ def test_several_that_flush_at_once_while_the_map_is_written(
         semantic_map.history.retain(0.05)
 
         def flush() -> None:
-            for _ in range(10):
+            for _ in range(5):
                 semantic_map.store.flush()
 
         threads = [threading.Thread(target=flush) for _ in range(4)]
         for thread in threads:
             thread.start()
-        for number in range(5, 60):
+        for number in range(5, 30):
             semantic_map.apply(frame(number))
-            with semantic_map.at(semantic_map.sequence) as now:
-                assert set(now.engine) == set(semantic_map.engine)
+            if number % 6 == 0:
+                with semantic_map.at(semantic_map.sequence) as now:
+                    assert set(now.engine) == set(semantic_map.engine)
         for thread in threads:
             thread.join()

@@ -37,6 +37,6 @@ def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any]
     warnings = check_valid(ontology)
     plan = plan_replacement(store, ontology.quads, whole=request["whole"])
     head, body = GroundUpdate((QuadChange(plan.delete, plan.insert),)).encode()
-    head |= {"kept": plan.kept, "lost": plan.lost}
+    head |= {"kept": plan.kept, "lost": plan.lost, "unnamed": plan.unnamed}
     head |= {"warnings": [asdict(warning) for warning in warnings]}
     return head | {"changes": [asdict(change) for change in plan.changes]}, body

@@ -7,7 +7,6 @@ is an "error" with HTTP 200; failures carry their own status.
 
 from __future__ import annotations
 
-import gzip
 import json
 import threading
 from collections import defaultdict
@@ -15,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, quote, urlsplit
 
@@ -131,14 +129,6 @@ def serve() -> Iterator[Callable[[list[Edge]], StandIn]]:
             return service
 
         yield start
-
-
-@pytest.fixture
-def indoor_edges(shared: Callable[[str], Path]) -> list[Edge]:
-    """ConceptNet 4's 25,142 indoor assertions as edges of the API."""
-    path = shared("data/conceptnet/conceptnet4_en_indoor.cn5.tsv.gz")
-    with gzip.open(path, "rt", encoding="utf-8") as lines:
-        return [edge_of(line) for line in lines]
 
 
 @pytest.fixture

@@ -44,34 +44,27 @@ def told(folder: Path, turtle: str) -> list[str]:
     return [f"{f.severity}: {finding_line(f, ontology.files)}" for f in inspect(ontology)]
 
 
-def test_a_class_under_a_supercategory_alone_is_an_object(tmp_path: Path) -> None:
+def test_what_stands_in_another_form_is_used(tmp_path: Path) -> None:
+    """A class under a supercategory alone is an object; an axiom alone states its relation."""
     fruit = """ex:Fruit a owl:Class ; rdfs:subClassOf here:Food ; rdfs:label "fruit" ;
         rdfs:comment "Fruit." .\n"""
     turtle = fruit + KUMQUAT.replace("here:Food , here:Object", "ex:Fruit")
+    turtle += AXIOM.format("here:locatedAt")
     quads = load_with_imports(written(tmp_path, turtle)).quads
-    above = superclasses(quads)
-    assert {v.OBJECT, v.HERE + "Food"} <= {*above[EX + "Kumquat"]}
+    assert {v.OBJECT, v.HERE + "Food"} <= {*superclasses(quads)[EX + "Kumquat"]}
     assert Catalogue.from_quads(quads).find("kumquat", "object").iri == EX + "Kumquat"
-    assert told(tmp_path, turtle) == []
-
-
-def test_a_relation_that_stands_in_an_axiom_alone_is_used(tmp_path: Path) -> None:
-    turtle = KUMQUAT + AXIOM.format("here:locatedAt")
-    (found,) = (
-        relation
-        for relation in relations(load_with_imports(written(tmp_path, turtle)).quads)
-        if relation.subject == EX + "Kumquat"
-    )
+    (found,) = (one for one in relations(quads) if one.subject == EX + "Kumquat")
     assert (found.target, found.probability) == (v.HERE + "Kitchen", 0.7)
     assert told(tmp_path, turtle) == []
 
 
 def test_names_lose_line_ends_at_every_way_into_a_map(tmp_path: Path) -> None:
-    turtle = NAMED + 'rdfs:label " Kum\\n quat \\n" .'
-    (line,) = told(tmp_path, turtle)
-    assert "it is read as 'Kum quat'" in line
+    turtle = NAMED + 'rdfs:label " Kum\\n quat \\n" ; owl:deprecated true .'
+    name, _ = told(tmp_path, turtle)
+    assert "it is read as 'Kum quat'" in name
     with in_memory_map() as semantic_map:
         done = semantic_map.ontology.replace(load_with_imports(tmp_path / "home.ttl").quads)
+        assert [warning.focus for warning in done.warnings] == [EX + "Kumquat"]  # to its writer
         assert semantic_map.catalogue.find("kum quat").label == "Kum quat"
         assert done.changes[0].words == "category 'Kum quat' added under food and object"
 
@@ -168,14 +161,6 @@ def test_many_warnings_about_one_property_are_counted(tmp_path: Path) -> None:
     lines = told(tmp_path, KUMQUAT + many)
     assert len(lines) == MAX_ALIKE + 1
     assert any("and 5 more statements of owl:sameAs are not used" in line for line in lines)
-
-
-def test_the_writer_of_an_ontology_gets_the_warnings(tmp_path: Path) -> None:
-    turtle = KUMQUAT + "ex:Kumquat owl:deprecated true .\n"
-    quads = load_with_imports(written(tmp_path, turtle)).quads
-    with in_memory_map() as semantic_map:
-        done = semantic_map.ontology.replace(quads)
-    assert [warning.focus for warning in done.warnings] == [EX + "Kumquat"]
 
 
 def test_an_import_that_a_document_lacks_is_told() -> None:
