@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-import numpy as np
 import pytest
 import rdflib
 
 from kg.maps.object_pictures import ObjectPictures
 from kg.model.errors import ServerError
-from kg.model.records import Evidence, MapUpdate, ObjectRecord
+from kg.model.records import Evidence, MapUpdate
 from kg.serving.opening import create_map
 from kg.serving.server import BearerTokens, Limits, Settings
+from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,16 +24,16 @@ if TYPE_CHECKING:
 
     from conftest import Served
 
-CUP = "https://example.org/maps/flat/object/1"
+CUP = f"{BASE}object/1"
 
 
-def test_thing_as_page_and_as_turtle(served: Served) -> None:
-    page = served.get("object/1", headers={"Accept": "text/html"})
+def test_thing_as_page_and_as_turtle(lasting: Served) -> None:
+    page = lasting.get("object/1", headers={"Accept": "text/html"})
     assert "cup 1" in page.text
-    turtle = served.get("object/1", headers={"Accept": "text/turtle"})
+    turtle = lasting.get("object/1", headers={"Accept": "text/turtle"})
     graph = rdflib.Graph().parse(data=turtle.text, format="turtle")
     assert (rdflib.URIRef(CUP), rdflib.RDFS.label, rdflib.Literal("cup 1")) in graph
-    assert served.get("object/99").status_code == 404
+    assert lasting.get("object/99").status_code == 404
 
 
 def test_what_stands_somewhere_has_a_link_to_its_place_on_the_map(served: Served) -> None:
@@ -48,21 +49,21 @@ def test_what_stands_somewhere_has_a_link_to_its_place_on_the_map(served: Served
         assert ('href="/#' in page) == (fragment is not None)
 
 
-def test_files_of_the_pages_are_sent_again_only_when_they_changed(served: Served) -> None:
-    first = served.get("files/map-page.js")
-    again = served.get("files/map-page.js", headers={"If-None-Match": first.headers["ETag"]})
-    other = served.get("files/map-page.js", headers={"If-None-Match": '"another"'})
+def test_files_of_the_pages_are_sent_again_only_when_they_changed(lasting: Served) -> None:
+    first = lasting.get("files/map-page.js")
+    again = lasting.get("files/map-page.js", headers={"If-None-Match": first.headers["ETag"]})
+    other = lasting.get("files/map-page.js", headers={"If-None-Match": '"another"'})
     assert (first.status_code, again.status_code, again.content) == (200, 304, b"")
     assert other.content == first.content
     for name in ("console.html", "../app.py", "vendor/../style.css", "vendor"):
-        assert served.get(f"files/{quote(name, safe='')}").status_code == 404
+        assert lasting.get(f"files/{quote(name, safe='')}").status_code == 404
 
 
-def test_the_live_map_sends_less_than_60_kb_of_our_own_code(served: Served) -> None:
+def test_the_live_map_sends_less_than_60_kb_of_our_own_code(lasting: Served) -> None:
     waiting, read, sent = ["map-page.js"], dict[str, str](), 0
     while waiting:
         name = waiting.pop()
-        answer = served.get(f"files/{name}", headers={"Accept-Encoding": "gzip"})
+        answer = lasting.get(f"files/{name}", headers={"Accept-Encoding": "gzip"})
         read[name], sent = answer.text, sent + int(answer.headers["Content-Length"])
         imported = re.findall(r'"/files/([\w-]+\.js)"', read[name])
         waiting += [one for one in imported if one not in read and one not in waiting]
@@ -70,8 +71,8 @@ def test_the_live_map_sends_less_than_60_kb_of_our_own_code(served: Served) -> N
     assert sent < 60_000
 
 
-def test_front_page_escapes_and_loads_nothing_from_afar(served: Served) -> None:
-    page = served.get("", headers={"Accept": "text/html"})
+def test_front_page_escapes_and_loads_nothing_from_afar(lasting: Served) -> None:
+    page = lasting.get("", headers={"Accept": "text/html"})
     assert "flat &lt;1&gt;" in page.text
     assert "flat <1>" not in page.text
     assert "default-src 'none'" in page.headers["Content-Security-Policy"]
@@ -98,19 +99,9 @@ def test_an_object_has_its_picture_or_none(
     tmp_path: Path, on_disk: Callable[..., AbstractContextManager[Served]]
 ) -> None:
     folder = tmp_path / "a.map"
-    with create_map(folder, base="https://example.org/maps/flat/") as semantic_map:
+    with create_map(folder, base=BASE) as semantic_map:
         seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
-        cup = ObjectRecord(
-            iri=CUP,
-            category=semantic_map.catalogue.find("cup").iri,
-            p_map=np.array([1.0, 0.5, 0.8]),
-            confidence=2.4,
-            existence=0.8,
-            observations=3,
-            first_seen=1.7e9,
-            last_seen=1.7e9,
-            evidence=seen,
-        )
+        cup = replace(thing(semantic_map, 1, "cup", 1.0, 0.5), evidence=seen)
         semantic_map.apply(MapUpdate(objects=(cup,)))
         ObjectPictures(folder).write(cup, b"\xff\xd8 a picture")
     with on_disk(folder, read_only=True) as served:
