@@ -1,4 +1,4 @@
-"""The live map in three dimensions, its surface and its pictures, in a real browser."""
+"""What the live map draws: three dimensions, surface, pictures, things without a name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,17 @@ import pytest
 
 from kg.maps.object_pictures import ObjectPictures
 from kg.maps.surface.voxels import FrameVoxels, keys_of
-from kg.model.records import FREE, TALL, Evidence, FloorTile, MapUpdate, PlaceRecord, RobotRecord
+from kg.model import vocabulary as v
+from kg.model.records import (
+    FREE,
+    SURFACE,
+    TALL,
+    Evidence,
+    FloorTile,
+    MapUpdate,
+    PlaceRecord,
+    RobotRecord,
+)
 from kg.serving.opening import create_map
 from tests.kg.serving.server.browser_pages import (
     HOSTILE,
@@ -27,8 +37,9 @@ from tests.kg.serving.server.browser_pages import (
     same_picture,
     says,
     show_layer,
+    unlock,
 )
-from tests.kg.serving.server.conftest import BASE, answering, furnished, thing
+from tests.kg.serving.server.conftest import BASE, TOKEN, answering, furnished, thing
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,6 +47,11 @@ if TYPE_CHECKING:
     from conftest import Served
 
     from kg.maps.semantic_map import SemanticMap
+    from kg.model.records import ObjectRecord
+
+
+THING = "object/7"
+SEEN = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
 
 
 def lay_floor(semantic_map: SemanticMap) -> None:
@@ -207,16 +223,80 @@ def test_many_objects_are_circles_that_lead_nearer(own: Served, open_page: OpenP
     assert near == pytest.approx(4 * scale, rel=0.1)
 
 
-def test_the_selected_object_and_near_ones_have_their_picture(
+def unnamed(semantic_map: SemanticMap) -> ObjectRecord:
+    """A thing without a name in the middle of the kitchen."""
+    return replace(
+        thing(semantic_map, 7, "cup", 1.5, 1.0),
+        category=v.UNNAMED_THING,
+        extent=np.array([0.6, 0.3, 0.2]),
+        yaw=0.4,
+        evidence=replace(SEEN, model=SURFACE),
+    )
+
+
+def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
+    own: Served, open_page: OpenPage
+) -> None:
+    own.map.apply(MapUpdate(objects=(unnamed(own.map),)))
+    page = open_page("", own)
+    says(page, "#count", "2 of 2 objects")  # not in the list
+    page.click("text=All objects")
+    assert "unnamed" not in page.locator("#objects").inner_text()
+    for is_flat in (True, False):
+        if not is_flat:
+            page.click("#solid")
+            go_to(page, "")
+            says(page, "#about", "Nothing is selected")
+            go_to(page, THING)  # which flies there
+            says(page, "#about h2", "unnamed thing")
+            go_to(page, "")
+        says(page, "#about", "Nothing is selected")
+        page.mouse.move(1, 1)
+        outlined = picture(page)
+        show_layer(page, "things", False)
+        other_picture(page, outlined)
+        show_layer(page, "things", True)
+        same_picture(page, outlined)
+        click_map(page)
+        says(page, "#about h2", "unnamed thing")
+        says(page, "#about dl", "20 cm high")
+
+
+def test_a_name_given_on_the_page_makes_it_an_object(own: Served, open_page: OpenPage) -> None:
+    own.map.apply(MapUpdate(objects=(unnamed(own.map),)))
+    page, other = open_page(f"#{THING}", own), open_page("", own)
+    unlock(page, TOKEN)
+    page.fill("[aria-label=category]", "bottle")
+    page.click("text=is a")
+    for one in (page, other):
+        says(one, "#count", "3 of 3 objects")
+    says(page, "#about dl", "bottle")
+    page.click("text=undo")
+    says(other, "#count", "2 of 2 objects")
+    go_to(other, THING)
+    says(other, "#about h2", "unnamed thing")
+
+
+def test_the_past_has_the_things_of_that_time(own: Served) -> None:
+    own.map.apply(MapUpdate(objects=(unnamed(own.map),)))
+    now = own.get("state").json()
+    assert [one["iri"] for one in now["things"]] == [THING]
+    assert now["things"][0]["dx"] == 0.6 and "class" not in now["things"][0]
+    past = own.get("state", params={"at": own.map.sequence - 1}).json()
+    assert past["things"] == [] and past["objects"] == now["objects"]
+    assert "things" not in own.get("state", params={"objects": "0"}).json()
+
+
+def test_the_selected_thing_and_near_ones_have_their_picture(
     tmp_path: Path, on_disk: Callable[..., Any], open_page: OpenPage
 ) -> None:
     folder = tmp_path / "flat.map"
+    violet = cv2.imencode(".jpg", np.full((40, 60, 3), (220, 20, 200), np.uint8))[1].tobytes()
     with create_map(folder, base=BASE) as semantic_map:
-        seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
-        cup = replace(thing(semantic_map, 1, "cup", 1.0, 0.5), evidence=seen)
-        semantic_map.apply(MapUpdate(objects=(cup,)))
-        violet = np.full((40, 60, 3), (220, 20, 200), np.uint8)
-        ObjectPictures(folder).write(cup, cv2.imencode(".jpg", violet)[1].tobytes())
+        cup = replace(thing(semantic_map, 1, "cup", 1.0, 0.5), evidence=SEEN)
+        semantic_map.apply(MapUpdate(objects=(cup, unnamed(semantic_map))))
+        for record in (cup, unnamed(semantic_map)):
+            ObjectPictures(folder).write(record, violet)
     with on_disk(folder) as other:
         page = open_page("#?view=1.00,0.50,250.00", other)
         picture_where(page, has_violet)
@@ -224,4 +304,6 @@ def test_the_selected_object_and_near_ones_have_their_picture(
         picture_where(page, lambda now: not has_violet(now))
         go_to(page, "object/1")
         picture_where(page, has_violet)
+        go_to(page, THING)
+        page.wait_for_selector("#about [aria-label='unnamed thing 7 as it was seen best']")
         page.close()

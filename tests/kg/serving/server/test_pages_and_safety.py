@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-import numpy as np
 import pytest
 import rdflib
 
 from kg.maps.object_pictures import ObjectPictures
 from kg.model.errors import ServerError
-from kg.model.records import Evidence, MapUpdate, ObjectRecord
+from kg.model.records import Evidence, MapUpdate
 from kg.serving.opening import create_map
 from kg.serving.server import BearerTokens, Settings
+from tests.kg.serving.server.conftest import BASE, thing
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from conftest import Served
 
-CUP = "https://example.org/maps/flat/object/1"
+CUP = f"{BASE}object/1"
 
 
 def test_thing_as_page_and_as_turtle(lasting: Served) -> None:
@@ -91,19 +92,9 @@ def test_an_object_has_its_picture_or_none(
     tmp_path: Path, on_disk: Callable[..., AbstractContextManager[Served]]
 ) -> None:
     folder = tmp_path / "a.map"
-    with create_map(folder, base="https://example.org/maps/flat/") as semantic_map:
+    with create_map(folder, base=BASE) as semantic_map:
         seen = Evidence("frame-1", "flat", 1.7e9, (1.0, 2.0, 3.0, 4.0), 0.9, "a detector")
-        cup = ObjectRecord(
-            iri=CUP,
-            category=semantic_map.catalogue.find("cup").iri,
-            p_map=np.array([1.0, 0.5, 0.8]),
-            confidence=2.4,
-            existence=0.8,
-            observations=3,
-            first_seen=1.7e9,
-            last_seen=1.7e9,
-            evidence=seen,
-        )
+        cup = replace(thing(semantic_map, 1, "cup", 1.0, 0.5), evidence=seen)
         semantic_map.apply(MapUpdate(objects=(cup,)))
         ObjectPictures(folder).write(cup, b"\xff\xd8 a picture")
     with on_disk(folder, read_only=True) as served:

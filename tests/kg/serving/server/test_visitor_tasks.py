@@ -63,13 +63,10 @@ class Visitor:
         self.acts += 1
         self.page.fill(selector, text)
 
-    def press(self, selector: str, key: str) -> None:
-        self.acts += 1
-        self.page.press(selector, key)
-
     def ask(self, selector: str, text: str) -> None:
         self.write(selector, text)
-        self.press(selector, "Enter")
+        self.acts += 1
+        self.page.press(selector, "Enter")
 
     def unlock(self) -> None:
         """Give the token for corrections."""
@@ -114,12 +111,9 @@ def visitor(request: pytest.FixtureRequest, shown: Served, standing: Any) -> Ite
     standing.keyboard.press("Escape")
     standing.goto(f"{shown.url}#?age=")  # a parameter without a value: all are as at first
     standing.wait_for_selector("html[data-ready]")
-    for place, text in (
-        ("#about", "Nothing is selected"),
-        ("#count", "3 of 3"),
-        ("#moment", "now"),
-    ):
-        says(standing, place, text)
+    says(standing, "#about", "Nothing is selected")
+    says(standing, "#count", "3 of 3")
+    says(standing, "#moment", "now")
     standing.click("#fit")
     yield from counted(request, Visitor(standing, shown))
 
