@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, Store
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -37,6 +38,15 @@ def thing(semantic_map: SemanticMap, label: str = "cup", **fields: object) -> Ob
         last_seen=10.0,
     )
     return replace(record, **fields)  # type: ignore[arg-type]
+
+
+def canonical(quads: Iterable[Quad]) -> set[str]:
+    """Values as a store keeps them (1.0e0 is 1), blank nodes named by what is said of them."""
+    store = Store()
+    store.extend(quads)
+    dataset = Dataset(store)
+    dataset.canonicalize(CanonicalizationAlgorithm.UNSTABLE)
+    return {str(quad) for quad in dataset}
 
 
 def frame_update(frame: int, *, removed: tuple[str, ...] = ()) -> MapUpdate:
