@@ -156,29 +156,24 @@ def check_sides(engine: QuadStore, boxes: Iterable[tuple[str, Iterable[float]]])
     return f"{problem}; sides are in metres"
 
 
-def written_sides(quads: Iterable[Quad]) -> Iterator[tuple[str, list[float]]]:
-    """Sides [m] that quads of graph:map give to objects, with the IRI of the object."""
-    for quad in quads:
-        if quad.predicate.value not in SIDES or quad.graph_name != v.MAP_GRAPH:
-            continue
-        if isinstance(quad.object, Literal) and isinstance(quad.subject, NamedNode):
-            side = _number(quad.object.value)
-            yield quad.subject.value, [0.0 if math.isnan(side) else side]
+def check_written(engine: QuadStore, quads: Iterable[Quad]) -> tuple[str, str]:
+    """Lines about the oddest position and side that quads of graph:map give, "" for none.
 
-
-def written_positions(quads: Iterable[Quad]) -> Iterator[Sequence[float]]:
-    """Points (3,) [m] that quads of graph:map give to subjects; nan where they give no number.
-
-    A place has two: the lower and the upper corner of its rectangle.
+    Raises InvalidFactError as `check_positions` and `check_sides`. A place has two positions: the
+    lower and the upper corner of its rectangle.
     """
-    found: dict[tuple[object, str], list[float]] = {}
+    points: dict[tuple[object, str], list[float]] = {}
+    boxes: list[tuple[str, list[float]]] = []
     for quad in quads:
-        where = _PLACES_OF.get(quad.predicate.value)
-        if where and quad.graph_name == v.MAP_GRAPH and isinstance(quad.object, Literal):
+        if quad.graph_name != v.MAP_GRAPH or not isinstance(quad.object, Literal):
+            continue
+        value = _number(quad.object.value)
+        if where := _PLACES_OF.get(quad.predicate.value):
             kind, axis = where
-            point = found.setdefault((quad.subject, kind), [math.nan] * 3)
-            point[axis] = _number(quad.object.value)
-    yield from found.values()
+            points.setdefault((quad.subject, kind), [math.nan] * 3)[axis] = value
+        elif quad.predicate.value in SIDES and isinstance(quad.subject, NamedNode):
+            boxes.append((quad.subject.value, [0.0 if math.isnan(value) else value]))
+    return check_positions(engine, points.values(), "position"), check_sides(engine, boxes)
 
 
 def _number(text: str) -> float:

@@ -6,7 +6,6 @@ that perception finds in the floor.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
@@ -114,10 +113,9 @@ class RoomEditor:
         for iri, area in made.areas.items():
             record = perceived[iri] if iri else self._new_place(known, name)
             asserted = self._asserted_of(record.iri)
-            before = asserted["area"].perceived if "area" in asserted else None
-            if iri and "area" not in asserted:
-                before = area_text(record.area)
-            claim = Assertion(record.iri, "area", area_text(area), by, time.time(), before)
+            claim = self._asserted.made(record, asserted, "area", area_text(area), by)
+            if not iri:
+                claim = replace(claim, perceived=None)
             adjacent = tuple(other for other in record.adjacent if other not in made.removed)
             record = replace(record.with_area(area), adjacent=adjacent)
             result[record.iri] = record, {**asserted, "area": claim}
@@ -149,9 +147,8 @@ class RoomEditor:
 
     def _named(self, place: PlaceRecord, name: str, by: str) -> _Result:
         asserted = self._asserted_of(place.iri)
-        before = asserted["label"].perceived if "label" in asserted else place.label
-        claim = Assertion(place.iri, "label", name.strip(), by, time.time(), before)
         record = next(p for p in self._perceived.places() if p.iri == place.iri)
+        claim = self._asserted.made(record, asserted, "label", name.strip(), by)
         return _Result({place.iri: (record, {**asserted, "label": claim})})
 
     def _with_door(self, places: Sequence[PlaceRecord], point: Point, by: str) -> _Result:

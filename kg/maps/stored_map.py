@@ -27,12 +27,7 @@ from kg.maps.facts.coordinate_frames import (
 )
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.replaced_values import noted
-from kg.maps.map_extent import (
-    check_positions,
-    check_sides,
-    written_positions,
-    written_sides,
-)
+from kg.maps.map_extent import check_written
 from kg.maps.map_metadata import changed_description, identity
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
@@ -182,10 +177,7 @@ class StoredMap(SemanticMap):
             drop_inferred_types(draft, update)
             check_facts(len(draft.added) + len(draft.removed))
             self._complete(draft, by, allow, confirmed)
-            odd[:] = [
-                check_positions(self.engine, written_positions(draft.added), "position"),
-                check_sides(self.engine, written_sides(draft.added)),
-            ]
+            odd[:] = check_written(self.engine, draft.added)
             return draft
 
         def write(draft: ChangeDraft) -> ChangeSet | None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, Store
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
@@ -21,6 +23,30 @@ from kg.model.records import (
 from kg.serving.opening import create_map
 
 BASE = "https://example.org/flat/"
+
+
+def thing(semantic_map: SemanticMap, label: str = "cup", **fields: object) -> ObjectRecord:
+    """A new object at (1, 2, 0.5) m, of existence 0.5, that was seen once; `fields` differ."""
+    record = ObjectRecord(
+        iri=str(fields.pop("iri", "")) or semantic_map.new_object_iri(),
+        category=semantic_map.catalogue.find(label, "object").iri,
+        p_map=np.array([1.0, 2.0, 0.5]),
+        confidence=1.0,
+        existence=0.5,
+        observations=1,
+        first_seen=10.0,
+        last_seen=10.0,
+    )
+    return replace(record, **fields)  # type: ignore[arg-type]
+
+
+def canonical(quads: Iterable[Quad]) -> set[str]:
+    """Values as a store keeps them (1.0e0 is 1), blank nodes named by what is said of them."""
+    store = Store()
+    store.extend(quads)
+    dataset = Dataset(store)
+    dataset.canonicalize(CanonicalizationAlgorithm.UNSTABLE)
+    return {str(quad) for quad in dataset}
 
 
 def frame_update(frame: int, *, removed: tuple[str, ...] = ()) -> MapUpdate:

@@ -132,11 +132,11 @@ class AssertionService:
                 text = value_of(prop, value, self._facts.catalogue, kind)
             odd = self._position_checked(record, prop, text)
             asserted = self._of(record.iri)
-            made = {prop: self._made(record, asserted, prop, text, by)}
+            made = {prop: self.made(record, asserted, prop, text, by)}
             if name and (
                 "label" in asserted or self._facts.catalogue.title(text, record.iri) != name
             ):
-                made["label"] = self._made(record, asserted, "label", name, by)
+                made["label"] = self.made(record, asserted, "label", name, by)
                 made["label"] = replace(made["label"], stamp=made[prop].stamp)
             cause = Cause("assert", by, f"{record.iri} {prop} {text}")
             change = self._restate(record, {**asserted, **made}, cause)
@@ -220,7 +220,7 @@ class AssertionService:
         except QueryParameterError:
             return ""
 
-    def _made(
+    def made(
         self,
         record: ObjectRecord | PlaceRecord,
         asserted: PropertyAssertions,

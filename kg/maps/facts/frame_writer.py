@@ -127,6 +127,8 @@ class FrameWriter:
         for _, facts in self._single_things(update):
             check_time()
             self._replace(facts(), draft)
+        if update.recording is not None:
+            self._replace(recording_quads(update.recording, self._facts.base), draft)
         for iri in update.removed:
             check_time()
             draft.replace(self.all_quads_of(iri))
@@ -136,15 +138,15 @@ class FrameWriter:
         return draft
 
     def _single_things(self, update: MapUpdate) -> Iterator[tuple[str, Callable[[], list[Quad]]]]:
-        """IRIs and facts of what has no parts and no assertions: doors, floor, robot, searches."""
+        """IRIs and facts of what has no parts and no assertions: doors, floor, robot, searches.
+
+        Without the recording, which may have the IRI of a search.
+        """
         base = self._facts.base
         yield from ((door.iri, partial(facts_of_door, door)) for door in update.doors)
         yield from ((iri_of(base, one), partial(facts_of_tile, base, one)) for one in update.floor)
         if update.robot is not None:
             yield base + "robot", partial(robot_quads, update.robot, base)
-        if update.recording is not None:
-            iri = recording_iri(update.recording.name, base)
-            yield iri, partial(recording_quads, update.recording, base)
         if update.search is not None:
             yield update.search.iri, partial(facts_of_search, update.search)
         yield from ((look.iri, partial(facts_of_look, look)) for look in update.looks)
@@ -206,6 +208,8 @@ class FrameWriter:
         observations = (observation_iri(self._facts.base, iri) for iri in objects)
         for iri in (*objects, *observations, *places, *single, self._facts.base):
             yield iri_node(iri, "a thing")
+        if update.recording is not None:
+            yield NamedNode(recording_iri(update.recording.name, self._facts.base))
 
     def _object(
         self,

@@ -82,7 +82,9 @@ class SurfaceStore:
                 self._file = self._opened(self._path)
             if self._grid is None:
                 self._grid = VoxelGrid(size)
-                self._set_meta("size", size)
+                if self._file is not None:
+                    with self._file as file:
+                        file.execute("INSERT OR REPLACE INTO meta VALUES ('size', ?)", (size,))
             return self._grid
 
     def write(self, frame: FrameVoxels, recording: str, mark: int) -> None:
@@ -140,20 +142,21 @@ class SurfaceStore:
     def surface(self, sequence: int | None = None, min_count: int = 1) -> Surface:
         """The surface now or at a transaction, of voxels counted `min_count` times; or an empty."""
         with self._lock, self._guarded():
-            self._load()
-            if self._grid is None:
+            grid = self._with_waiting()
+            if grid is None:
                 return Surface.empty()
-            grid = self._grid.with_frames(self._waiting)
             return surface_of(grid.size, *grid.present(sequence, min_count))
 
     def area(self, sequence: int | None = None, min_count: int = 2) -> float:
         """[m^2] of the surface now or at a transaction; 0 without one."""
         with self._lock, self._guarded():
-            self._load()
-            if self._grid is None:
-                return 0.0
-            grid = self._grid.with_frames(self._waiting)
-            return round(grid.area(sequence, min_count), 1)
+            grid = self._with_waiting()
+            return 0.0 if grid is None else round(grid.area(sequence, min_count), 1)
+
+    def _with_waiting(self) -> VoxelGrid | None:
+        """The grid with the frames that are not in it yet."""
+        self._load()
+        return None if self._grid is None else self._grid.with_frames(self._waiting)
 
     @property
     def grid(self) -> VoxelGrid | None:
@@ -240,11 +243,6 @@ class SurfaceStore:
                 with self._file as file:
                     file.execute("INSERT INTO sources VALUES (?, ?)", (number, recording))
         return self._sources[recording]
-
-    def _set_meta(self, name: str, value: float) -> None:
-        if self._file is not None:
-            with self._file as file:
-                file.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (name, value))
 
 
 def _lacks_space(path: Path, error: Exception) -> bool:

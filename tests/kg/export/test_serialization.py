@@ -10,16 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rdflib
-from pyoxigraph import (
-    BlankNode,
-    CanonicalizationAlgorithm,
-    Dataset,
-    Literal,
-    NamedNode,
-    Quad,
-    RdfFormat,
-    Store,
-)
+from pyoxigraph import BlankNode, Literal, NamedNode, Quad, RdfFormat, Store
 from rdflib.compare import isomorphic
 
 from kg.export.serialization import FORMATS, export_map, export_quads, export_text
@@ -29,6 +20,7 @@ from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, Rob
 from kg.model.vocabulary import ASSERTIONS_GRAPH, INFERRED_GRAPH
 from kg.serving.opening import in_memory_map
 from kg.store.atomic_file import write_atomically
+from tests.kg.conftest import canonical
 
 NATIVE = {
     "ttl": RdfFormat.TURTLE,
@@ -57,15 +49,6 @@ def chart() -> SemanticMap:
     chart.engine.add(Quad(NamedNode(record.iri), said, Literal("mine", language="en"), graph))
     chart.engine.add(Quad(BlankNode(), said, BlankNode(), graph))
     return chart
-
-
-def canonical(quads: object) -> set[str]:
-    """Values as a store keeps them (1.0e0 is 1), blank nodes named by what is said of them."""
-    store = Store()
-    store.extend(quads)  # type: ignore[arg-type]
-    dataset = Dataset(store)
-    dataset.canonicalize(CanonicalizationAlgorithm.UNSTABLE)
-    return {str(quad) for quad in dataset}
 
 
 @pytest.mark.parametrize("form", FORMATS)

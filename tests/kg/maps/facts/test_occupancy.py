@@ -259,7 +259,11 @@ OBSTACLE = ObstacleRecord(
 
 def test_a_search_comes_back_as_it_was(semantic_map: SemanticMap) -> None:
     second = replace(LOOK, iri=f"{SEARCH.iri}/look/2", number=2, found=(), glimpses=())
-    semantic_map.apply(MapUpdate(search=SEARCH, looks=(second, LOOK), obstacles=(OBSTACLE,)))
+    drive = RecordingRecord("search/1", 3, "frame-2", np.eye(4))  # pictures on the way
+    semantic_map.apply(
+        MapUpdate(search=SEARCH, looks=(second, LOOK), obstacles=(OBSTACLE,), recording=drive)
+    )
+    assert [recording.name for recording in semantic_map.recordings()] == ["search/1"]
     searches = semantic_map.searches
     assert searches.all() == (SEARCH,)
     assert searches.looks(SEARCH.iri) == (LOOK, second)
