@@ -148,8 +148,8 @@ def depth_findings(
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
         error = _another_reading(name, [*pairs, *pairs_by(inverse)], convention, readings)
     if error is None and share is not None and share < GOOD:
-        error = _another_scale(name, pairs, convention, depth_scale)
-        error = error or _another_cause(name, pairs, convention)
+        error = _another_scale(name, pairs, convention, depth_scale, share)
+        error = error or _another_cause(name, pairs, convention, share)
         error = error or (
             f"{name}: depth does not fit the poses: {share:.0%} of the points that two frames "
             f"share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps are "
@@ -250,30 +250,22 @@ def _another_reading(
     given, best, other = better
     option = other if other.startswith("--") else f"--pose-convention {other}"
     poses = "of another frame" if option is other else f"by the convention {other}"
-    return (
-        f"{_problem(name, given)} ({best:.0%}) if these are poses {poses}; "
-        f"{option} would work, --no-check maps it as it is"
-    )
+    return _would_fit(name, given, best, f"these are poses {poses}", f"{option} would work")
 
 
 def _another_scale(
-    name: str, pairs: list[FramePair], convention: str, depth_scale: float
+    name: str, pairs: list[FramePair], convention: str, depth_scale: float, given: float
 ) -> str | None:
     """Message for depth that fits by another scale; None where none fits."""
-    given = _median_share(pairs, convention, 1.0) or 0.0
     best, scale = _best_scale(pairs, convention)
-    if best >= max(GOOD, given + BETTER):
-        return (
-            f"{_problem(name, given)} ({best:.0%}) if it is {scale:.2g} times as large; "
-            f"--depth-scale {_usual(depth_scale / scale):g} would work instead of "
-            f"{depth_scale:g}, --no-check maps it as it is"
-        )
-    return None
+    if best < max(GOOD, given + BETTER):
+        return None
+    remedy = f"--depth-scale {_usual(depth_scale / scale):g} would work instead of {depth_scale:g}"
+    return _would_fit(name, given, best, f"it is {scale:.2g} times as large", remedy)
 
 
-def _another_cause(name: str, pairs: list[FramePair], convention: str) -> str | None:
+def _another_cause(name: str, pairs: list[FramePair], convention: str, given: float) -> str | None:
     """Message for depth or poses that fit once they are changed in a known way; None for others."""
-    given = _median_share(pairs, convention, 1.0) or 0.0
     for cause, remedy, of_depth, of_pose in _causes():
         changed = [
             FramePair(of_depth(p.a), of_depth(p.b), (of_pose(p.poses[0]), of_pose(p.poses[1])))
@@ -281,10 +273,7 @@ def _another_cause(name: str, pairs: list[FramePair], convention: str) -> str | 
         ]
         best = _median_share(changed, convention, 1.0) or 0.0
         if best >= max(GOOD, given + BETTER):
-            return (
-                f"{_problem(name, given)} ({best:.0%}) if {cause}; {remedy} would work, --no-check "
-                "maps it as it is"
-            )
+            return _would_fit(name, given, best, cause, f"{remedy} would work")
     return None
 
 
@@ -326,10 +315,10 @@ def _causes() -> tuple[_Cause, ...]:
     )  # fmt: skip
 
 
-def _problem(name: str, given: float) -> str:
+def _would_fit(name: str, given: float, best: float, cause: str, remedy: str) -> str:
     return (
         f"{name}: depth does not fit the poses ({given:.0%} of the points that two frames share "
-        "agree), but does"
+        f"agree), but does ({best:.0%}) if {cause}; {remedy}, --no-check maps it as it is"
     )
 
 

@@ -81,48 +81,30 @@ _PLANAR: Final = {
     "nv21": cv2.COLOR_YUV2RGB_NV21,
     "i420": cv2.COLOR_YUV2RGB_I420,
 }
-#: type and channels of the encodings that are read
-ENCODINGS: Final = {
-    "rgb8": (np.uint8, 3),
-    "bgr8": (np.uint8, 3),
-    "rgba8": (np.uint8, 4),
-    "bgra8": (np.uint8, 4),
-    "8UC3": (np.uint8, 3),
-    "8UC4": (np.uint8, 4),
-    "rgb16": (np.uint16, 3),
-    "bgr16": (np.uint16, 3),
-    "mono8": (np.uint8, 1),
-    "8UC1": (np.uint8, 1),
-    "mono16": (np.uint16, 1),
-    "16UC1": (np.uint16, 1),
-    "32FC1": (np.float32, 1),
-    "yuv422": (np.uint8, 2),
-    "uyvy": (np.uint8, 2),
-    "yuv422_yuy2": (np.uint8, 2),
-    "yuyv": (np.uint8, 2),
-    **dict.fromkeys(_PLANAR, (np.uint8, 1)),
-    **{f"{mosaic}8": (np.uint8, 1) for mosaic in _MOSAICS},
-    **{f"{mosaic}16": (np.uint16, 1) for mosaic in _MOSAICS},
+#: encodings of colour: type, channels, and what makes RGB of them
+_COLOUR: Final[dict[str, tuple[type, int, int | None]]] = {
+    "rgb8": (np.uint8, 3, None),
+    "bgr8": (np.uint8, 3, cv2.COLOR_BGR2RGB),
+    "8UC3": (np.uint8, 3, cv2.COLOR_BGR2RGB),
+    "rgba8": (np.uint8, 4, cv2.COLOR_RGBA2RGB),
+    "bgra8": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
+    "8UC4": (np.uint8, 4, cv2.COLOR_BGRA2RGB),
+    "rgb16": (np.uint16, 3, None),
+    "bgr16": (np.uint16, 3, cv2.COLOR_BGR2RGB),
+    "mono8": (np.uint8, 1, cv2.COLOR_GRAY2RGB),
+    "8UC1": (np.uint8, 1, cv2.COLOR_GRAY2RGB),
+    "yuv422": (np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY),
+    "uyvy": (np.uint8, 2, cv2.COLOR_YUV2RGB_UYVY),
+    "yuv422_yuy2": (np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2),
+    "yuyv": (np.uint8, 2, cv2.COLOR_YUV2RGB_YUY2),
+    **{name: (np.uint8, 1, code) for name, code in _PLANAR.items()},
+    **{
+        f"{mosaic}{8 * np.dtype(type_).itemsize}": (type_, 1, code)
+        for mosaic, code in _MOSAICS.items()
+        for type_ in (np.uint8, np.uint16)
+    },
 }
-DEPTH_ENCODINGS: Final = ("16UC1", "mono16", "32FC1")
-_TO_RGB: Final = {
-    "rgb8": None,
-    "bgr8": cv2.COLOR_BGR2RGB,
-    "8UC3": cv2.COLOR_BGR2RGB,
-    "rgba8": cv2.COLOR_RGBA2RGB,
-    "bgra8": cv2.COLOR_BGRA2RGB,
-    "8UC4": cv2.COLOR_BGRA2RGB,
-    "rgb16": None,
-    "bgr16": cv2.COLOR_BGR2RGB,
-    "mono8": cv2.COLOR_GRAY2RGB,
-    "8UC1": cv2.COLOR_GRAY2RGB,
-    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
-    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
-    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
-    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
-    **_PLANAR,
-    **{f"{mosaic}{bits}": code for mosaic, code in _MOSAICS.items() for bits in (8, 16)},
-}
+_DEPTH: Final[dict[str, type]] = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
 _SIZE: Final = struct.Struct("<II")  # width, height of RVL depth
 _VIDEO: Final = re.compile("h\\.?26[45]|hevc|avc|av1|vp[89]|theora|mpeg")
@@ -133,14 +115,14 @@ _PNG: Final = b"\x89PNG"
 class ImageKind:
     """Content of a message, by its fields."""
 
-    encoding: str  # of ENCODINGS, where it is raw or compressedDepth; "" if its bytes say it
+    encoding: str  # where it is raw or compressedDepth; "" where only its bytes say it
     compression: str  # "" (raw), "jpeg", "png", "compressedDepth", "video"
     size: tuple[int, int] | None  # (W, H) [px]; None where only its bytes say it
 
     @property
     def is_depth(self) -> bool:
         """Whether it may be depth."""
-        return self.compression == "compressedDepth" or self.encoding in DEPTH_ENCODINGS
+        return self.compression == "compressedDepth" or self.encoding in _DEPTH
 
 
 def image_kind(message: Any) -> ImageKind:
@@ -169,12 +151,12 @@ def colour_image(message: Any, where: str) -> NDArray[np.uint8]:
             np.uint8, copy=False
         )
     encoding = _encoding(message)
-    if encoding not in _TO_RGB:
+    if encoding not in _COLOUR:
         raise RecordingError(
-            f"{where}: encoding {encoding!r} is not read as colour; known are {', '.join(_TO_RGB)}"
+            f"{where}: encoding {encoding!r} is not read as colour; known are {', '.join(_COLOUR)}"
         )
-    image = _raw_image(message, where)
-    conversion = _TO_RGB[encoding]
+    type_, channels, conversion = _COLOUR[encoding]
+    image = _raw_image(message, type_, channels, where)
     if image.dtype == np.uint16:
         image = (image >> 8).astype(np.uint8)
     try:
@@ -191,12 +173,13 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
     No return is 0 or nan. Raises RecordingError, beginning with `where`, for what is no depth.
     """
     if hasattr(message, "encoding"):
-        if _encoding(message) not in DEPTH_ENCODINGS:
+        type_ = _DEPTH.get(_encoding(message))
+        if type_ is None:
             raise RecordingError(
-                f"{where}: encoding {message.encoding!r} is not depth; "
-                f"known are {', '.join(DEPTH_ENCODINGS)}"
+                f"{where}: encoding {message.encoding!r} is not depth; known are "
+                f"{', '.join(_DEPTH)}"
             )
-        return _raw_image(message, where)
+        return _raw_image(message, type_, 1, where)
     kind, data = image_kind(message), _bytes(message)
     if kind.compression == "compressedDepth":
         return _compressed_depth(data, kind.encoding, "rvl" in message.format, where)
@@ -207,23 +190,21 @@ def _encoding(message: Any) -> str:
     """Encoding of an Image; some drivers write it in capitals, or as their own."""
     given = str(message.encoding)
     lower = given.lower()
-    return given if given in ENCODINGS else {"z16": "16UC1"}.get(lower, lower)
+    return given if given in _COLOUR or given in _DEPTH else {"z16": "16UC1"}.get(lower, lower)
 
 
 def _bytes(message: Any) -> NDArray[np.uint8]:
     return np.frombuffer(memoryview(message.data), np.uint8)
 
 
-def _raw_image(message: Any, where: str) -> NDArray[Any]:
+def _raw_image(message: Any, type_: type, channels: int, where: str) -> NDArray[Any]:
     """(H, W) or (H, W, C) without the padding of its rows, in this machine's byte order."""
     height, width, step = int(message.height), int(message.width), int(message.step)
-    encoding = _encoding(message)
-    type_, channels = ENCODINGS[encoding]
     item = np.dtype(type_).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * item.itemsize
     data = _bytes(message)
     _check_size(width, height, where)
-    if encoding in _PLANAR:
+    if _encoding(message) in _PLANAR:
         return _planes(data, width, height, where)
     if step in (0, width) and len(data) == row * height:  # drivers leave it out, or count pixels
         step = row

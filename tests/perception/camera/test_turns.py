@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from perception.camera.gravity_alignment import side_up, turned_image, turned_poses
+from perception.camera.gravity_alignment import clear_turns, side_up, turned_image, turned_poses
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 
@@ -38,6 +38,12 @@ def test_a_camera_on_its_side_is_told_by_the_axis_it_turns_about(room_views: Pos
         assert up is not None and abs(up[2]) > 0.99
     assert side_up([turned_poses(room_views[0], 1)] * 6) is None  # it does not turn at all
     assert side_up([turned_poses(room_views[0], 1)]) is None
+
+
+def test_images_that_do_not_agree_on_up_are_not_turned(room_views: Poses) -> None:
+    up = np.array([0.0, 0, 1])
+    assert clear_turns([turned_poses(T, 1) for T in room_views], up) == 3
+    assert clear_turns([turned_poses(T, int(i > 1)) for i, T in enumerate(room_views)], up) == 0
 
 
 def test_what_may_lie_on_its_side_is_told_with_what_would_work(

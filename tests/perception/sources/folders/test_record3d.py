@@ -21,8 +21,11 @@ from perception.camera.poses import CONVENTIONS, quaternion_from_pose
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
-from tests.perception.sources.folders.test_stray_scanner import T_CAM_TURNED, T_WORLD_ROOM
-from tests.perception.sources.test_written_recordings import on_walls, points
+from tests.perception.sources.folders.test_stray_scanner import (
+    T_CAM_TURNED,
+    T_WORLD_ROOM,
+    upright_frames,
+)
 
 Phone = Callable[..., Path]
 WIDTH, HEIGHT = SIZE
@@ -69,23 +72,8 @@ OTHERS = (
 
 @pytest.mark.parametrize(("turns", "changed"), [*((n, {}) for n in range(4)),
                                                 *((0, one) for one in OTHERS)])  # fmt: skip
-def test_frames_have_their_depth_pose_and_stamp(
-    phone: Phone, turns: int, changed: dict[str, Any]
-) -> None:
-    recording = open_recording(
-        phone(turns, changed), RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM))
-    )
-    assert recording.format == "record3d"
-    frames = list(recording.frames())
-    assert [frame.id for frame in frames] == [f"{i:06}" for i in range(6)]
-    for i, frame in enumerate(frames):
-        assert frame.rgb.shape[:2] == (SIZE[::-1] if turns % 2 == 0 else SIZE)
-        assert frame.rgb.mean() == pytest.approx(20 * i, abs=3)
-        assert frame.depth.shape == frame.rgb.shape[:2]
-        assert frame.T_map_cam[2, 1] < -0.8  # the camera's y points down
-        assert np.median(on_walls(points(frame))) < 0.02
-        assert np.isnan(frame.depth).mean() == pytest.approx(2 / WIDTH, abs=0.01)  # unsure depth
-    assert np.diff([frame.stamp for frame in frames]) == pytest.approx([1 / 30] * 5, abs=1e-6)
+def test_frames_have_their_depth_pose_and_stamp(phone: Phone, turns: int, changed: Any) -> None:
+    upright_frames(phone(turns, changed), "record3d", turns)
 
 
 def test_up_is_that_of_the_phone(phone: Phone) -> None:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.poses import quaternion_from_pose
-from perception.sources.recording import open_recording
+from perception.frames import Frame
+from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
 from tests.perception.sources.test_written_recordings import on_walls, points
@@ -65,31 +66,37 @@ def _striped(number: int, turns: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rot90(image, -turns))
 
 
-@pytest.mark.parametrize("turns", range(4))
-def test_frames_stand_upright_however_the_phone_was_held(phone: Phone, turns: int) -> None:
-    recording = open_recording(
-        phone(turns), RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM))
-    )
-    assert recording.format == "stray-scanner"
+def in_room(path: Path) -> FolderRecording:
+    return open_recording(path, RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM)))
+
+
+def upright_frames(path: Path, kind: str, turns: int) -> list[Frame]:
+    """The six frames of a phone's recording, each as the room is; their lower rows are grey."""
+    recording = in_room(path)
+    assert recording.format == kind
     frames = list(recording.frames())
     assert [frame.id for frame in frames] == [f"{i:06}" for i in range(6)]
     for i, frame in enumerate(frames):
         assert frame.rgb.shape[:2] == (SIZE[::-1] if turns % 2 == 0 else SIZE)
         assert frame.depth.shape == frame.rgb.shape[:2]
-        assert frame.rgb[:20].mean() > 230
         assert frame.rgb[-20:].mean() == pytest.approx(20 * i, abs=6)
         assert frame.T_map_cam[2, 1] < -0.8  # the camera's y points down
         assert np.median(on_walls(points(frame))) < 0.02
         assert np.isnan(frame.depth).mean() == pytest.approx(1 / 80, abs=0.01)  # unsure depth
     assert np.diff([frame.stamp for frame in frames]) == pytest.approx([1 / 30] * 5, abs=1e-6)
+    return frames
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_frames_stand_upright_however_the_phone_was_held(phone: Phone, turns: int) -> None:
+    for frame in upright_frames(phone(turns), "stray-scanner", turns):
+        assert frame.rgb[:20].mean() > 230
 
 
 def test_frames_are_the_same_in_any_order(phone: Phone) -> None:
-    recording = open_recording(phone(), RecordingOptions(T_map_world=np.linalg.inv(T_WORLD_ROOM)))
+    recording, order = in_room(phone()), (5, 0, 3, 3, 1)
     forward = [frame.rgb.mean() for frame in recording.frames()]
-    assert [recording.frame(i).rgb.mean() for i in (5, 0, 3, 3, 1)] == [
-        forward[i] for i in (5, 0, 3, 3, 1)
-    ]
+    assert [recording.frame(i).rgb.mean() for i in order] == [forward[i] for i in order]
 
 
 def test_up_is_that_of_the_phone(phone: Phone) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rosbags")
+from perception.frames import Frame
 from perception.sources.bag_writer import COLOUR, COLOUR_INFO, DEPTH, DEPTH_INFO, NOTE_TOPIC
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.listing import Streams
@@ -19,6 +21,7 @@ from perception.sources.recording_options import RecordingOptions
 from perception.sources.ros.message_types import message_types
 
 Messages = Callable[[str], list[RawMessage]]
+Begun = tuple[FrameStream, list[list[RawMessage]]]
 
 
 @pytest.fixture(autouse=True)
@@ -43,6 +46,31 @@ def offered(made: FrameStream, raws: list[RawMessage], *, is_ros1: bool = True) 
     return made
 
 
+def taken(made: FrameStream, seconds: float = 5) -> Frame:
+    frame = made.next_frame(seconds)
+    assert frame is not None, made.problem
+    return frame
+
+
+@pytest.fixture
+def begun(messages: Messages) -> Begun:
+    """A stream that has given its first frame, and the messages of the others."""
+    first, *rest = by_frame(messages(".bag"))
+    made = offered(FrameStream("peer"), first)
+    taken(made)
+    return made, rest
+
+
+@pytest.fixture
+def uneven(begun: Begun) -> tuple[FrameStream, RawMessage, RawMessage]:
+    """Depth came 15 ms before its colour image: the stream, and the messages of both."""
+    made, (second, *_) = begun
+    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
+    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
+    offered(made, [moved(depth, milliseconds=-15), colour])
+    return made, colour, depth
+
+
 @pytest.mark.parametrize(("suffix", "is_ros1"), [(".bag", True), (".mcap", False)])
 def test_frames_are_those_of_the_recording(
     room: FolderRecording, messages: Messages, suffix: str, is_ros1: bool
@@ -50,8 +78,7 @@ def test_frames_are_those_of_the_recording(
     made = FrameStream("peer")
     for part, frame in zip(by_frame(messages(suffix)), room.frames(), strict=True):
         offered(made, part, is_ros1=is_ros1)
-        ours = made.next_frame(5)
-        assert ours is not None
+        ours = taken(made)
         assert np.array_equal(ours.rgb, frame.rgb)
         assert np.array_equal(ours.depth, frame.depth, equal_nan=True)
         assert np.array_equal(ours.K, frame.K)
@@ -64,9 +91,7 @@ def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(
     room: FolderRecording, messages: Messages
 ) -> None:
     made = offered(FrameStream("peer"), messages(".bag"))
-    frame = made.next_frame(5)
-    assert frame is not None
-    assert np.array_equal(frame.rgb, room.frame(5).rgb)
+    assert np.array_equal(taken(made).rgb, room.frame(5).rgb)
     assert made.next_frame(0) is None
     assert (made.counts.received, made.counts.taken, made.counts.dropped) == (6, 1, 5)
 
@@ -79,15 +104,13 @@ def test_what_waits_is_bounded(messages: Messages, monkeypatch: pytest.MonkeyPat
     for raw in colours * 10:  # depth never comes
         made.offer(raw, is_ros1=True)
     assert sum(len(held.images) for held in made._held.values()) <= 6
-    assert made.next_frame(5) is not None
+    taken(made)
     assert made.counts.received == 66
     assert made.counts.dropped + made.counts.without_depth == 65
 
 
-def test_images_without_depth_or_pose_are_counted_as_such(messages: Messages) -> None:
-    first, *rest = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
+def test_images_without_depth_or_pose_are_counted_as_such(begun: Begun) -> None:
+    made, rest = begun
     for i, part in enumerate(rest):
         for raw in part:
             no_depth = i == 0 and raw.topic == DEPTH
@@ -101,55 +124,40 @@ def test_images_without_depth_or_pose_are_counted_as_such(messages: Messages) ->
     assert counts.taken + counts.without_depth + counts.without_pose + counts.dropped == 6
 
 
-def test_a_pose_beyond_the_last_transform_is_waited_for(messages: Messages) -> None:
-    first, second, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
-    late = [raw for raw in second if raw.topic == "/tf"]
+def test_a_pose_beyond_the_last_transform_is_waited_for(begun: Begun) -> None:
+    made, (second, *_) = begun
     offered(made, [raw for raw in second if raw.topic != "/tf"])
     assert made._newest() is None
-    offered(made, late)
-    assert made.next_frame(5) is not None
+    offered(made, [raw for raw in second if raw.topic == "/tf"])
+    taken(made)
 
 
-def test_a_nearer_depth_image_is_waited_for(messages: Messages) -> None:
-    first, second, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
-    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
-    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
-    offered(made, [moved(depth, milliseconds=-15), colour])
+def test_a_nearer_depth_image_is_waited_for(
+    uneven: tuple[Any, Any, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(stream, "PATIENCE", 60.0)
+    made, colour, depth = uneven
     assert made._newest() is None  # a nearer one may come
     offered(made, [moved(depth, milliseconds=5)])
     assert made._newest() is None  # and a colour image that is nearer to that one
     offered(made, [moved(colour, milliseconds=40)])
     entry = made._newest()
-    assert entry is not None
     assert entry.depth.seconds == pytest.approx(entry.stamp + 0.005)
 
 
 def test_a_nearer_depth_image_is_not_waited_for_without_end(
-    messages: Messages, monkeypatch: pytest.MonkeyPatch
+    uneven: tuple[Any, Any, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    first, second, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
-    colour, depth = (next(r for r in second if r.topic == topic) for topic in (COLOUR, DEPTH))
-    offered(made, [raw for raw in second if raw.topic not in (COLOUR, DEPTH)])
-    offered(made, [moved(depth, milliseconds=-15), colour])
     monkeypatch.setattr(stream, "PATIENCE", 0.0)
-    entry = made._newest()
-    assert entry is not None
+    entry = uneven[0]._newest()
     assert entry.depth.seconds == pytest.approx(entry.stamp - 0.015)
 
 
-def test_a_depth_image_makes_one_frame(messages: Messages) -> None:
-    first, second, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
+def test_a_depth_image_makes_one_frame(begun: Begun) -> None:
+    made, (second, *_) = begun
     colour = next(raw for raw in second if raw.topic == COLOUR)
     offered(made, [*second, moved(colour, milliseconds=10), moved(colour, milliseconds=500)])
-    assert made.next_frame(5) is not None
+    taken(made)
     assert made.next_frame(1) is None
     assert made.counts.taken == 2
 
@@ -158,24 +166,19 @@ def test_topics_are_those_of_the_options(messages: Messages) -> None:
     raws = messages(".bag")
     other = [replace(raw, topic="/rear/color") for raw in raws if raw.topic == COLOUR]
     types = {raw.topic: raw.type for raw in [*raws, *other]}
-    given = FrameStream(
-        "peer",
-        RecordingOptions(streams=Streams(colour="/rear/color", depth=DEPTH, camera=COLOUR_INFO)),
-    )
+    streams = Streams(colour="/rear/color", depth=DEPTH, camera=COLOUR_INFO)
+    given = FrameStream("peer", RecordingOptions(streams=streams))
     assert COLOUR not in given.wanted(types)
     offered(given, [raw for raw in [*raws, *other] if raw.topic in given.wanted(types)])
-    assert given.next_frame(5) is not None
+    taken(given)
     wanted = {"/rear/color", DEPTH, COLOUR_INFO, DEPTH_INFO, "/tf", "/tf_static", NOTE_TOPIC}
     assert given.wanted(types) == wanted - {NOTE_TOPIC}
 
 
-def test_a_camera_that_changes_is_taken(
-    messages: Messages, caplog: pytest.LogCaptureFixture
-) -> None:
-    first, second, third, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    before = made.next_frame(5)
-    assert before is not None
+def test_a_camera_that_changes_is_taken(begun: Begun, caplog: pytest.LogCaptureFixture) -> None:
+    made, (second, third, fourth, *_) = begun
+    offered(made, second)
+    before = taken(made)
 
     def zoomed(raw: RawMessage) -> RawMessage:
         if raw.topic != COLOUR_INFO:
@@ -185,24 +188,21 @@ def test_a_camera_that_changes_is_taken(
         K = info.K * [1.25, 1, 1, 1, 1.25, 1, 1, 1, 1]
         return replace(raw, data=bytes(types.serialize_ros1(replace(info, K=K), raw.type)))
 
-    offered(made, second)
-    same = made.next_frame(5)
-    assert same is not None and np.array_equal(same.K, before.K)
+    offered(made, third)
+    same = taken(made)
+    assert np.array_equal(same.K, before.K)
     assert "has changed" not in caplog.text
-    offered(made, [zoomed(raw) for raw in third])
-    after = made.next_frame(5)
-    assert after is not None
+    offered(made, [zoomed(raw) for raw in fourth])
+    after = taken(made)
     assert after.K[0, 0] == pytest.approx(1.25 * before.K[0, 0])
     assert after.stamp > same.stamp
     assert caplog.text.count("has changed") == 1
 
 
 def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(
-    messages: Messages, caplog: pytest.LogCaptureFixture
+    begun: Begun, caplog: pytest.LogCaptureFixture
 ) -> None:
-    first, second, third, *_ = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
+    made, (second, *_) = begun
     types = message_types(True)
 
     def renamed(raw: RawMessage) -> RawMessage:
@@ -219,11 +219,8 @@ def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(
             return raw
         return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
 
-    offered(made, second)
-    before = made.next_frame(5)
-    offered(made, [renamed(raw) for raw in third])
-    after = made.next_frame(5)
-    assert before is not None and after is not None
+    offered(made, [renamed(raw) for raw in second])
+    after = taken(made)
     camera = "camera_color_optical_frame"
     plain = made._index.tree.at("world", camera, float(after.id))
     assert plain is not None
@@ -232,17 +229,13 @@ def test_a_colour_image_of_another_frame_is_told_and_has_that_frames_pose(
     assert f"of the frame 'tilted' now, not of '{camera}'" in caplog.text
 
 
-def test_transforms_that_come_late_are_waited_for_longer(messages: Messages) -> None:
-    first, *rest = by_frame(messages(".bag"))
-    made = offered(FrameStream("peer"), first)
-    assert made.next_frame(5) is not None
-    waiting: list[RawMessage] = []
+def test_transforms_that_come_late_are_waited_for_longer(begun: Begun) -> None:
+    made, (second, *_) = begun
     for number in range(6):  # transforms come 0.4 s after their images, 8 times the patience
-        for raw in (moved(raw, number + 1) for raw in rest[0] if raw.topic != "/tf_static"):
-            waiting.append(raw) if raw.topic == "/tf" else made.offer(raw, is_ros1=True)
+        later = [moved(raw, number + 1) for raw in second if raw.topic != "/tf_static"]
+        offered(made, [raw for raw in later if raw.topic != "/tf"])
         made.next_frame(0.4)
-        offered(made, waiting)
-        waiting.clear()
+        offered(made, [raw for raw in later if raw.topic == "/tf"])
         made.next_frame(0)
     counts = made.counts
     assert (counts.without_pose, counts.taken) == (1, 6)  # then they are waited for
@@ -253,24 +246,21 @@ def test_what_is_missing_is_said(messages: Messages) -> None:
     assert made.next_frame(0) is None
     assert "no depth images" in made.problem
     made = offered(FrameStream("peer"), [r for r in messages(".bag") if r.topic != COLOUR_INFO])
-    assert made.next_frame(5) is not None  # depth's CameraInfo is of the same frame
+    taken(made)  # depth's CameraInfo is of the same frame
 
 
 def test_damaged_messages_are_skipped(messages: Messages, caplog: pytest.LogCaptureFixture) -> None:
     raws = messages(".bag")
     made = offered(FrameStream("peer"), raws)
-    assert made.next_frame(5) is not None
-    damaged = [replace(raw, data=raw.data[: len(raw.data) // 2]) for raw in raws]
-    damaged += [replace(raw, data=b"\xff" * 300) for raw in raws]
-    damaged += [replace(raw, data=b"") for raw in raws]
-    offered(made, damaged)
+    taken(made)
+    for spoilt in (lambda data: data[: len(data) // 2], lambda _: b"\xff" * 300, lambda _: b""):
+        offered(made, [replace(raw, data=spoilt(raw.data)) for raw in raws])
     while made.next_frame(0.2) is not None:
         pass
     assert made.counts.taken == 1
     assert "skipped" in caplog.text
     offered(made, [replace(raw) for raw in raws])  # and what is whole is taken again
-    frame = made.next_frame(5)
-    assert frame is not None
+    taken(made)
 
 
 def test_time_that_goes_back_begins_anew(messages: Messages) -> None:
@@ -278,18 +268,13 @@ def test_time_that_goes_back_begins_anew(messages: Messages) -> None:
     raws = messages(".bag")
     later = [moved(raw, 100) for raw in raws if raw.topic not in ("/tf_static", NOTE_TOPIC)]
     made = offered(FrameStream("peer"), [*raws, *later])
-    frame = made.next_frame(5)
-    assert frame is not None
-    assert frame.id.startswith("100.")
+    assert taken(made).id.startswith("100.")
     again = [raw for raw in raws if raw.topic != "/tf"]
     offered(made, [raw for raw in raws if raw.topic == "/tf"][:1])
-    assert made._index.tree.span("world", "camera_color_optical_frame") is not None
-    first, last = made._index.tree.span("world", "camera_color_optical_frame") or (0, 0)
+    first, last = made._index.tree.span("world", "camera_color_optical_frame") or (0, 9)
     assert first == last < 1
     offered(made, again)
-    frame = made.next_frame(5)
-    assert frame is not None
-    assert frame.id.startswith("0.")
+    assert taken(made).id.startswith("0.")
 
 
 def moved(raw: RawMessage, seconds: int = 0, milliseconds: int = 0) -> RawMessage:
@@ -299,11 +284,8 @@ def moved(raw: RawMessage, seconds: int = 0, milliseconds: int = 0) -> RawMessag
     headers = [t.header for t in message.transforms] if raw.topic == "/tf" else [message.header]
     for header in headers:
         passed = header.stamp.nanosec + milliseconds * 1_000_000
-        header.stamp = replace(
-            header.stamp,
-            sec=header.stamp.sec + seconds + passed // 10**9,
-            nanosec=passed % 10**9,
-        )
+        sec = header.stamp.sec + seconds + passed // 10**9
+        header.stamp = replace(header.stamp, sec=sec, nanosec=passed % 10**9)
     return replace(raw, data=bytes(types.serialize_ros1(message, raw.type)))
 
 
