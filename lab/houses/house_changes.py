@@ -113,10 +113,11 @@ class CarryingCamera(SimulatedCamera):
 
     def _solids_at(self, stamp: float) -> list[Solid]:
         offsets = {carry.index: carry.offset(stamp) for carry in self._carries}
-        return [
-            solid.shifted(offset) if (offset := offsets.get(int(i))) is not None else solid
-            for solid, i in zip(self._solids, self._instance, strict=False)
-        ]
+        solids = list(self._solids)
+        for number, (solid, i) in enumerate(zip(solids, self._instance, strict=False)):
+            if (offset := offsets.get(int(i))) is not None:
+                solids[number] = replace(solid, lo=solid.lo + offset, hi=solid.hi + offset)
+        return solids
 
 
 def carries(

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from perception.inference.heads.candidates import MaskGrid
 from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
 from planner.simulation.sensing.sensors import (
     DetectorFaults,
@@ -50,6 +52,7 @@ SENSES: Final[Mapping[str, DetectorFaults]] = {
     ),
 }
 CLUTTER_SIDE: Final = np.deg2rad(50.0)  # [rad] half the directions from which clutter is detected
+MASK_CELLS: Final = 28  # along a side of a mask, as in Mask R-CNN
 FAVOURED: Final = 0.6  # probability that a wrong label is the thing's favoured one
 
 
@@ -59,15 +62,24 @@ def detector_of(
     """The simulated detector with these faults."""
     if isinstance(faults, UnevenFaults):
         return UnevenDetector(camera, faults, masks=masks)
-    return SimulatedDetector(camera, faults, masks=masks)
+    return MaskingDetector(camera, faults, masks=masks)
 
 
-class UnevenDetector(SimulatedDetector):
+class MaskingDetector(SimulatedDetector):
+    """A detector that gives `masks` if it is to."""
+
+    def __init__(self, camera: SimulatedCamera, faults: DetectorFaults, *, masks: bool) -> None:
+        super().__init__(camera, faults)
+        self._has_masks = masks
+
+    def _masks(self, found: Sequence[Found]) -> tuple[NDArray[np.bool_] | None, ...]:
+        return tuple(_coarse_mask(d[0], d[3]) for d in found) if self._has_masks else ()
+
+
+class UnevenDetector(MaskingDetector):
     """A detector with `UnevenFaults`."""
 
-    def __init__(
-        self, camera: SimulatedCamera, faults: UnevenFaults, *, masks: bool = False
-    ) -> None:
+    def __init__(self, camera: SimulatedCamera, faults: UnevenFaults, *, masks: bool) -> None:
         super().__init__(camera, faults, masks=masks)
         self._uneven = faults
 
@@ -122,3 +134,19 @@ class UnevenDetector(SimulatedDetector):
         if score < self._faults.threshold:
             return None
         return self._inside(box + self._shift(box, rng), view), score, label, pixels
+
+
+def _coarse_mask(
+    box: NDArray[np.float64], pixels: NDArray[np.bool_] | None
+) -> NDArray[np.bool_] | None:
+    """The true pixels (H, W) of a thing within a box, as coarse as masks of networks."""
+    if pixels is None:
+        return None
+    box = box.astype(np.float32)
+    x1, y1, x2, y2 = (float(side) for side in box)
+    cells = (np.arange(MASK_CELLS) + 0.5) / MASK_CELLS
+    rows = np.minimum(y1 + cells * (y2 - y1), pixels.shape[0] - 1).astype(np.intp)
+    columns = np.minimum(x1 + cells * (x2 - x1), pixels.shape[1] - 1).astype(np.intp)
+    grid = pixels[np.ix_(rows, columns)].astype(np.float32) - np.float32(0.5)
+    mask = MaskGrid(grid, (x1, y1, x2, y2)).within(box, pixels.shape)
+    return mask if mask.any() else None

@@ -10,7 +10,7 @@ thesis' predictions of person and chair ended up.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Final
 
@@ -122,7 +122,8 @@ def _solids(one: Printed) -> list[Solid]:
     low = np.min([part.lo for part in parts], axis=0)
     high = np.max([part.hi for part in parts], axis=0)
     middle = one.position + np.array([0, 0, _HEIGHT])
-    return [part.shifted(middle - (low + high) / 2) for part in parts]
+    offset = middle - (low + high) / 2
+    return [replace(part, lo=part.lo + offset, hi=part.hi + offset) for part in parts]
 
 
 def _wall() -> Solid:

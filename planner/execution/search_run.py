@@ -341,14 +341,12 @@ class SearchRun:
         return "there"
 
     def _blocked(self, goal: NextView, message: Blocked) -> None:
-        pose = self._robot.pose
-        self._reporter.surprise(
-            f"blocked at ({message.x:.1f}, {message.y:.1f}): {message.reason}", pose
-        )
+        pose, x, y, reason = self._robot.pose, message.x, message.y, message.reason
+        self._reporter.surprise(f"blocked at ({x:.1f}, {y:.1f}): {reason}", pose)
         self._note_progress()
-        self._log.obstacle(pose, message.x, message.y, message.reason)
-        if not self._adapter.blocked(message.x, message.y, pose):
-            self._goal_failed(goal, message.reason)
+        self._log.obstacle(pose, x, y, reason)
+        if not self._adapter.blocked(x, y, pose):
+            self._goal_failed(goal, reason)
 
     def _goal_failed(self, goal: NextView, reason: str) -> None:
         self._reporter.surprise(f"did not work: {reason}")

@@ -46,10 +46,6 @@ class CellBelief:
         """Probability that the target is on this floor."""
         return 1.0 - self.absent
 
-    def of_room(self, space: FreeSpace, room: int) -> float:
-        """Probability that the target is in `room`."""
-        return float(self.weight[space.room.reshape(-1)[self.cells] == room].sum())
-
 
 def site_weights(
     space: FreeSpace, cells: Cells, p_map: ArrayLike, sigma: float

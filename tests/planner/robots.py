@@ -16,7 +16,6 @@ from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from planner.execution.options import Event, SearchOptions, SearchOutcome
 from planner.execution.search_loop import search
 from planner.execution.transports.line_transport import ChildRobot
-from planner.settings import BELIEF
 
 SCRIPT = Path(__file__).with_name("point_robot.py")
 START = 1_772_442_000.0
@@ -70,7 +69,7 @@ def run(
     timeout: float = 120.0,
     budget: float | None = None,
     later: float = 60.0,
-    give_up_at: float = BELIEF.stop_below,
+    give_up_at: float = 0.05,
     on_event: Callable[[Event], None] = lambda event: None,
     **settings: Any,
 ) -> SearchOutcome:

@@ -37,7 +37,6 @@ class Route:
 
     metres: float  # infinite where no way is known
     end: NDArray[np.float64]  # (2,) [m] the floor nearest to the goal
-    off: float  # [m] from there to the goal, and from the start to the floor
     notes: tuple[str, ...]  # where an end is off the floor
     unseen: float  # [m] of the way over floor that no depth image showed
     crossings: tuple[Crossing, ...]  # in order
@@ -60,21 +59,17 @@ def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route
     notes = tuple(filter(None, found))
     first, last = (space.nearest(p) for p in ends)
     end = space.centres([last])[0]
-    off = sum(
-        float(np.linalg.norm(space.centres([cell])[0] - p))
-        for cell, p in zip((first, last), ends, strict=True)
-    )
     field = distance_fields(space, [last])[0]
     metres = float(field.reshape(-1)[first])
     if not np.isfinite(metres):
-        return Route(metres, end, off, notes, 0.0, ())
+        return Route(metres, end, notes, 0.0, ())
     cells = shortest_path(space, field, first)
     points = space.centres(cells)
     unseen = 0.0 if known.seen is None else 1.0 - float(known.seen.reshape(-1)[cells].mean())
     areas = [place for place in places if place.area > 0]
     inside = [next((p for p in areas if p.contains(x, y)), None) for x, y in points.tolist()]
     crossings = _crossings(semantic_map.doors(), points, inside)
-    return Route(metres, end, off, notes, unseen * metres, crossings)
+    return Route(metres, end, notes, unseen * metres, crossings)
 
 
 def _crossings(

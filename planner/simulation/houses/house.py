@@ -45,10 +45,6 @@ class Solid:
     colour: RGB  # 0..1
     depth_return: bool = True  # False: a depth camera gets nothing back (lit screens, glass)
 
-    def shifted(self, offset: NDArray[np.float64]) -> Solid:
-        """The same solid, moved by `offset` (3,) [m]."""
-        return replace(self, lo=self.lo + offset, hi=self.hi + offset)
-
 
 @dataclass(frozen=True, slots=True)
 class SolidPart:
@@ -250,10 +246,6 @@ class House:
             min(r.ymin for r in self.rooms),
             max(r.ymax for r in self.rooms),
         )
-
-    def room(self, name: str) -> HouseRoom:
-        """The room of that name; raises KeyError for an unknown name."""
-        return {room.name: room for room in self.rooms}[name]
 
     def room_at(self, x: float, y: float) -> HouseRoom | None:
         """The room a point [m] lies in."""

@@ -18,10 +18,6 @@ class MotionLimits:
     stride: float = 0.6  # [m] driven between two pictures, at most
     swing: float = np.deg2rad(30.0)  # [rad] turned between two pictures, at most
 
-    def __post_init__(self) -> None:
-        if not min(self.speed, self.turn_rate, self.stride, self.swing) > 0:
-            raise ValueError(f"speeds and steps must be positive, got {self}")
-
 
 @dataclass(frozen=True, slots=True)
 class TimedPose:

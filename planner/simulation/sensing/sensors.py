@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Detections, Frame, SceneScores
-from perception.inference.heads.candidates import MaskGrid
 from planner.simulation.houses.house import HouseRoom
 from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
 
@@ -59,8 +58,6 @@ class DetectorFaults:
     threshold: float = 0.30  # least score that is reported
 
 
-MASK_CELLS: Final = 28  # along a side of a mask, as in Mask R-CNN
-
 # box, score, label, and the pixels of the image that show it
 Found = tuple[NDArray[np.float64], float, str, NDArray[np.bool_] | None]
 
@@ -70,14 +67,8 @@ class SimulatedDetector:
 
     name = "simulated-detector"
 
-    def __init__(
-        self,
-        camera: SimulatedCamera,
-        faults: DetectorFaults | None = None,
-        *,
-        masks: bool = False,
-    ) -> None:
-        self._camera, self._masks = camera, masks
+    def __init__(self, camera: SimulatedCamera, faults: DetectorFaults | None = None) -> None:
+        self._camera = camera
         self._faults = faults or DetectorFaults()
         self._pixel = camera.model.width / 320  # [px] a pixel of DetectorFaults
 
@@ -93,7 +84,7 @@ class SimulatedDetector:
             xyxy=np.array([d[0] for d in found], np.float32).reshape(-1, 4),
             score=np.array([d[1] for d in found], np.float32),
             label=tuple(d[2] for d in found),
-            mask=tuple(_coarse_mask(d[0], d[3]) for d in found) if self._masks else (),
+            mask=self._masks(found),
         )
 
     def chance(self, visible: float, silhouette: float) -> float:
@@ -102,6 +93,10 @@ class SimulatedDetector:
         size = np.log2(max(np.sqrt(visible) / self._pixel, 1e-3) / f.half_size)
         share = visible / max(silhouette, visible, 1.0)
         return f.recall * sigmoid(size / 0.35) * sigmoid((share - f.half_visible) / 0.08)
+
+    def _masks(self, found: Sequence[Found]) -> tuple[NDArray[np.bool_] | None, ...]:
+        """A mask (H, W) of each detection; this detector gives none."""
+        return ()
 
     def _shown(self, view: TrueView, rng: np.random.Generator) -> list[Found]:
         """Detections of what is in view, true ones and under a wrong name."""
@@ -158,22 +153,6 @@ class SimulatedDetector:
         lo = np.clip(np.minimum(box[:2], box[2:]), 0, (width - 2, height - 2))
         hi = np.minimum(np.maximum(np.maximum(box[:2], box[2:]), lo + 2), (width, height))
         return np.concatenate([lo, hi])
-
-
-def _coarse_mask(
-    box: NDArray[np.float64], pixels: NDArray[np.bool_] | None
-) -> NDArray[np.bool_] | None:
-    """The true pixels (H, W) of a thing within a box, as coarse as masks of networks."""
-    if pixels is None:
-        return None
-    box = box.astype(np.float32)
-    x1, y1, x2, y2 = (float(side) for side in box)
-    cells = (np.arange(MASK_CELLS) + 0.5) / MASK_CELLS
-    rows = np.minimum(y1 + cells * (y2 - y1), pixels.shape[0] - 1).astype(np.intp)
-    columns = np.minimum(x1 + cells * (x2 - x1), pixels.shape[1] - 1).astype(np.intp)
-    grid = pixels[np.ix_(rows, columns)].astype(np.float32) - np.float32(0.5)
-    mask = MaskGrid(grid, (x1, y1, x2, y2)).within(box, pixels.shape)
-    return mask if mask.any() else None
 
 
 SURE: Final = 0.62  # mean probability of the category that the scene classifier chooses

@@ -22,31 +22,31 @@ from kg.model.records import (
     RecordingRecord,
 )
 from kg.model.transactions import Cause
-from kg.serving.opening import create_map
+from kg.serving.opening import create_map, in_memory_map
 from planner.search.goals.status import status
 
 SEEN = 1_700_000_000.0
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "status.map"
-
-
-@pytest.fixture
-def semantic_map(path: Path) -> Iterator[SemanticMap]:
-    with create_map(path) as made:
-        shares = (1.0, 0.5, 0.02)
-        places = tuple(
-            PlaceRecord(
-                *(made.place_iri(n), name, 10.0 * n, 10.0 * n + 4, 0.0, 4.0),
-                viewed=PlaceViews(share, share / 2, SEEN + 60),
-            )
-            for n, (name, share) in enumerate(zip(("kitchen", "hall", "den"), shares, strict=True))
+def furnished(made: SemanticMap) -> SemanticMap:
+    """Four places, viewed the less the later, and a cup in the second."""
+    shares = (1.0, 0.5, 0.02)
+    places = tuple(
+        PlaceRecord(
+            *(made.place_iri(n), name, 10.0 * n, 10.0 * n + 4, 0.0, 4.0),
+            viewed=PlaceViews(share, share / 2, SEEN + 60),
         )
-        attic = PlaceRecord(made.place_iri(3), "attic", 40.0, 44.0, 0.0, 4.0)
-        made.apply(MapUpdate(objects=(thing(made, places[1]),), places=(*places, attic)))
-        yield made
+        for n, (name, share) in enumerate(zip(("kitchen", "hall", "den"), shares, strict=True))
+    )
+    attic = PlaceRecord(made.place_iri(3), "attic", 40.0, 44.0, 0.0, 4.0)
+    made.apply(MapUpdate(objects=(thing(made, places[1]),), places=(*places, attic)))
+    return made
+
+
+@pytest.fixture
+def semantic_map() -> Iterator[SemanticMap]:
+    with in_memory_map() as made:
+        yield furnished(made)
 
 
 def thing(semantic_map: SemanticMap, place: PlaceRecord, existence: float = 0.9) -> ObjectRecord:
@@ -207,9 +207,11 @@ def test_a_kind_of_cup_counts_as_a_cup(semantic_map: SemanticMap) -> None:
 
 
 def test_the_command_prints_answer_and_proof(
-    semantic_map: SemanticMap, path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    semantic_map.close()
+    path = tmp_path / "status.map"
+    with create_map(path) as made:
+        furnished(made)
     assert main(["status", str(path), "cup"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("cup: present. ")

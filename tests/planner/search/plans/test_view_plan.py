@@ -30,8 +30,9 @@ from tests.planner.flat import fill, thing
 DAY = 86400.0
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def flat() -> SemanticMap:
+    """A flat that no test changes."""
     return fill(in_memory_map(title="flat"))
 
 
@@ -177,7 +178,8 @@ def test_all_of_several_targets_are_wanted_until_each_is_found(flat: SemanticMap
     assert (state.left, state.next_view(state.robot_state((6.0, 1.0)))) == (0.0, None)
 
 
-def test_needs_are_met_by_what_is_used_for_them(flat: SemanticMap) -> None:
+def test_needs_are_met_by_what_is_used_for_them() -> None:
+    flat = fill(in_memory_map())
     needs = {
         "something to drink from": {"bottle", "wine glass", "cup"},
         "Anything to sit on": {"chair", "couch", "bench", "bed", "toilet"},
