@@ -64,7 +64,6 @@ WALKS: Final = {
         "kg.serving.workers.pool",
         "kg.serving.workers.admission",
         "kg.store.snapshots",
-        "kg.serving.workers.worker_set",
         "kg.serving.workers.process",
         "kg.serving.workers.evaluation.evaluator",
         "kg.serving.workers.isolation.confinement",

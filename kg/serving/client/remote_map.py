@@ -65,10 +65,11 @@ class RemoteMap(SemanticMap):
         categories = StoredCatalogue(lambda: store.engine)
         super().__init__(store, identity(store), categories)
         self._served = served
+        served.check_writable = store.check_writable
         self.history = RemoteHistory(served)
         self.ontology = RemoteOntology(store, served, categories)
-        self.assertions = RemoteAssertions(store, served)
-        self.rooms = RemoteRooms(store, served)
+        self.assertions = RemoteAssertions(served)
+        self.rooms = RemoteRooms(served)
         self.subscriptions = RemoteSubscriptions(self, served)
 
     @classmethod
@@ -113,7 +114,6 @@ class RemoteMap(SemanticMap):
         self, sparql: str, *, by: str | None = None, confirmed: bool = False
     ) -> ChangeSet | None:
         """Apply a SPARQL 1.1 Update through the server, as the holder of the token."""
-        self.store.check_writable()
         return self._served.update(sparql, confirmed=confirmed)
 
     def describe(
@@ -143,7 +143,6 @@ class RemoteMap(SemanticMap):
         dry_run: bool = False,
     ) -> Restored:
         """Restore a past state through the server, as the holder of the token."""
-        self.store.check_writable()
         wanted = {"to": text_of(when), "only": list(only), "dry_run": dry_run}
         return self._served.post(restored_from_json, "restore", wanted, confirmed=confirmed)
 
@@ -157,7 +156,6 @@ class RemoteMap(SemanticMap):
         Raises ConflictError, with nothing written, if others changed the same things since the last
         `subscriptions.catch_up`. The caller then has to read them again.
         """
-        self.store.check_writable()
         with self.subscriptions.writing() as (known_sequence, own, written):
             change = self._served.post(
                 change_of_reply,
@@ -175,7 +173,6 @@ class RemoteMap(SemanticMap):
 
     def new_object_iri(self) -> str:
         """``<base>object/N`` with a number no object of the map has had or will have."""
-        self.store.check_writable()
         return self._served.post(lambda data: NamedNode(data["iri"]).value, "numbers", {})
 
     def close(self) -> None:
@@ -260,7 +257,6 @@ class RemoteOntology:
 
     def learn(self, labels: Iterable[str], kind: str, *, model: str) -> dict[str, str]:
         """A category for each label of a network, found or added by the server."""
-        self._store.check_writable()
         wanted = {"labels": [*labels], "kind": kind, "model": model}
         found = self._served.post(_categories, "labels", wanted)
         if any(self._categories().by_iri(iri) is None for iri in found.values()):
@@ -282,8 +278,8 @@ class RemoteOntology:
 class RemoteAssertions:
     """Assertions in a served map, made and retracted by the holder of the token."""
 
-    def __init__(self, store: TransactionalStore, served: ServedClient) -> None:
-        self._store, self._served = store, served
+    def __init__(self, served: ServedClient) -> None:
+        self._served = served
 
     def all(self, iri: str | None = None) -> tuple[Assertion, ...]:
         """Assertions, with the perceived values; of one thing or of all."""
@@ -296,26 +292,23 @@ class RemoteAssertions:
 
     def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
         """Assert a property, by the holder of the token; `by` is ignored."""
-        self._store.check_writable()
         given = value if isinstance(value, str) else _plain(value)
         content = {"thing": iri, "property": prop, "value": given}
         return self._served.post(change_of_reply, "assertions", content)
 
     def retract(self, iri: str, prop: str, *, by: str | None = None) -> ChangeSet | None:
         """Retract an assertion, by the holder of the token; `by` is ignored."""
-        self._store.check_writable()
         return self._served.delete("assertions", iri=iri, property=prop)
 
 
 class RemoteRooms:
     """Edits of the rooms of a served map, by the holder of the token."""
 
-    def __init__(self, store: TransactionalStore, served: ServedClient) -> None:
-        self._store, self._served = store, served
+    def __init__(self, served: ServedClient) -> None:
+        self._served = served
 
     def edit(self, edit: RoomEdit, *, by: str = "") -> ChangeSet | None:
         """Apply an edit, by the holder of the token; `by` is ignored."""
-        self._store.check_writable()
         return self._served.post(change_of_reply, "rooms", asdict(edit))
 
 

@@ -55,13 +55,15 @@ T = TypeVar("T")
 class ServedClient:
     """Client of the server at `root`; writes with the token in the environment.
 
-    Methods raise RemoteError, and for a refusal the error that the server names.
+    Methods raise RemoteError, and for a refusal the error that the server names. Those that write
+    first call `check_writable`.
     """
 
     def __init__(self, root: str) -> None:
         self.root = root.rstrip("/")
         self.where = without_secrets(root)
         self._http = HttpSession(root)
+        self.check_writable: Callable[[], None] = lambda: None
 
     @classmethod
     def at(cls, root: str) -> ServedClient | None:
@@ -105,16 +107,19 @@ class ServedClient:
         self, decode: Callable[[Any], T], path: str, content: Json, *, confirmed: bool = False
     ) -> T:
         """The reply to JSON, by the holder of the token; a large deletion has to be `confirmed`."""
+        self.check_writable()
         headers = {"Content-Type": _JSON, **_WHOLE, **_confirmation(confirmed)}
         body = json.dumps(content, ensure_ascii=False)
         return self._decoded(decode, "POST", path, data=body, headers=headers)
 
     def delete(self, path: str, **params: str) -> ChangeSet | None:
         """The transaction of a DELETE request."""
+        self.check_writable()
         return self._decoded(change_of_reply, "DELETE", path, params, headers=_WHOLE)
 
     def update(self, sparql: str, *, confirmed: bool = False) -> ChangeSet | None:
         """Apply a SPARQL update; a large deletion has to be `confirmed`."""
+        self.check_writable()
         headers = {"Content-Type": _UPDATE, **_WHOLE, **_confirmation(confirmed)}
         return self._decoded(change_of_reply, "POST", "sparql", data=sparql, headers=headers)
 

@@ -53,22 +53,20 @@ def reload(
     with IsolatedParser() as parse:
         ontology = load_with_imports(source, parse)
     whole = whole or source.is_dir()
-    if is_url(address) and not (
-        dry or reason or (ontology.files[0].parent / SHAPES_FILE).is_file()
-    ):
-        served = ServedClient.at(address)
-        if served is not None:  # it validates what it is sent, which takes seconds
-            with contextlib.closing(served):
-                return _put(served, ontology, whole)
-    warnings = tuple(check_valid(ontology, reason=reason))
+    served = ServedClient.at(address) if is_url(address) and not dry else None
+    with contextlib.nullcontext() if served is None else contextlib.closing(served):
+        has_shapes = (ontology.files[0].parent / SHAPES_FILE).is_file()
+        if served is not None and not (reason or has_shapes):
+            return _put(
+                served, ontology, whole
+            )  # it validates what it is sent, which takes seconds
+        warnings = tuple(check_valid(ontology, reason=reason))
+        if served is not None:
+            return _put(served, ontology, whole)
     if dry:
         present = ontology_of_map(address)
         check_complete(present.quads, ontology.quads, whole=whole)
         return Reloaded(tuple(changes(present.quads, ontology.quads)), warnings=warnings)
-    served = ServedClient.at(address) if is_url(address) else None
-    if served is not None:
-        with contextlib.closing(served):
-            return _put(served, ontology, whole)
     with open_map(address) as semantic_map:
         taken = semantic_map.ontology.replace(ontology.quads, by=by, whole=whole)
         commit, sequence = taken.commit, semantic_map.sequence

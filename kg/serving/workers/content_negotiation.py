@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from kg.model.errors import NotAcceptableError
-
-Form = Literal["select", "ask", "construct", "describe"]
 
 #: Media types of several formats: JSON-LD or results in JSON, RDF/XML or results in XML.
 ALIASES = ("application/json", "application/xml", "text/xml")
@@ -31,18 +27,12 @@ GRAPH_TYPES = (
 )
 
 
-def choose_format(accept: str | None, form: Form) -> str:
-    """The media type for the answer to a query of a form, by the q-values of an Accept header.
-
-    The most specific matching range gives the quality of a type; of equal types the first is taken.
-    Raises NotAcceptableError if no type is acceptable.
-    """
-    offered = RESULT_TYPES if form in ("select", "ask") else GRAPH_TYPES
-    return negotiate(accept, offered)
-
-
 def negotiate(accept: str | None, offered: tuple[str, ...]) -> str:
-    """The best of the media types offered, in order of preference, for an Accept header."""
+    """The best of the media types offered, in order of preference, for an Accept header.
+
+    The most specific matching range gives the quality of a type (its q-value); of equal types the
+    first is taken. Raises NotAcceptableError if no type is acceptable.
+    """
     ranges = _ranges(accept or "")
     if not ranges:
         return offered[0]

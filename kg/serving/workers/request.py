@@ -10,7 +10,7 @@ from typing import Any, TypedDict, Unpack
 from kg.model.errors import NotAcceptableError, QueryError
 from kg.rdf.sparql.vetting import check_length, check_unicode
 from kg.serving.workers.admission import Lane
-from kg.serving.workers.content_negotiation import Form, choose_format
+from kg.serving.workers.content_negotiation import GRAPH_TYPES, RESULT_TYPES, negotiate
 from kg.serving.workers.process import WorkerProcess
 
 
@@ -101,9 +101,9 @@ def query_call(sparql: str, **options: Unpack[QueryOptions]) -> WorkerCall:
     for text in (sparql, *default, *named):
         check_unicode(text)
     accept = options.get("accept")
-    result_type, graph_type = _acceptable(accept, "select"), _acceptable(accept, "construct")
+    result_type, graph_type = _acceptable(accept, RESULT_TYPES), _acceptable(accept, GRAPH_TYPES)
     if result_type is None and graph_type is None:
-        choose_format(accept, "select")
+        negotiate(accept, RESULT_TYPES)
     body = {
         "sparql": sparql,
         "base_iri": options.get("base"),
@@ -123,8 +123,8 @@ def query_call(sparql: str, **options: Unpack[QueryOptions]) -> WorkerCall:
     )
 
 
-def _acceptable(accept: str | None, form: Form) -> str | None:
+def _acceptable(accept: str | None, offered: tuple[str, ...]) -> str | None:
     try:
-        return choose_format(accept, form)
+        return negotiate(accept, offered)
     except NotAcceptableError:
         return None

@@ -25,7 +25,7 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.change_broadcast import ChangeBroadcast, Queue
 from kg.serving.server.http.bodies import JSON, number_in, query_parameters
 from kg.serving.server.http.event_stream import EventStream, event
-from kg.serving.server.http.media_types import EVENTS, SOLUTIONS, accept_of
+from kg.serving.server.http.media_types import EVENTS, SOLUTIONS, negotiated
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
@@ -40,7 +40,7 @@ async def changes(serving: AppState, request: Request) -> ASGIApp:
 
     Raises Problem: 410 if they are not kept, 503 if there are too many followers.
     """
-    kind = negotiate(accept_of(request, query_parameters(request)), (EVENTS, JSON))
+    kind = negotiated(request, (EVENTS, JSON))
     since = _since(request)
     feed = serving.feed
     if kind == JSON:

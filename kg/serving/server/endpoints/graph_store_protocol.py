@@ -158,7 +158,7 @@ async def dump(serving: AppState, request: Request) -> ASGIApp:
 
 
 async def _read(serving: AppState, request: Request, graph: NamedNode | None) -> Response:
-    media_type = negotiated(request, bodies.query_parameters(request), _TYPES)
+    media_type = negotiated(request, _TYPES)
     form = cast(RdfFormat, RdfFormat.from_media_type(media_type))
     if graph is not None and not _has(serving, graph):
         raise _unknown(graph)

@@ -199,7 +199,7 @@ async def assertions(serving: AppState, request: Request) -> Response:
 
 async def _list(serving: AppState, request: Request) -> Response:
     given = query_parameters(request)
-    media_type = negotiated(request, given, (JSON, *GRAPH_TYPES))
+    media_type = negotiated(request, (JSON, *GRAPH_TYPES))
     iri, conflicts = given.one("iri"), given.flag("conflicts")
     if iri is not None:
         iri = full_iri(serving.semantic_map.base, serving.semantic_map.resolve("iri", iri))

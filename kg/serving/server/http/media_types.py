@@ -11,7 +11,7 @@ from starlette.requests import Request
 
 from kg.export.serialization import serialised
 from kg.rdf.standard_terms import to_jsonld
-from kg.serving.server.http.bodies import RequestParameters
+from kg.serving.server.http.bodies import RequestParameters, query_parameters
 from kg.serving.server.http.problems import Problem
 from kg.serving.workers.content_negotiation import GRAPH_TYPES, negotiate
 
@@ -69,11 +69,9 @@ def _types_of(name: str) -> Iterable[str]:
     return (part.replace(" ", "+") for part in parts if part)
 
 
-def negotiated(
-    request: Request, given: RequestParameters, offered: tuple[str, ...] = (*GRAPH_TYPES, HTML)
-) -> str:
+def negotiated(request: Request, offered: tuple[str, ...] = (*GRAPH_TYPES, HTML)) -> str:
     """The media type of a document, of those offered; raises NotAcceptableError, or as above."""
-    return negotiate(accept_of(request, given), offered)
+    return negotiate(accept_of(request, query_parameters(request)), offered)
 
 
 def document(triples: Iterable[Triple], media_type: str, prefixes: dict[str, str]) -> bytes:

@@ -16,7 +16,6 @@ from kg.maps.query.query_files import find_query
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.serving.server.app_state import AppState
-from kg.serving.server.http.bodies import query_parameters
 from kg.serving.server.http.media_types import HTML, SOLUTIONS, document, negotiated
 from kg.serving.server.moments import at_moment, present_of
 from kg.serving.workers.content_negotiation import GRAPH_TYPES
@@ -27,7 +26,7 @@ _THE_MAP = NamedNode("https://w3id.org/hereabouts/the-map")  # placeholder for t
 
 async def service_description(serving: AppState, request: Request) -> Response:
     """The endpoint as a SPARQL 1.1 Service Description; browsers are sent to the front page."""
-    media_type = negotiated(request, query_parameters(request))
+    media_type = negotiated(request)
     if media_type == HTML:
         return RedirectResponse("/#ask", status_code=303, headers={"Vary": "Accept"})
     root = str(request.base_url)
@@ -41,7 +40,7 @@ async def service_description(serving: AppState, request: Request) -> Response:
 
 async def dataset_description(serving: AppState, request: Request) -> Response:
     """The map as a VoID and DCAT dataset: metadata, counts and downloads."""
-    media_type = negotiated(request, query_parameters(request), GRAPH_TYPES)
+    media_type = negotiated(request, GRAPH_TYPES)
     moment, root = present_of(serving, request), str(request.base_url)
     describe = partial(_described, serving, media_type, root, moment.sequence)
 

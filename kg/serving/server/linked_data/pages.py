@@ -18,7 +18,6 @@ from starlette.responses import Response
 from kg.model import vocabulary as v
 from kg.rdf.literals import shown
 from kg.serving.server.app_state import AppState
-from kg.serving.server.http.bodies import query_parameters
 from kg.serving.server.http.media_types import HTML, negotiated
 from kg.serving.server.http.request_checks import is_admitted, private_map
 from kg.serving.server.linked_data.description import dataset_description
@@ -189,7 +188,7 @@ _UNKNOWN = MapHead(title="a private map", base="", sequence=0, private=True)
 
 async def root_page(serving: AppState, request: Request) -> Response:
     """The page, or VoID and DCAT if the client accepts RDF."""
-    media_type = negotiated(request, query_parameters(request))
+    media_type = negotiated(request)
     if media_type != HTML:
         if not is_admitted(serving.settings, request.headers):
             raise private_map()

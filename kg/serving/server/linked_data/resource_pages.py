@@ -52,7 +52,7 @@ async def skolem(serving: AppState, request: Request) -> Response:
 
 
 async def _answer(serving: AppState, request: Request, iri: str) -> Response:
-    media_type = negotiated(request, bodies.query_parameters(request))
+    media_type = negotiated(request)
     then = await memento(serving, request, iri)
     if then is not None:
         thing, headers = then

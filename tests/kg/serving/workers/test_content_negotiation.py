@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from kg.model.errors import NotAcceptableError
-from kg.serving.workers.content_negotiation import GRAPH_TYPES, RESULT_TYPES, choose_format
+from kg.serving.workers.content_negotiation import GRAPH_TYPES, RESULT_TYPES, negotiate
 
 JSON, XML = RESULT_TYPES[:2]
 
@@ -31,20 +31,20 @@ JSON, XML = RESULT_TYPES[:2]
     ],
 )
 def test_tables(accept: str | None, chosen: str) -> None:
-    assert choose_format(accept, "select") == chosen
+    assert negotiate(accept, RESULT_TYPES) == chosen
 
 
 def test_triples_prefer_turtle_and_offer_what_tables_cannot() -> None:
-    assert choose_format("*/*", "construct") == "text/turtle"
-    assert choose_format("application/ld+json", "describe") == "application/ld+json"
+    assert negotiate("*/*", GRAPH_TYPES) == "text/turtle"
+    assert negotiate("application/ld+json", GRAPH_TYPES) == "application/ld+json"
     with pytest.raises(NotAcceptableError, match="text/turtle"):
-        choose_format("text/csv", "construct")
+        negotiate("text/csv", GRAPH_TYPES)
 
 
 @given(st.text(max_size=60))
 def test_no_header_breaks_it(accept: str) -> None:
     try:
-        chosen = choose_format(accept, "ask")
+        chosen = negotiate(accept, RESULT_TYPES)
     except NotAcceptableError:
         return
     assert chosen in RESULT_TYPES
@@ -53,4 +53,4 @@ def test_no_header_breaks_it(accept: str) -> None:
 @given(st.permutations(GRAPH_TYPES[:4]))
 def test_the_highest_quality_wins_in_any_order(types: list[str]) -> None:
     accept = ", ".join(f"{name};q={0.9 - 0.2 * rank:.1f}" for rank, name in enumerate(types))
-    assert choose_format(accept, "construct") == types[0]
+    assert negotiate(accept, GRAPH_TYPES) == types[0]
