@@ -99,7 +99,6 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         objects=ObjectSettings() if threshold is None else ObjectSettings(min_score=threshold),
         reference=ReferenceSettings(
             min_score=threshold or _REFERENCE_THRESHOLD,
-            estimator=arguments.estimator,
             unknown_labels=arguments.unknown_labels,
             places_from_objects=bayes if weighs_objects is None else weighs_objects,
         ),
@@ -163,12 +162,6 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         choices=MODES,
         default=MODES[0],
         help="mapping rules: bayes (default), or reference: the rules of the thesis",
-    )
-    group.add_argument(
-        "--estimator",
-        choices=("fd", "scott", "doane"),
-        default="fd",
-        help="histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)",
     )
     group.add_argument(
         "--places-from-objects",
