@@ -243,7 +243,6 @@ _MAPPING_ARGUMENTS = """
                         floor; one: a single place around the viewed area (default: found; one in
                         reference mode and with --no-floor)
 --mode                  mapping rules: bayes (default), or reference: the rules of the thesis
---estimator             histogram bins: Freedman-Diaconis, Scott or Doane (default: fd)
 --places-from-objects   infer the kind of a place also from its objects and from how frequent each
                         kind of room is (default: yes; no in reference mode)
 --floor                 map free floor, walls and furniture from depth (default: yes)
@@ -265,7 +264,6 @@ def add_mapping_arguments(parser: argparse.ArgumentParser) -> None:
         _MAPPING_ARGUMENTS,
         unknown_labels={"choices": ("provisional", "ignore"), "default": "provisional"},
         mode={"choices": MODES, "default": MODES[0]},
-        estimator={"choices": ("fd", "scott", "doane"), "default": "fd"},
         places_from_objects={"action": argparse.BooleanOptionalAction},
         floor={"action": argparse.BooleanOptionalAction, "default": True},
         surface={"type": _voxel_side, "default": DEFAULT_SURFACE},

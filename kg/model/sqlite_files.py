@@ -48,10 +48,11 @@ def connect(
         return _reader(path, live, isolation_level)
     file = _connection(str(path), path, isolation_level)
     try:
-        file.execute(f"PRAGMA page_size = {page_size}")
-        file.execute("PRAGMA auto_vacuum = FULL" if auto_vacuum else "PRAGMA auto_vacuum = NONE")
         if file.execute("PRAGMA journal_mode").fetchone() != ("wal",):
-            file.execute("PRAGMA journal_mode = MEMORY")  # a kill leaves no journal beside it
+            # first, since auto_vacuum writes: a kill leaves no journal beside the file
+            file.execute("PRAGMA journal_mode = MEMORY")
+            file.execute(f"PRAGMA page_size = {page_size}")
+            file.execute(f"PRAGMA auto_vacuum = {'FULL' if auto_vacuum else 'NONE'}")
             file.execute("PRAGMA journal_mode = WAL")
         file.execute("PRAGMA synchronous = NORMAL")
     except BaseException:

@@ -9,6 +9,7 @@ thesis' predictions of person and chair ended up.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
@@ -20,8 +21,8 @@ from numpy.typing import NDArray
 from lab.recordings.simulated_recording import KINECT, StructuredLightSensor
 from lab.thesis.scenarios import DATA, rows_of
 from mapping.frames.projection import to_map
-from mapping.reference.depth_histogram import localise
-from mapping.reference.settings import Estimator, ReferenceSettings
+from mapping.reference.depth_histogram import freedman_diaconis, localise
+from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
 from planner.simulation.houses.house import Item, Solid, SolidPart
 from planner.simulation.sensing.camera import CameraModel
@@ -29,7 +30,24 @@ from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 
 Floats = NDArray[np.float64]
 
-ESTIMATORS: Final[tuple[Estimator, ...]] = ("fd", "scott", "doane")
+
+def scott(depths: Floats) -> float:
+    """Histogram bin width [m] for `depths` (n,) by the rule of [57], as numpy's."""
+    return math.cbrt(24 * math.sqrt(math.pi) / len(depths)) * float(np.std(depths))
+
+
+def doane(depths: Floats) -> float:
+    """Histogram bin width [m] for `depths` (n,) by the rule of [58], as numpy's; 0 = one bin."""
+    n, sigma = len(depths), float(np.std(depths))
+    if n < 3 or sigma == 0:
+        return 0.0
+    spread = math.sqrt(6 * (n - 2) / ((n + 1) * (n + 3)))
+    skewness = abs(float(np.mean(((depths - np.mean(depths)) / sigma) ** 3)))
+    bins = 1 + math.log2(n) + math.log2(1 + skewness / spread)
+    return float(np.ptp(depths)) / bins
+
+
+ESTIMATORS: Final = {"fd": freedman_diaconis, "scott": scott, "doane": doane}
 NAMES: Final = {"fd": "Freedman-Diaconis", "scott": "Scott", "doane": "Doane"}
 MARGINS: Final = (0.0, 0.1, 0.2, 0.3, 0.4)  # by which each side of a box is too wide, as a share
 TIGHT: Final = 0.1  # margin of scenario 1; that of scenario 2 is the first with which both fail
@@ -99,8 +117,8 @@ def localisation_errors(
         frame = Frame(str(seed), rgb, measured, _CAMERA.K, T_map_cam, 0.0)
         for number, one in enumerate(objects):
             box = _box(owner == number, margin)
-            for estimator in ESTIMATORS:
-                p_cam = localise(frame, box, ReferenceSettings(estimator=estimator))
+            for estimator, width in ESTIMATORS.items():
+                p_cam = localise(frame, box, ReferenceSettings(), bin_width=width)
                 assert p_cam is not None  # every box holds the object
                 p_link = to_map(T_map_cam, p_cam) - np.array([0, 0, _HEIGHT])
                 error = float(np.linalg.norm(p_link - one.position))

@@ -3,42 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from mapping.frames.projection import back_project
-from mapping.reference.settings import Estimator, ReferenceSettings
+from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame, box_pixels
 
 Points = NDArray[np.float64]
 
 
-def bin_width(depths: Points, estimator: Estimator) -> float:
-    """Histogram bin width [m] for `depths` (n,) by the rules of [56], [57], [58]; 0 = one bin.
+def freedman_diaconis(depths: Points) -> float:
+    """Histogram bin width [m] for `depths` (n,) by the rule of [56]; 0 = one bin.
 
-    The same widths as `numpy.histogram_bin_edges`, which would allocate every bin they ask for.
+    The same width as `numpy.histogram_bin_edges`, which would allocate every bin it asks for.
     """
-    n = len(depths)
-    if estimator == "fd":
-        low, high = np.percentile(depths, [25, 75])
-        return 2 * float(high - low) / math.cbrt(n)
-    sigma = float(np.std(depths))
-    if estimator == "scott":
-        return math.cbrt(24 * math.sqrt(math.pi) / n) * sigma
-    if n < 3 or sigma == 0:
-        return 0.0
-    spread = math.sqrt(6 * (n - 2) / ((n + 1) * (n + 3)))
-    skewness = abs(float(np.mean(((depths - np.mean(depths)) / sigma) ** 3)))
-    bins = 1 + math.log2(n) + math.log2(1 + skewness / spread)
-    return float(np.ptp(depths)) / bins
+    low, high = np.percentile(depths, [25, 75])
+    return 2 * float(high - low) / math.cbrt(len(depths))
 
 
-def fullest_bin(depths: Points, estimator: Estimator, max_bins: int) -> NDArray[np.bool_]:
+def fullest_bin(depths: Points, width: float, max_bins: int) -> NDArray[np.bool_]:
     """Mode of the histogram: mask (n,) of `depths` in the fullest bin, the nearest on a tie."""
     low, extent = float(np.min(depths)), float(np.ptp(depths))
-    width = bin_width(depths, estimator)
     bins = min(math.ceil(min(extent / width, max_bins)), max_bins) if width > 0 else 1
     if bins < 2:
         return np.ones(len(depths), dtype=bool)
@@ -74,6 +63,7 @@ def localise(
     box: NDArray[np.floating],
     settings: ReferenceSettings,
     mask: NDArray[np.bool_] | None = None,
+    bin_width: Callable[[Points], float] = freedman_diaconis,
 ) -> Points | None:
     """Object centre in the camera frame, (3,) [m]: mean of the points of the fullest bin.
 
@@ -89,6 +79,6 @@ def localise(
     if not len(rows):
         return None
     depths = patch[rows, columns].astype(np.float64)
-    kept = fullest_bin(depths, settings.estimator, settings.max_bins)
+    kept = fullest_bin(depths, bin_width(depths), settings.max_bins)
     points = back_project(rows[kept] + top, columns[kept] + left, depths[kept], frame.K)
     return np.asarray(points.mean(axis=0), dtype=np.float64)

@@ -7,15 +7,10 @@ Where the thesis' text and its published code disagree the text counts, except f
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
-Estimator = Literal["fd", "scott", "doane"]
 UnknownLabels = Literal["ignore", "provisional"]
 
-_CHOICES: Final = {
-    "estimator": ("fd", "scott", "doane"),
-    "unknown_labels": ("ignore", "provisional"),
-}
 _SHARES: Final = (
     *("purity", "max_unknown_view", "min_score"),
     *("least_scene", "scene_trust", "objects_weight"),
@@ -30,7 +25,6 @@ class ReferenceSettings:
     """
 
     # localisation, section 3.3.1
-    estimator: Estimator = "fd"  # histogram bins: Freedman-Diaconis, Scott, Doane
     max_bins: int = 1000  # ours: a narrow peak in a wide range would need millions
     min_score: float = 0.0  # detections below are ignored; the detector has its own threshold
 
@@ -85,8 +79,6 @@ class ReferenceSettings:
                 raise ValueError(f"{name} must lie in 0..1, got {getattr(self, name)}")
         if not 0 < self.min_depth < self.max_depth:
             raise ValueError(f"depth range {self.min_depth}..{self.max_depth} m is empty")
-        for name, choices in _CHOICES.items():
-            if getattr(self, name) not in choices:
-                given = getattr(self, name)
-                listed = " or ".join((", ".join(choices[:-1]), choices[-1]))
-                raise ValueError(f"{name} must be {listed}, got {given!r}")
+        if self.unknown_labels not in get_args(UnknownLabels):
+            choices = " or ".join(get_args(UnknownLabels))
+            raise ValueError(f"unknown_labels must be {choices}, got {self.unknown_labels!r}")

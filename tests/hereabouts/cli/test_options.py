@@ -28,7 +28,6 @@ MAPPING: dict[str, tuple[list[str], str, Any]] = {
     "--labels-map": (["labels.csv"], "mapping.labels.names", {"mug": "cup"}),
     "--unknown-labels": (["ignore"], "mapping.reference.unknown_labels", "ignore"),
     "--places": (["places.csv"], "mapping.layout.places.0.label", "hall"),
-    "--estimator": (["scott"], "mapping.reference.estimator", "scott"),
     "--places-from-objects": ([], "mapping.reference.places_from_objects", True),
     "--no-places-from-objects": ([], "mapping.reference.places_from_objects", False),
     "--floor": ([], "mapping.occupancy", True),

@@ -91,16 +91,6 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object
     return found
 
 
-def test_a_run_that_is_restarted_makes_the_same_map(
-    tmp_path: Path, uninterrupted: list[tuple[object, ...]]
-) -> None:
-    create_map(tmp_path / "a.map").close()
-    for until in (7, 23, 24, FRAMES):
-        with open_map(tmp_path / "a.map") as semantic_map:
-            go_on(semantic_map, until)
-    assert objects(tmp_path / "a.map") == uninterrupted
-
-
 def test_a_run_that_is_killed_makes_the_same_map(
     tmp_path: Path, uninterrupted: list[tuple[object, ...]]
 ) -> None:

@@ -9,7 +9,7 @@ def test_defaults_are_the_thesis_own():
     s = ReferenceSettings()
     assert (s.kappa, s.phi, s.nu, s.xi) == (0.75, 0.8, 3.0, 0.45)
     assert (s.min_depth, s.max_depth, s.occlusion_window) == (0.8, 4.6, 10)
-    assert (s.purity, s.history_length, s.estimator) == (0.75, 50, "fd")
+    assert (s.purity, s.history_length) == (0.75, 50)
 
 
 @pytest.mark.parametrize(
@@ -21,7 +21,7 @@ def test_defaults_are_the_thesis_own():
         {"purity": 1.5},
         {"min_depth": 5.0},
         {"stride": 0},
-        {"estimator": "sturges"},
+        {"unknown_labels": "guess"},
     ],
 )
 def test_values_that_cannot_work_are_refused(wrong):

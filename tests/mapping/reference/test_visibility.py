@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from kg.model.errors import ModelError
+from lab.thesis.localisation import ESTIMATORS
 from mapping.frames.projection import project, to_camera, to_map
-from mapping.reference.depth_histogram import bin_width, fullest_bin, localise
+from mapping.reference.depth_histogram import freedman_diaconis, fullest_bin, localise
 from mapping.reference.object_update import in_field_of_view, missed, occluded, window
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import box_pixels
@@ -116,9 +117,9 @@ def test_box_without_depth_gives_no_position(make_frame):
     assert localise(make_frame(0.0), np.array([5, 5, 20, 20]), ReferenceSettings()) is None
 
 
-@given(DEPTHS, st.sampled_from(["fd", "scott", "doane"]))
+@given(DEPTHS, st.sampled_from([*ESTIMATORS]))
 def test_bins_are_numpys(depths, estimator):
-    width = bin_width(depths, estimator)
+    width = ESTIMATORS[estimator](depths)
     extent = np.ptp(depths)
     ours = int(np.ceil(extent / width)) if width > 0 and extent > 0 else 1
     if ours > 5000:
@@ -127,9 +128,9 @@ def test_bins_are_numpys(depths, estimator):
     assert abs(ours - theirs) <= 1  # a last rounding may tip the ceiling
 
 
-@given(DEPTHS, st.sampled_from(["fd", "scott", "doane"]))
-def test_fullest_bin_is_a_depth_interval_and_no_other_bin_is_fuller(depths, estimator):
-    kept = fullest_bin(depths, estimator, 1000)
+@given(DEPTHS)
+def test_fullest_bin_is_a_depth_interval_and_no_other_bin_is_fuller(depths):
+    kept = fullest_bin(depths, freedman_diaconis(depths), 1000)
     inside = depths[kept]
     assert len(inside) > 0
     others = depths[~kept]
@@ -139,7 +140,7 @@ def test_fullest_bin_is_a_depth_interval_and_no_other_bin_is_fuller(depths, esti
 
 def test_hardly_any_spread_inside_a_wide_range_does_not_ask_for_millions_of_bins():
     depths = np.concatenate([np.linspace(2, 2 + 1e-9, 1000), [0.5, 9.0]])
-    kept = fullest_bin(depths, "fd", 1000)
+    kept = fullest_bin(depths, freedman_diaconis(depths), 1000)
     assert kept[:1000].all() and not kept[1000:].any()
 
 

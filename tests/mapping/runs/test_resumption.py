@@ -34,7 +34,7 @@ def test_a_recording_that_has_grown_goes_on_where_it_stood(tmp_path, shared):
     with create_map(tmp_path / "kitchen.map") as semantic_map:
         first = open_recording(part_of(whole, folder, 3))
         map_recording(first, semantic_map, detector)
-        grown = open_recording(part_of(whole, folder, 200))
+        grown = open_recording(part_of(whole, folder, 60))
         assert not np.allclose(grown.T_map_world, first.T_map_world, atol=1e-3)
         stood = resumed(grown, semantic_map)
         assert np.array_equal(stood.T_map_world, first.T_map_world)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ NOBODY = np.empty((0, 4), np.float32)
 EYES = ((-0.8, -1.7, 1.6), (-0.3, -1.8, 1.7), (0.2, -1.8, 1.6), (0.7, -1.7, 1.7))
 
 
+@functools.cache
 def view(number: int, *solids: Solid, noise: float = 0.001) -> Frame:
     """What a camera in the eye of that number sees of `solids`, looking at the table."""
     eye = np.array(EYES[number])
