@@ -1,30 +1,18 @@
 """Answers of the tools: typed, and with a mark on every text of the map.
 
 Fields named ``untrusted_...`` hold what people, detectors or other programs wrote. Their types
-escape and cut it (`hereabouts.agents.untrusted_text`), whoever fills them.
+escape and cut it (`hereabouts.agents.plain_values`), whoever fills them. A `validation_alias` is
+the attribute of the planner's record that a field is read from.
 `hereabouts.agents.lean_tool` writes an answer without empty fields, and cuts it.
 """
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from hereabouts.agents.untrusted_text import ADDRESS, LABEL, SENTENCE, escaped
-from kg.history.timestamps import iso
-
-
-def clock(seconds: float) -> str:
-    """A time [s since 1970] as ISO 8601 in UTC, to the second."""
-    return iso(seconds).partition(".")[0] + "Z"
-
-
-def time_or_none(value: object) -> str | None:
-    """A time as ISO 8601 in UTC, to the second; None for other values."""
-    return clock(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
-
+from hereabouts.agents.plain_values import ADDRESS, LABEL, SENTENCE, escaped, time_or_none
 
 Label = Annotated[str, BeforeValidator(lambda v: escaped(v, LABEL))]
 Sentence = Annotated[str, BeforeValidator(lambda v: escaped(v, SENTENCE))]
@@ -36,12 +24,11 @@ Cell = Annotated[
 Metres = Annotated[float, BeforeValidator(lambda v: round(float(v), 2))]
 Share = Annotated[float, BeforeValidator(lambda v: round(float(v), 3))]  # 0..1
 Time = Annotated[str | None, BeforeValidator(time_or_none)]
+Reasons = Annotated[list[Sentence], BeforeValidator(lambda v: v[:3])]  # the weightiest
 StatusValue = Literal["present", "gone", "looked, none seen", "hidden", "never looked"]
 
 
 class _Record(BaseModel):
-    """A part of an answer; `validation_alias` is our attribute that a field is read from."""
-
     model_config = ConfigDict(
         frozen=True, from_attributes=True, validate_by_alias=True, validate_by_name=True
     )
@@ -319,9 +306,7 @@ class ProposedLook(_Record):
     probability: Share  # that it shows a wanted object
     seconds: Metres
     left_if_in_vain: Share = Field(validation_alias="left")  # that it is still there
-    untrusted_reasons: Annotated[list[Sentence], BeforeValidator(lambda v: v[:3])] = Field(
-        validation_alias="why"
-    )
+    untrusted_reasons: Reasons = Field(validation_alias="why")
 
 
 class FoundThing(_Record):

@@ -10,9 +10,9 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 
 from hereabouts.agents import answers as a
-from hereabouts.agents.answers import clock
 from hereabouts.agents.list_tools import Limit, Skip, ThingName
 from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.plain_values import clock
 from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
 from kg.history.timestamps import instant
 from kg.model.records import Assertion

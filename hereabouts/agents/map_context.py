@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from hereabouts.agents.answers import MapState, clock
+from hereabouts.agents.answers import MapState
+from hereabouts.agents.plain_values import clock
 from kg.history.timestamps import instant
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row

@@ -11,10 +11,9 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from hereabouts.agents import answers as a
-from hereabouts.agents.answers import clock, time_or_none
 from hereabouts.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
 from hereabouts.agents.map_context import MapContext, state_of
-from hereabouts.agents.untrusted_text import for_agents
+from hereabouts.agents.plain_values import clock, for_agents, time_or_none
 from kg.maps.semantic_map import SemanticMap
 from kg.model.place_names import plain_place
 from kg.model.records import PlaceRecord, likeliest

@@ -22,7 +22,7 @@ from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Limit, Metres, Skip, Word
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.map_tools import known_thing
-from hereabouts.agents.untrusted_text import LABEL, escaped, for_agents
+from hereabouts.agents.plain_values import LABEL, escaped, for_agents
 from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import PoolBusyError, QueryParameterError, UnknownCategoryError
