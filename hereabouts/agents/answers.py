@@ -1,7 +1,8 @@
 """Answers of the tools: typed, and with a mark on every text of the map.
 
 Fields named ``untrusted_...`` hold what people, detectors or other programs wrote. Their types
-escape and cut it (`hereabouts.agents.untrusted_text`), whoever fills them.
+escape and cut it (`hereabouts.agents.plain_values`), whoever fills them. A `validation_alias` is
+the attribute of the planner's record that a field is read from.
 `hereabouts.agents.lean_tool` writes an answer without empty fields, and cuts it.
 """
 
@@ -11,7 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from hereabouts.agents.untrusted_text import ADDRESS, LABEL, SENTENCE, escaped
+from hereabouts.agents.plain_values import ADDRESS, LABEL, SENTENCE, escaped, time_or_none
 
 Label = Annotated[str, BeforeValidator(lambda v: escaped(v, LABEL))]
 Sentence = Annotated[str, BeforeValidator(lambda v: escaped(v, SENTENCE))]
@@ -22,11 +23,15 @@ Cell = Annotated[
 ]
 Metres = Annotated[float, BeforeValidator(lambda v: round(float(v), 2))]
 Share = Annotated[float, BeforeValidator(lambda v: round(float(v), 3))]  # 0..1
+Time = Annotated[str | None, BeforeValidator(time_or_none)]
+Reasons = Annotated[list[Sentence], BeforeValidator(lambda v: v[:3])]  # the weightiest
 StatusValue = Literal["present", "gone", "looked, none seen", "hidden", "never looked"]
 
 
 class _Record(BaseModel):
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(
+        frozen=True, from_attributes=True, validate_by_alias=True, validate_by_name=True
+    )
 
 
 class MapState(_Record):
@@ -149,14 +154,14 @@ class PlaceStatus(_Record):
     """Status in one place; shares of its area, 0..1."""
 
     place: Iri | None
-    untrusted_place: Label
-    status: StatusValue
-    thing: Iri | None
-    probability: Share | None
-    last_seen: str | None
+    untrusted_place: Label = Field(validation_alias="place_label")
+    status: StatusValue = Field(validation_alias="value")
+    thing: Iri | None = Field(validation_alias="object")
+    probability: Share | None = Field(validation_alias="existence")
+    last_seen: Time
     viewed_share: Share
     closely_viewed_share: Share
-    last_viewed: str | None
+    last_viewed: Time
     noticed: Share  # probability that one would have been seen
     out_of_view: Share  # probability that one there would stand where nobody viewed
 
@@ -295,13 +300,13 @@ class ProposedLook(_Record):
 
     x: Metres
     y: Metres
-    heading: Share  # direction of the look [rad]
+    heading: Share = Field(validation_alias="middle")  # direction of the look [rad]
     extent: Share  # angle that the look covers [rad], around heading
-    untrusted_place: Label | None
+    untrusted_place: Label = Field(validation_alias="place")
     probability: Share  # that it shows a wanted object
     seconds: Metres
-    left_if_in_vain: Share  # that it is still there
-    untrusted_reasons: list[Sentence]
+    left_if_in_vain: Share = Field(validation_alias="left")  # that it is still there
+    untrusted_reasons: Reasons = Field(validation_alias="why")
 
 
 class FoundThing(_Record):

@@ -11,7 +11,8 @@ from pydantic import Field
 
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Limit, Skip, ThingName
-from hereabouts.agents.map_context import MapContext, clock
+from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.plain_values import clock
 from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
 from kg.history.timestamps import instant
 from kg.model.records import Assertion

@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from hereabouts.agents.answers import Answer, Page
-from hereabouts.agents.untrusted_text import escaped, in_one_line
+from hereabouts.agents.plain_values import escaped, in_one_line
 from kg.model.errors import HereaboutsError, QueryParameterError
 
 _SHOWN: Final = 40  # characters of a value

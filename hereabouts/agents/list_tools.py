@@ -9,7 +9,8 @@ from typing import Annotated
 from pydantic import Field
 
 from hereabouts.agents import answers as a
-from hereabouts.agents.map_context import MapContext, number_or_none, state_of, time_or_none
+from hereabouts.agents.map_context import MapContext, number_or_none, state_of
+from hereabouts.agents.plain_values import time_or_none
 from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 
 from hereabouts.agents.answers import MapState
-from kg.history.timestamps import instant, iso
+from hereabouts.agents.plain_values import clock
+from kg.history.timestamps import instant
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
@@ -60,16 +60,6 @@ class MapContext:
 def state_of(semantic_map: SemanticMap) -> MapState:
     """The number of the last transaction of a map, and the time of its latest observation."""
     return MapState(sequence=semantic_map.sequence, time=clock(map_time(semantic_map)))
-
-
-def clock(seconds: float) -> str:
-    """A time [s since 1970] as ISO 8601 in UTC, to the second."""
-    return iso(seconds).partition(".")[0] + "Z"
-
-
-def time_or_none(value: object) -> str | None:
-    """A time as ISO 8601 in UTC, to the second; None for other values."""
-    return clock(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
 
 
 def number_or_none(row: Row, column: str) -> float | None:

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import At, Limit, Skip, Word, thing, unknown, unnamed_things
-from hereabouts.agents.map_context import MapContext, clock, state_of, time_or_none
-from hereabouts.agents.untrusted_text import for_agents
+from hereabouts.agents.map_context import MapContext, state_of
+from hereabouts.agents.plain_values import clock, for_agents, time_or_none
 from kg.maps.semantic_map import SemanticMap
 from kg.model.place_names import plain_place
 from kg.model.records import PlaceRecord, likeliest
@@ -31,7 +31,7 @@ from planner.search.goals.place_names import (
     stated_categories,
 )
 from planner.search.goals.search_goals import whereabouts
-from planner.search.goals.status import PlaceStatus, status
+from planner.search.goals.status import status
 from planner.search.goals.targets import resolve, undetectable_target
 
 _COUNTS: Final = 40  # categories of a description
@@ -145,7 +145,7 @@ class MapTools:
                 status=found.value,
                 untrusted_target=found.target,
                 untrusted_proof=found.proof,
-                places=[_place_status(one) for one in found.places[skip:][:20]],
+                places=[a.PlaceStatus.model_validate(one) for one in found.places[skip:][:20]],
                 total=len(found.places),
                 skip=skip,
             )
@@ -291,22 +291,6 @@ def _departed(row: Row) -> a.Departed:
         y=float(str(row["y"])),
         last_seen=time_or_none(seen),
         found_gone=time_or_none(row["foundGone"]),
-    )
-
-
-def _place_status(one: PlaceStatus) -> a.PlaceStatus:
-    return a.PlaceStatus(
-        place=one.place,
-        untrusted_place=one.place_label,
-        status=one.value,
-        thing=one.object,
-        probability=one.existence,
-        last_seen=time_or_none(one.last_seen),
-        viewed_share=one.viewed_share,
-        closely_viewed_share=one.closely_viewed_share,
-        last_viewed=time_or_none(one.last_viewed),
-        noticed=one.noticed,
-        out_of_view=one.out_of_view,
     )
 
 

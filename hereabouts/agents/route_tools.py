@@ -12,7 +12,8 @@ from pydantic import Field
 
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Metres, Skip, ThingName
-from hereabouts.agents.map_context import MapContext, clock
+from hereabouts.agents.map_context import MapContext
+from hereabouts.agents.plain_values import clock
 from hereabouts.agents.search_tools import start_of
 from hereabouts.display.naming_sheet import things_to_name
 from kg.maps.object_pictures import MAX_VIEW_BYTES, view_picture

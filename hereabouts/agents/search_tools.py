@@ -22,7 +22,7 @@ from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Limit, Metres, Skip, Word
 from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.map_tools import known_thing
-from hereabouts.agents.untrusted_text import LABEL, escaped, for_agents
+from hereabouts.agents.plain_values import LABEL, escaped, for_agents
 from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import PoolBusyError, QueryParameterError, UnknownCategoryError
@@ -165,7 +165,6 @@ Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]
 _MAX_WAITING: Final = 8  # plans that are made or wait; one is made at a time
 _KNOWN: Final = 3  # objects listed
 _REASONS: Final = 3  # of each look
-_FACTS: Final = 3
 
 
 class SearchTools:
@@ -264,7 +263,7 @@ class SearchTools:
             proposed = open_search.next(pose)
             return a.NextLook(
                 **self._progress(state, open_search, give_up=proposed is None),
-                look=None if proposed is None else _proposed(proposed),
+                look=None if proposed is None else a.ProposedLook.model_validate(proposed),
                 note=off or None,
             )
 
@@ -314,20 +313,6 @@ def start_of(
     if x is None or y is None:
         return robot_start(semantic_map.robot())
     return x, y, math.radians(degrees)
-
-
-def _proposed(view: NextView) -> a.ProposedLook:
-    return a.ProposedLook(
-        x=view.x,
-        y=view.y,
-        heading=view.middle,
-        extent=view.extent,
-        untrusted_place=view.place or None,
-        probability=view.probability,
-        seconds=view.seconds,
-        left_if_in_vain=view.left,
-        untrusted_reasons=list(view.why[:_FACTS]),
-    )
 
 
 def _look(step: ViewStep) -> a.Look:

@@ -28,7 +28,7 @@ from hereabouts.agents import answers as a
 from hereabouts.agents.lean_tool import document_of, text_of
 from hereabouts.agents.map_context import MapContext, state_of
 from hereabouts.agents.map_tools import known_thing, one_thing
-from hereabouts.agents.untrusted_text import in_one_line
+from hereabouts.agents.plain_values import in_one_line
 from kg.model.errors import HereaboutsError
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.targets import resolve

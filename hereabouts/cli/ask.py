@@ -18,6 +18,7 @@ from hereabouts.cli.console import (
     counted,
     json_value,
     note,
+    print_answer,
     print_table,
     with_map,
     without_details,
@@ -222,31 +223,20 @@ def queries(arguments: argparse.Namespace) -> int:
     """List the shipped queries with their parameters."""
     from kg.maps.query.query_files import shipped_queries
 
-    querys = shipped_queries()
-    if arguments.json:
-        write_json(
-            [
-                {
-                    "name": query.name,
-                    "summary": query.summary,
-                    "asked": list(query.asked),
-                    "parameters": [asdict(parameter) for parameter in query.parameters],
-                    "columns": list(query.columns),
-                }
-                for query in querys
-            ]
+    rows, records = [], []
+    for query in shipped_queries():
+        given = (
+            f"{p.name}{'' if p.default is None else f'={p.default}'}" for p in query.parameters
         )
-        return 0
-    rows = [
-        (
-            query.name,
-            query.summary,
-            ", ".join(
-                p.name if p.default is None else f"{p.name}={p.default}" for p in query.parameters
-            ),
-            " / ".join(query.asked[:1]),
+        rows.append((query.name, query.summary, ", ".join(given), " / ".join(query.asked[:1])))
+        records.append(
+            {
+                "name": query.name,
+                "summary": query.summary,
+                "asked": list(query.asked),
+                "parameters": [asdict(parameter) for parameter in query.parameters],
+                "columns": list(query.columns),
+            }
         )
-        for query in querys
-    ]
-    print_table(("query", "summary", "parameters", "asked as"), rows)
+    print_answer(("query", "summary", "parameters", "asked as"), rows, arguments.json, records)
     return 0

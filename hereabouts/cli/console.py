@@ -255,12 +255,16 @@ def without_details(
     return [columns[n] for n in kept], [[row[n] for n in kept] for row in rows]
 
 
-def print_rows(columns: Sequence[str], rows: Sequence[Sequence[object]], *, as_json: bool) -> None:
-    """The rows of a table, as a list of JSON objects or as a table."""
-    if as_json:
+def print_answer(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], json: bool, records: object = None
+) -> None:
+    """Rows as a table or, for `json`, as JSON: `records`, by default an object of each row."""
+    if not json:
+        print_table(columns, rows)
+    elif records is None:
         write_json([dict(zip(columns, row, strict=True)) for row in rows])
     else:
-        print_table(columns, rows)
+        write_json(records)
 
 
 def counted(count: int, noun: str) -> str:

@@ -214,7 +214,7 @@ def _print_known(
     found: ViewPlan,
 ) -> int:
     """Print the sentences about each target, and detections that made no object; their number."""
-    from hereabouts.cli.why import detections_in_vain
+    from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
     from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import count, declare
-from hereabouts.cli.console import counted, note, notes_of, print_rows, write_json
+from hereabouts.cli.console import counted, note, notes_of, print_answer, write_json
 from kg.model.errors import LayoutError
 from kg.model.room_edit import NEEDS, Point, RoomEdit
 
@@ -109,7 +109,7 @@ def _list(arguments: argparse.Namespace) -> int:
             for place in semantic_map.places()
         ]
         doors = len(semantic_map.doors())
-    print_rows(_COLUMNS, rows, as_json=arguments.json)
+    print_answer(_COLUMNS, rows, arguments.json)
     note(f"{counted(len(rows), 'place')}, {counted(doors, 'door')}")
     return 0
 

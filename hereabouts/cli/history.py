@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
-from hereabouts.cli.console import note, print_rows, print_table, write_json
+from hereabouts.cli.console import note, print_answer, write_json
 
 if TYPE_CHECKING:
     from kg.history.replay.point_in_time import Difference
@@ -46,35 +46,29 @@ def log(arguments: argparse.Namespace) -> int:
     whole = arguments.explain or arguments.json
     shown = [entry for entry in entries if whole or entry.told]
     shown = shown if arguments.last is None else shown[len(shown) - arguments.last :]
-    if arguments.json:
-        write_json(
-            [
-                {
-                    "sequence": entry.sequence,
-                    "time": iso(entry.time),
-                    "kind": entry.cause.kind,
-                    "by": entry.cause.by,
-                    "note": entry.cause.note,
-                    "changes": list(entry.changes),
-                    "told": list(entry.told),
-                }
-                for entry in shown
-            ]
+    rows = [
+        (
+            e.sequence,
+            datetime.fromtimestamp(e.time, UTC),
+            f"{e.cause.kind} {e.cause.note}",
+            e.cause.by or "",
+            e.words if arguments.explain else ", ".join(e.told),
         )
+        for e in shown
+    ]
+    records = [
+        {
+            "sequence": e.sequence,
+            "time": iso(e.time),
+            **{name: getattr(e.cause, name) for name in ("kind", "by", "note")},
+            "changes": list(e.changes),
+            "told": list(e.told),
+        }
+        for e in shown
+    ]
+    print_answer(("#", "time", "cause", "by", "change"), rows, arguments.json, records)
+    if arguments.json:
         return 0
-    print_table(
-        ("#", "time", "cause", "by", "change"),
-        [
-            (
-                e.sequence,
-                datetime.fromtimestamp(e.time, UTC),
-                f"{e.cause.kind} {e.cause.note}",
-                e.cause.by or "",
-                e.words if arguments.explain else ", ".join(e.told),
-            )
-            for e in shown
-        ],
-    )
     more = "" if arguments.explain else "; --explain lists every changed fact"
     note(f"{len(shown)} of {len(entries)} changes{more}")
     return 0
@@ -125,7 +119,7 @@ def diff(arguments: argparse.Namespace) -> int:
             semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
         )
     rows = _rows(found, only_moved=arguments.moved)
-    print_rows(_COLUMNS, rows, as_json=arguments.json)
+    print_answer(_COLUMNS, rows, arguments.json)
     note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
     return 0
 
@@ -147,7 +141,7 @@ def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
 
 
 def _facts(semantic_map: SemanticMap, found: Difference, arguments: argparse.Namespace) -> int:
-    print_rows(_FACTS, found.rows(semantic_map.base), as_json=arguments.json)
+    print_answer(_FACTS, found.rows(semantic_map.base), arguments.json)
     note(
         f"#{found.before} to #{found.after}: {len(found.added)} triples added, "
         f"{len(found.removed)} removed"

@@ -341,7 +341,7 @@ def _note_sizes(semantic_map: SemanticMap) -> None:
 
 def _doubted(report: MappingReport, address: str) -> str:
     """The line about things that were seen but are not believed."""
-    from hereabouts.cli.why import listed_things
+    from hereabouts.cli.candidates import listed_things
 
     count = f"{report.doubted} thing{'s' * (report.doubted > 1)}"
     found = listed_things(report.most_probable)

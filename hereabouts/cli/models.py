@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import add_command, declare
-from hereabouts.cli.console import note, print_table, printable, progress, write, write_json
+from hereabouts.cli.console import (
+    note,
+    print_answer,
+    print_table,
+    printable,
+    progress,
+    write,
+    write_json,
+)
 
 if TYPE_CHECKING:
     from mapping.looks.user_encoder import UserEncoder
@@ -50,23 +58,12 @@ def run_list(arguments: argparse.Namespace) -> int:
     from perception.inference.model_zoo import extension_cards, known_models
 
     models = (*known_models(), *extension_cards())
-    if arguments.json:
-        write_json([model.to_json() for model in models])
-        return 0
-    print_table(
-        ("name", "kind", "here", "MB", "licence", "quality"),
-        [
-            (
-                m.name,
-                m.kind,
-                m.where,
-                f"{m.size / 1e6:.1f}" if m.size else "-",
-                m.licence,
-                m.quality,
-            )
-            for m in models
-        ],
-    )
+    rows = [
+        (m.name, m.kind, m.where, f"{m.size / 1e6:.1f}" if m.size else "-", m.licence, m.quality)
+        for m in models
+    ]
+    columns = ("name", "kind", "here", "MB", "licence", "quality")
+    print_answer(columns, rows, arguments.json, [model.to_json() for model in models])
     return 0
 
 

@@ -110,7 +110,7 @@ def _perhaps(
     doubted: Sequence[KnownObject],
     arguments: argparse.Namespace,
 ) -> list[str]:
-    from hereabouts.cli.why import detections_in_vain
+    from hereabouts.cli.candidates import detections_in_vain
     from planner.search.plans.answer_sentences import answer_lines
 
     if doubted:

@@ -67,6 +67,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from kg.store.sparql_client import is_url
+
+    if is_url(arguments.map):
+        raise ModelError(f"teach needs the folder of a map, and {arguments.map} is an address")
     if arguments.place == "thing":
         return teach_thing(arguments)
     if not (arguments.recording or arguments.images):
@@ -78,12 +82,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _teach_room(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
-    from kg.store.sparql_client import is_url
     from perception.inference.scene_classifier import load_scene_classifier
     from perception.inference.taught_rooms import RoomExamples, room_examples
+    from perception.sources.folders.image_files import read_colour
 
-    if is_url(arguments.map):
-        raise ModelError(f"teach needs the folder of a map, and {arguments.map} is an address")
     folder = Path(arguments.map)
     network = load_scene_classifier(arguments.scene, device=arguments.device)
     with open_map(arguments.map, read_only=True) as semantic_map:
@@ -91,7 +93,7 @@ def _teach_room(arguments: argparse.Namespace) -> int:
         label = _label(semantic_map, " ".join(arguments.category), network)
         images = _frames_in(semantic_map, place, arguments) if arguments.recording else None
         if images is None:
-            images = _photographs(Path(arguments.images))
+            images = map(read_colour, _spaced(_images_in(Path(arguments.images))))
         taught = room_examples(network, images, label=label, place=place.iri)
     before = RoomExamples.load(folder)
     examples = taught if before is None else before.with_place(taught)
@@ -174,8 +176,9 @@ def _frames_in(
     return (frame.rgb for index, frame in enumerate(frames) if index in chosen)
 
 
-def _photographs(folder: Path) -> Iterator[NDArray[np.uint8]]:
-    from perception.sources.folders.image_files import COLOUR_SUFFIXES, read_colour
+def _images_in(folder: Path) -> list[Path]:
+    """The photographs of a folder, by name; raises RecordingError for none."""
+    from perception.sources.folders.image_files import COLOUR_SUFFIXES
 
     try:
         found = sorted(p for p in folder.iterdir() if p.suffix.lower() in COLOUR_SUFFIXES)
@@ -183,7 +186,7 @@ def _photographs(folder: Path) -> Iterator[NDArray[np.uint8]]:
         raise RecordingError(f"cannot read {folder}: {error.strerror}") from error
     if not found:
         raise RecordingError(f"no images in {folder}: .jpg or .png files would work")
-    return (read_colour(path) for path in _spaced(found))
+    return found
 
 
 def _spaced(items: list[Item]) -> list[Item]:
@@ -200,13 +203,10 @@ def teach_thing(arguments: argparse.Namespace) -> int:
     """Keep the looks of the pictures under the name in the map's folder."""
     from kg.maps.thing_names import category_of_name, checked_name
     from kg.serving.opening import open_map
-    from kg.store.sparql_client import is_url
     from mapping.looks.known_things import KnownThings, taught
     from mapping.looks.word_looks import network
     from perception.inference.markers import marker_name
 
-    if is_url(arguments.map):
-        raise ModelError(f"teach needs the folder of a map, and {arguments.map} is an address")
     folder = Path(arguments.map)
     with open_map(arguments.map, read_only=True) as semantic_map:
         name = checked_name(arguments.category[0])
@@ -236,17 +236,9 @@ def teach_thing(arguments: argparse.Namespace) -> int:
 
 def _pictures(given: list[str], folder: str | None) -> list[Path]:
     """The given files, and those in folders."""
-    from perception.sources.folders.image_files import COLOUR_SUFFIXES
-
     found = list[Path]()
     for path in map(Path, [*given, *filter(None, [folder])]):
-        if not path.is_dir():
-            found.append(path)
-            continue
-        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in COLOUR_SUFFIXES)
-        if not inside:
-            raise RecordingError(f"no images in {path}: .jpg or .png files would work")
-        found += inside
+        found += _images_in(path) if path.is_dir() else [path]
     if len(found) > MAX_PICTURES:
         raise ModelError(f"a thing is taught by up to {MAX_PICTURES} pictures, got {len(found)}")
     return found

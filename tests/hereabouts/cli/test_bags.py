@@ -20,7 +20,7 @@ BASE = "https://example.org/kitchen/"
 
 pytest.importorskip("rosbags")
 Prints = Callable[..., str]
-FRAMES = 8
+FRAMES = 12
 
 
 @pytest.fixture(scope="module")

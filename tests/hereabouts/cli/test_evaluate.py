@@ -74,21 +74,6 @@ def test_modes_are_compared(kitchen: Path, truth: Path, prints: Prints) -> None:
     assert scores_of(answer["runs"][0]) != scores_of(answer["runs"][1])
 
 
-def test_several_maps_are_pooled(mapped: Path, truth: Path, prints: Prints) -> None:
-    twice = ("evaluate", "map", mapped, mapped, "--truth", truth, "--truth", truth)
-    answer = json.loads(prints(*twice, "--json"))
-    (one, _), (both,) = answer["runs"], answer["pooled"]
-    for alone, together in zip(one["thresholds"], both["thresholds"], strict=True):
-        for count in ("true", "mapped", "matched", "duplicates", "wrong", "ghosts", "ignored"):
-            assert together[count] == 2 * alone[count]
-        assert together["precision"] == alone["precision"]
-    assert both["calibration"]["ece"] == pytest.approx(one["calibration"]["ece"])
-    assert both["switches"] == 2 * one["switches"]
-    assert both["average_precision"] == pytest.approx(one["average_precision"])
-    assert both["best_f1"] == pytest.approx(one["best_f1"])
-    assert prints(*twice).count(" all ") == 4 + 1
-
-
 @pytest.mark.parametrize(
     ("words", "says"),
     [

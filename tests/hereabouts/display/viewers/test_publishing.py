@@ -51,6 +51,10 @@ class Inbox:
         self.last[raw.topic] = decoded(raw, is_ros1, raw.topic)
 
 
+def labels(inbox: Inbox) -> list[str]:
+    return [m.text for m in inbox.last["/hereabouts/markers"].markers if m.ns == "labels"]
+
+
 def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: SemanticMap) -> None:
     arguments = argparse.Namespace(publish="", into="kitchen.map")
     publish, inbox, ended = publish_to(arguments, wire), Inbox(), threading.Event()
@@ -84,8 +88,7 @@ def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: Sem
             assert np.asarray(inbox.last["/hereabouts/floor"].data).size
             kitchen.apply(MapUpdate(removed=(things[1].iri,)))
             until(lambda: len(inbox.last["/hereabouts/objects"].detections) == 1)
-            labels = [m.text for m in inbox.last["/hereabouts/markers"].markers if m.ns == "labels"]
-            assert labels == ["dining table"]
+            until(lambda: labels(inbox) == ["dining table"])
         finally:
             ended.set()
             thread.join()

@@ -1,11 +1,14 @@
-"""Text that people, detectors or other programs wrote, made harmless to print and bounded."""
+"""Values of answers, made plain: bounded text in one visible line, and times to the second."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from typing import Final
+
+from kg.history.timestamps import iso
 
 #: maximum characters of a label, of a sentence and of an IRI
 LABEL: Final = 120
@@ -36,6 +39,16 @@ def in_one_line(message: str) -> str:
 def for_agents(sentences: Iterable[str]) -> list[str]:
     """Sentences without the commands of a shell that tell people more."""
     return [re.sub(r":? `hereabouts [^`]*`", "", sentence) for sentence in sentences]
+
+
+def clock(seconds: float) -> str:
+    """A time [s since 1970] as ISO 8601 in UTC, to the second."""
+    return iso(seconds).partition(".")[0] + "Z"
+
+
+def time_or_none(value: object) -> str | None:
+    """A time as ISO 8601 in UTC, to the second; None for other values."""
+    return clock(value.astimezone(UTC).timestamp()) if isinstance(value, datetime) else None
 
 
 def _visible(character: str) -> str:

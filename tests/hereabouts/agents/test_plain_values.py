@@ -7,7 +7,7 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hereabouts.agents.untrusted_text import escaped
+from hereabouts.agents.plain_values import escaped
 
 
 @given(st.text(), st.integers(min_value=2, max_value=80))
