@@ -40,9 +40,11 @@ def select_objects(
     for predicate, value in _lookups(engine, kinds, place, cells):
         found = engine.quads_for_pattern(None, NamedNode(predicate), NamedNode(value), v.MAP_GRAPH)
         candidates.update(q.subject.value for q in found if isinstance(q.subject, NamedNode))
+    if isinstance(near, str):
+        candidates.discard(near)
     records = [
         record
-        for record in facts.some_objects(engine, candidates - {near})
+        for record in facts.some_objects(engine, candidates)
         if (record.category != v.UNNAMED_THING if kinds is None else record.category in kinds)
         and (place is None or record.place == place)
     ]

@@ -79,7 +79,7 @@ def test_another_process_reads_and_edits_the_map_that_is_written(writer: Semanti
     "words",
     [
         *("status MAP chair", "find MAP chair", "log MAP object/1", "why MAP object/1"),
-        *("plot MAP -o OUT.png", "export MAP -o OUT.ttl", "places MAP", "check MAP", "diff MAP"),
+        *("plot MAP -o OUT.png", "export MAP -o OUT.ttl", "rooms MAP", "check MAP", "diff MAP"),
         *("describe MAP --title mine", "assert MAP object/1 label mine --by ann", "compact MAP"),
         "update MAP --by ann -e DELETE{?o~here:x~?x}INSERT{?o~here:x~9.5}"
         "WHERE{?o~a~here:Chair;here:x~?x}",

@@ -74,7 +74,7 @@ def test_a_place_goes_by_number_label_or_iri(flat: SemanticMap) -> None:
 
 def test_what_is_near_comes_nearest_first(flat: SemanticMap) -> None:
     assert labels(flat, near=(1.0, 1.0), radius=3.0) == ["banana", "apple", "cup"]
-    assert labels(flat, near=(1.0, 1.0), radius=2.9) == ["banana", "apple"]
+    assert labels(flat, near=np.array([1.0, 1.0]), radius=2.9) == ["banana", "apple"]
     (banana,) = flat.objects("banana")
     assert labels(flat, near=banana.iri, radius=3.0) == ["apple", "cup"]
 

@@ -33,9 +33,7 @@ def moved() -> Iterator[Served]:
     """The cup stood at 2 m (#2) and 3 m (#3); the chair left (#4); the cup went to 4 m (#5)."""
     hours = iter(range(2, 10))
     with running() as served, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            store.TransactionalStore, "_now", lambda _: (START + next(hours) * HOUR).timestamp()
-        )
+        patch.setattr(store, "transaction_time", lambda: (START + next(hours) * HOUR).timestamp())
         served.move(1, 2.0)
         served.move(1, 3.0)
         served.map.apply(MapUpdate(removed=(CHAIR,)))
