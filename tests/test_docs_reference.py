@@ -27,6 +27,6 @@ def test_every_command_has_a_section() -> None:
     page = (ROOT / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
     names = {"map_recording": "map", "import_maps": "import", "assert_": "assert"}
     missing = [
-        n for n in COMMANDS + LAB_COMMANDS if f"\n## hereabouts {names.get(n, n)}" not in page
+        n for n in (*COMMANDS, *LAB_COMMANDS) if f"\n## hereabouts {names.get(n, n)}" not in page
     ]
     assert missing == []

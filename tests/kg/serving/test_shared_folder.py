@@ -259,6 +259,7 @@ def test_a_writer_that_is_stopped_does_not_hold_a_reader_for_a_minute(
     assert writer.stdout is not None and writer.stdout.readline() == "open\n"
     client = FolderClient(Path(path))
     os.kill(writer.pid, signal.SIGSTOP)
+    os.waitpid(writer.pid, os.WUNTRACED)
     try:
         with pytest.raises(MapBusyError, match="has ended or hangs"):
             client.call("snapshot", str(Path(path).parent / "copy"), 0, -1)
