@@ -293,7 +293,7 @@ export class MapData extends EventTarget {
   async _readCategories() {
     this.labels.set(UNNAMED, "unnamed thing");
     this.kinds.set(UNNAMED, "thing");
-    for (const { class: iri, label, kind } of await select(CATEGORIES)) {
+    for (const { class: iri, label, kind } of await select(CATEGORIES, null, this.last)) {
       this.labels.set(iri, label);
       this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");
     }

@@ -36,11 +36,13 @@ export function enter(place) {
   }));
 }
 
-/** The answer to a request; `accept` is a media type. A refusal throws an Error with the server's message and `status`.
+/** The answer to a request; `accept` is a media type, and the answer knows the map's transaction `since`.
+ * A refusal throws an Error with the server's message and `status`.
  * @param {string} address
- * @param {{accept?: string, method?: string, type?: string, body?: BodyInit, signal?: AbortSignal}} [options] */
-export async function request(address, { accept = "*/*", method = "GET", type, body, signal } = {}) {
+ * @param {{accept?: string, method?: string, type?: string, body?: BodyInit, signal?: AbortSignal, since?: number}} [options] */
+export async function request(address, { accept = "*/*", method = "GET", type, body, signal, since } = {}) {
   const headers = { Accept: accept };
+  if (since) headers["Here-Sequence"] = String(since);
   if (type) headers["Content-Type"] = type;
   if (token) headers.Authorization = `Bearer ${token}`;
   let isAgain = false;
@@ -74,10 +76,10 @@ export async function read(address, options = {}) {
   return (await request(address, { ...options, accept: JSON_TYPE, type: options.body && JSON_TYPE })).json();
 }
 
-/** The rows of a query's answer, as texts by their columns; `at` is a transaction number, or null for the present. */
-export async function select(query, at = null) {
+/** The rows of a query's answer, as texts by their columns; `at` is a transaction number, or null for the present, which knows the transaction `since`. */
+export async function select(query, at = null, since = 0) {
   const answer = await request(at === null ? "/sparql" : `/sparql?at=${at}`, {
-    method: "POST", type: "application/sparql-query", accept: "application/sparql-results+json", body: query,
+    method: "POST", type: "application/sparql-query", accept: "application/sparql-results+json", body: query, since,
   });
   const { results } = await answer.json();
   return results.bindings.map((row) => Object.fromEntries(Object.entries(row).map(([name, { value }]) => [name, value])));
@@ -96,7 +98,10 @@ export async function followChanges(since, { onOpen, onClosed, onChange, onGap }
       const answer = await request(`/changes?since=${sequence}`, { accept: "text/event-stream" });
       onOpen();
       pause = FIRST_PAUSE;
-      await readEvents(answer.body, (change) => { sequence = change.sequence; onChange(change); });
+      await readEvents(answer.body, (change) => {
+        sequence = change.sequence;
+        try { onChange(change); } catch (error) { reportError(error); } // one that cannot be shown holds up no other
+      });
     } catch (error) {
       if (error.status === GONE) sequence = await onGap().catch(() => sequence);
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
 from tests.kg.serving.server.browser_pages import OpenPage, ask, says
@@ -72,7 +73,14 @@ def test_who_opens_the_shared_address_of_an_answer_has_the_names_too(open_page: 
     assert page.is_visible("#plan h2")
 
 
-def test_what_comes_later_is_drawn_and_told(own: Served, open_page: OpenPage) -> None:
+def test_what_comes_later_is_drawn_and_told(
+    own: Served, open_page: OpenPage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # queries are answered from an old snapshot, unless they ask for what came since
+    snapshots = own.server.serving.pool._snapshots
+    made = snapshots.refresh
+    monkeypatch.setattr(snapshots, "_refresh", 3600.0)
+    monkeypatch.setattr(snapshots, "refresh", lambda since=None: since and made(since))
     place = PlaceRecord(f"{own.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
     own.map.apply(MapUpdate(places=(place,)))
     page = open_page("", own, script=WRITTEN + ARROWS)
