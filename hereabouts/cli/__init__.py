@@ -94,7 +94,8 @@ class _Parser(argparse.ArgumentParser):
         example = f"; {self.epilog}" if "example:" in (self.epilog or "") else ""
         message = self._with_suggestion(message)
         what = "options" if " " in self.prog else "commands"
-        self.exit(2, f"error: {message}{example}; `{self.prog} --help` lists the {what}\n")
+        line = f"error: {message}{example}; `{self.prog} --help` lists the {what}\n"
+        self.exit(2, line.replace("?; ", "? "))
 
     def _with_suggestion(self, message: str) -> str:
         """The message with the nearest of the known choices or options, in place of all choices."""
