@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -66,6 +67,9 @@ class LiveRecording:
     _closed: threading.Event = field(default_factory=threading.Event)
     _failed: list[Exception] = field(default_factory=list)
     _thread: threading.Thread | None = None
+    _tellers: defaultdict[str, SilenceTeller] = field(  # by camera
+        default_factory=lambda: defaultdict(SilenceTeller)
+    )
 
     @property
     def is_empty(self) -> bool:
@@ -247,19 +251,20 @@ class LiveRecording:
 
     def _until_ended(self) -> Iterator[Frame]:
         last = time.monotonic()
-        tellers = {one.camera: SilenceTeller() for one in self.stream.cameras}
+        for one in self.stream.cameras:
+            self._tellers[one.camera].restart()
         while not self.ended.is_set() and (self.limit is None or self._given < self.limit):
             frame = self._next_frame()
             now = time.monotonic()
             if frame is not None:
                 self._given += 1
-                self._tell(tellers[frame.camera].frame(), frame.camera)
+                self._tell(self._tellers[frame.camera].frame(), frame.camera)
                 yield frame
                 last = time.monotonic()
             elif self._is_over(last, now):
                 return
             for one in self.stream.cameras:
-                teller = tellers[one.camera]
+                teller = self._tellers[one.camera]
                 is_missed = frame is None or (one.camera != frame.camera and one.missed > 1)
                 if is_missed and teller.is_long:
                     self._tell(teller.silent(one.silence()), one.camera)

@@ -8,6 +8,7 @@ partner can come and transforms reach its stamp, for PATIENCE at first.
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections import Counter, deque
@@ -342,6 +343,8 @@ class FrameStream:
             self._tried_names, self._tried_choice = there, choice_or_error(index, self.options)
         if not isinstance(self._tried_choice, Choice):
             self.problem, self._choosable_since = str(self._tried_choice), None
+            if self.camera:  # options of one camera do not go with several
+                self.problem = re.split(r";? \(?--", self.problem)[0]
             return False
         self._choosable_since = self._choosable_since or now
         silent = self._advertised - index.streams.keys() - self._imus.keys()
