@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from posixpath import commonpath
+from itertools import takewhile
 from typing import Any, Final
 
 from kg.model.errors import RecordingError, did_you_mean
@@ -77,7 +77,7 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
             index.robot(stream.topic) == index.robot(colour.topic),
             not _OTHER.search(stream.topic),
             stream.frame == index.streams[colour.topic].frame,
-            len(commonpath((stream.topic, colour.topic))),
+            _common(stream.topic, colour.topic),
             bool(_REGISTERED.search(stream.topic)),
             "depth" in stream.topic,
             len(stream.stamps),
@@ -91,6 +91,12 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
         and (s.kind.is_depth or ("depth" in s.topic and s.kind.compression == "png"))
     ]
     return _best(found, rank, index, _DEPTH, "--depth-topic")
+
+
+def _common(topic: str, other: str) -> int:
+    """Number of names that both topics begin with."""
+    pairs = zip(topic.split("/"), other.split("/"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def camera_topic(index: BagIndex, images: Stream, given: str | None = None) -> Stream | None:

@@ -111,9 +111,9 @@ class CameraStreams:
 
     def _begin(self) -> bool:
         """Whether frames are given: all cameras are there, or the others were waited for."""
-        if not self._begun and self._all_there():
+        if not self._begun:
             ready, now = [one.is_chosen() for one in self.cameras], time.monotonic()
-            if any(ready):
+            if self._all_there() and any(ready):
                 self._ready = self._ready or now
                 self._begun = all(ready) or now > self._ready + SILENT
         return self._begun
