@@ -22,8 +22,8 @@ from kg.model.records import (
     RobotRecord,
 )
 from mapping.frames.frame_checks import FrameChecks, check_detections
-from mapping.frames.pose_monitor import PoseMonitor
-from mapping.frames.projection import map_points, robot_at
+from mapping.frames.pose_monitor import PoseMonitors
+from mapping.frames.projection import LeadingCamera, map_points
 from mapping.frames.sighting import Sighting
 from mapping.keepers.scene_keepers import SceneKeepers
 from mapping.labels.label_resolver import LabelResolver
@@ -115,7 +115,8 @@ class Mapper:
         self._rooms_at = -math.inf  # [s] stamp of the frame they were last found with
         self._found = FoundChanges()  # not written yet
         self._checks = FrameChecks(check_poses=options.check_poses)
-        self._monitor = PoseMonitor(recording) if options.check_poses else None
+        self._monitors = PoseMonitors(recording) if options.check_poses else None
+        self._robot = LeadingCamera()
         self._reporter = DetectionReporter(semantic_map, self._objects, options.objects)
         self._observed: Frame | None = None  # the frame that the places have taken in
         self._viewed: tuple[Frame, str | None] | None = None
@@ -145,8 +146,8 @@ class Mapper:
         with self.timer.stage("map"):
             check_detections(frame, detections, scores)
             self._observe(frame)
-            if self._monitor is not None:
-                self._monitor.add(frame)
+            if self._monitors is not None:
+                self._monitors.add(frame)
         place = None if scores is None else self.viewed_place(frame)
         if scores is not None and place is not None:
             with self.timer.stage("map"):
@@ -241,7 +242,7 @@ class Mapper:
     @property
     def problems(self) -> tuple[str, ...]:
         """Problems of poses, surface and known things so far, one line for each kind."""
-        poses = () if self._monitor is None else tuple(self._monitor.problems.values())
+        poses = () if self._monitors is None else self._monitors.problems
         return poses + self._scene.problems
 
     @property
@@ -294,7 +295,7 @@ class Mapper:
             removed=(*changes.removed, *self._found.removed),
             places=self._places.take_changed(),
             doors=self._found.doors,
-            robot=robot_at(frame),
+            robot=self._robot.at(frame),
             recording=self._progress,
             floor=floor,
             departed=changes.departed,

@@ -39,6 +39,7 @@ class Frame:
     K: NDArray[np.float64]  # (3, 3) pinhole intrinsics [px], distortion already undone
     T_map_cam: NDArray[np.float64]  # (4, 4) camera -> map
     stamp: float  # [s] since 1970-01-01 UTC
+    camera: str = ""  # its name, where several cameras give the frames of one stream
 
     def __post_init__(self) -> None:
         _check_arrays(rgb=self.rgb, depth=self.depth, K=self.K, T_map_cam=self.T_map_cam)

@@ -12,9 +12,10 @@ from __future__ import annotations
 import argparse
 import signal
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
@@ -63,6 +64,9 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
 
 _OPTIONS = f"""
+--camera NAME ... -> cameras
+                a camera of several, each given once: a name in its topics (/NAME/...), or its topic
+                of colour images
 --limit N       end after N frames
 --idle SECONDS  end after so long without a frame
 --publish [TO]  {PUBLISH}
@@ -86,6 +90,8 @@ def run(arguments: argparse.Namespace) -> int:
             "--format and --same-frame need a folder; poses of topics have a map frame "
             "(--map-frame)"
         )
+    if arguments.cameras:
+        _check_cameras(arguments, connection)
     source, options = source_options(arguments), mapping_options(arguments)
     if connection is not None and connection.address.startswith(REALSENSE):
         source = replace(source, estimate_poses=True)
@@ -99,6 +105,19 @@ def run(arguments: argparse.Namespace) -> int:
             raise RecordingError(f"{arguments.recording}: no frame was mapped")
         through_outages(arguments.into, ended, mapped, run)
     return 0 if mapped.count or connection is None else 1
+
+
+def _check_cameras(arguments: argparse.Namespace, connection: Connection | None) -> None:
+    """End the program, as wrong usage, where several cameras do not go with source or options."""
+    if connection is None or connection.address.startswith(REALSENSE):
+        arguments.usage_error("--camera needs a source with topics: ros1://, ros2:// or ws://")
+    names = ("colour", "depth", "camera", "camera_frame", "camera_in", "intrinsics")
+    has_topic = (arguments.detector or "").startswith("topic:")
+    if has_topic or any(getattr(arguments, name) is not None for name in names):
+        arguments.usage_error(
+            "--color-topic, --depth-topic, --info-topic, --camera-frame, --camera-in, --intrinsics "
+            "and --detector topic:NAME are of one camera, and --camera names those of several"
+        )
 
 
 @contextmanager
@@ -139,12 +158,15 @@ def _stream_run(
     """A function that maps a connection's frames until it is ended."""
     from mapping.alignment.pose_correction import LiveCorrection
     from perception.inference.detector_pair import RememberingDetector
+    from perception.sources.live.cameras import CameraStreams
     from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
     from perception.sources.live.stream import FrameStream
     from perception.sources.live.topic_detector import TopicDetector
 
     topic = networks.detector if isinstance(networks.detector, TopicDetector) else None
-    stream = FrameStream(connection.address, source, topic)
+    stream: FrameStream | CameraStreams = FrameStream(connection.address, source, topic)
+    if arguments.cameras:
+        stream = CameraStreams(connection.address, arguments.cameras, source)
 
     def run() -> None:
         name, limit = source.name or "live", mapped.left(arguments.limit)
@@ -196,7 +218,12 @@ def _stream_run(
                 numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
                 numbers["corrections"] = correction.corrections
                 _note_tracking(correction, tracker)
-            print_outcome(semantic_map, report, arguments, networks.device, numbers)
+            cameras = stream.cameras if arguments.cameras else ()
+            each = {c.camera: _as_json(c.counts, mapped.by_camera[c.camera]) for c in cameras}
+            more = numbers | ({"cameras": each} if each else {})
+            print_outcome(semantic_map, report, arguments, networks.device, more)
+            for camera, of_camera in each.items():
+                note(f"camera {camera}: {_counts_line(of_camera)}")
             note(_counts_line(numbers))
 
     return run
@@ -319,6 +346,7 @@ class MappedFrames:
     """The frames mapped by all runs together."""
 
     count: int = 0
+    by_camera: Counter[str] = field(default_factory=Counter)
     opened: bool = False  # whether the map could be opened once
 
     def left(self, limit: int | None) -> int | None:
@@ -331,6 +359,7 @@ class MappedFrames:
 
         def count(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
             self.count += 1
+            self.by_camera[frame.camera] += 1
             if on_detections is not None:
                 on_detections(frame, detections, scene)
 

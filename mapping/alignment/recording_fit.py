@@ -77,10 +77,13 @@ def fitted(
     """Recording with its place in the map, and one line about its fit, or "".
 
     A recording with estimated poses, which are in a world of its own, is looked for in the map
-    (`mapping.alignment.relocalisation`); others are checked as by `check_fit`. Raises LayoutError
-    where it is not recognised, or does not fit.
+    (`mapping.alignment.relocalisation`); others are checked as by `check_fit`, and with
+    `same_frame` have the floor of the map's others. Raises LayoutError where it is not recognised,
+    or does not fit.
     """
     if not isinstance(recording, FolderRecording) or recording.estimate is None:
+        if same_frame and isinstance(recording, FolderRecording):
+            recording = _on_known_floor(recording, semantic_map)
         return recording, check_fit(recording, semantic_map, same_frame=same_frame)
     known = [record.name for record in semantic_map.recordings() if record.frames_applied]
     if recording.transform_given or not known or recording.name in known:
@@ -91,6 +94,16 @@ def fitted(
             "frame; without --same-frame its place is looked for in the map"
         )
     return placed_by_views(recording, semantic_map)
+
+
+def _on_known_floor(recording: FolderRecording, semantic_map: SemanticMap) -> FolderRecording:
+    """The recording on the floor of an earlier one, where only its own estimate differs."""
+    for other in semantic_map.recordings() if recording.gravity_aligned else ():
+        apart = other.T_map_world @ np.linalg.inv(recording.T_map_world)
+        apart[2, 3] = 0.0
+        if other.frames_applied and np.allclose(apart, np.eye(4), atol=1e-6):
+            return recording.placed(other.T_map_world)
+    return recording
 
 
 def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bool = False) -> str:

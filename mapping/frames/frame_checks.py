@@ -9,6 +9,7 @@ that convention. `perception.sources.depth_check` compares a recording's in the 
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from typing import Final
 
 import numpy as np
@@ -37,14 +38,16 @@ class FrameChecks:
     """Checks of the frames of one stream.
 
     A camera may be dark while it starts, and covered later: a frame without any depth is refused
-    only where the stream has shown none yet, from the third such frame on.
+    only where the stream has shown none yet, from the third such frame on. Poses are compared for
+    each camera apart.
 
     Args:
         check_poses: whether depth is also compared with the poses.
     """
 
     def __init__(self, *, check_poses: bool = True) -> None:
-        self._convention = _PoseConventionCheck() if check_poses else None
+        self._check_poses = check_poses
+        self._conventions = defaultdict[str, _PoseConventionCheck](_PoseConventionCheck)
         self._dark: int | None = 0  # frames so far; None: one had depth
 
     def check(self, frame: Frame) -> None:
@@ -56,8 +59,8 @@ class FrameChecks:
             )
         _check_numbers(frame)
         self._check_depth(frame)
-        if self._convention is not None:
-            self._convention.check(frame)
+        if self._check_poses:
+            self._conventions[frame.camera].check(frame)
 
     def _check_depth(self, frame: Frame) -> None:
         depth = _median_depth(frame)

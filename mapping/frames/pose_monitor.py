@@ -167,6 +167,25 @@ class PoseMonitor:
         _log.warning("%s: %s", self._name, self.problems[kind])
 
 
+class PoseMonitors:
+    """A monitor for each camera of a stream."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._monitors = name, dict[str, PoseMonitor]()
+
+    def add(self, frame: Frame) -> None:
+        """Check one frame."""
+        if frame.camera not in self._monitors:
+            name = f"{self._name}, camera {frame.camera}" if frame.camera else self._name
+            self._monitors[frame.camera] = PoseMonitor(name)
+        self._monitors[frame.camera].add(frame)
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """What was found, one line for each kind."""
+        return tuple(line for one in self._monitors.values() for line in one.problems.values())
+
+
 def _contradicts(found: Agreement) -> bool:
     """Whether two images show different scenes although they have nearly the same pose."""
     return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,8 @@ from kg.model.records import RobotRecord
 from perception.frames import Frame
 
 Floats = NDArray[np.float64]
+
+LEADS: Final = 3.0  # [s] without a frame of a camera after which the next one gives the pose
 
 
 def back_project(
@@ -70,3 +73,16 @@ def robot_at(frame: Frame) -> RobotRecord:
     T = frame.T_map_cam
     heading = math.atan2(float(T[1, 2]), float(T[0, 2]))
     return RobotRecord(p_map=T[:3, 3].copy(), heading=heading, stamp=frame.stamp)
+
+
+class LeadingCamera:
+    """The robot's pose by the first of its cameras; by the next one while that has no frames."""
+
+    def __init__(self) -> None:
+        self._stamps = dict[str, float]()  # [s] of the last frame of each camera, by their order
+
+    def at(self, frame: Frame) -> RobotRecord | None:
+        """The robot's pose; None for a frame of another camera."""
+        self._stamps[frame.camera] = frame.stamp
+        recent = (name for name, last in self._stamps.items() if last >= frame.stamp - LEADS)
+        return robot_at(frame) if next(recent) == frame.camera else None

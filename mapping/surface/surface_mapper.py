@@ -50,6 +50,7 @@ class SurfaceMapper:
         self._given = size
         self._frame: FrameVoxels | None = None  # not in the map yet
         self._mark = 0
+        self._cameras = set[str]()  # those so far, whose frames take turns
 
     def add(self, frame: Frame, people: Boxes) -> None:
         """Add a frame, for `save` and `accept`; what is in the boxes of `people` is left out.
@@ -62,7 +63,9 @@ class SurfaceMapper:
         step = max(1, round(frame.depth.shape[1] / _SETTINGS.columns))
         _leave_out(points, people, step)
         seen, colour = seen_voxels(points, _sampled(frame.rgb, step), self._grid.size)
-        passed = passed_voxels(self._grid, frame, step, self._store.frames)
+        self._cameras.add(frame.camera)
+        turn = self._store.frames // len(self._cameras)
+        passed = passed_voxels(self._grid, frame, step, turn)
         self._frame = FrameVoxels(seen, colour, passed, frame.stamp)
 
     def save(self, sequence: int) -> None:

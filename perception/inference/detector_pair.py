@@ -26,7 +26,7 @@ class DetectorPair:
 
     def __init__(self, first: Detector, second: Detector) -> None:
         self._first, self._second = first, second
-        self._looked_from: NDArray[np.float64] | None = None
+        self._looked_from = dict[str, NDArray[np.float64]]()  # by camera
 
     @property
     def name(self) -> str:
@@ -46,21 +46,22 @@ class DetectorPair:
 
     def resume(self, looked_from: Mapping[str, NDArray[np.float64]]) -> None:
         """Continue an earlier run, by the pose (4, 4) of the last frame of each network."""
-        self._looked_from = looked_from.get(self._second.name)
+        before = looked_from.get(self._second.name)
+        self._looked_from = {} if before is None else {"": before}
 
     def detect(self, frame: Frame) -> Detections:
         """Detections of the first network, and of the second where the point of view is new."""
         found = [(self._first.name, self._first.detect(frame))]
-        if self._is_new(frame.T_map_cam):
-            self._looked_from = frame.T_map_cam
+        before = self._looked_from.get(frame.camera)
+        if before is None or _is_new(before, frame.T_map_cam):
+            self._looked_from[frame.camera] = frame.T_map_cam
             found.append((self._second.name, self._second.detect(frame)))
         return joined(found)
 
-    def _is_new(self, T_map_cam: NDArray[np.float64]) -> bool:
-        if self._looked_from is None:
-            return True
-        distance, angle = motion(self._looked_from, T_map_cam)
-        return distance >= NEW_DISTANCE or angle >= NEW_ANGLE
+
+def _is_new(before: NDArray[np.float64], T_map_cam: NDArray[np.float64]) -> bool:
+    distance, angle = motion(before, T_map_cam)
+    return distance >= NEW_DISTANCE or angle >= NEW_ANGLE
 
 
 def joined(found: list[tuple[str, Detections]]) -> Detections:

@@ -70,6 +70,7 @@ class FrameEntry:
     depth: StoredImage
     T_world_cam: NDArray[np.float64]  # (4, 4) camera -> the recording's world [m]
     stamp: float  # [s], relative to the start or since 1970
+    camera: str = ""  # its name, where the recording has several
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,6 +135,7 @@ class FolderRecording:
             K=(turned_camera(camera, self.turns) if self.turns else camera).K,
             T_map_cam=self.T_map_world @ entry.T_world_cam,
             stamp=entry.stamp + self.start_time,
+            camera=entry.camera,
         )
 
     def _depth(self, entry: FrameEntry) -> NDArray[np.float32]:

@@ -15,7 +15,7 @@ from hereabouts.display.viewers.viewer import Viewer
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError
 from kg.model.records import RobotRecord
-from mapping.frames.projection import robot_at
+from mapping.frames.projection import LeadingCamera, robot_at
 from perception.frames import Detections, Frame, SceneScores
 from planner.execution.options import Event
 from planner.execution.protocol import Command, DetectionsMessage, Message, RobotPose
@@ -32,13 +32,16 @@ class MappingFeed:
         self._reader, self._viewer = SceneReader(semantic_map), viewer
         self._stamp: float | None = None  # [s] of the last frame
         self._shown = -math.inf
+        self._robot = LeadingCamera()
 
     def on_detections(
         self, frame: Frame, detections: Detections, scores: SceneScores | None
     ) -> None:
         """Show a mapped frame; `map_recording` calls this."""
         self._stamp = frame.stamp
-        show_frame(self._viewer, frame, detections)
+        self._viewer.frame(frame, detections)
+        if (robot := self._robot.at(frame)) is not None:
+            self._viewer.robot(robot)
         if abs(frame.stamp - self._shown) >= _PERIOD:
             self.show(fresh=False)
 

@@ -2,9 +2,9 @@
 
 Colour: images whose camera poses reach; of a colour encoding, before grey ones; before others those
 with `color` or `rgb` in their name, then those with a CameraInfo, then the most messages. Depth:
-images of a depth encoding, of colour's robot; before others those in colour's frame, then those
-with `aligned` or `registered` in their name, then `depth`, then the most messages. CameraInfo: in
-the image's namespace, else of the image's frame.
+images of a depth encoding, of colour's robot; before others those in colour's frame, then those in
+its namespace, then those with `aligned` or `registered` in their name, then `depth`, then the most
+messages. CameraInfo: in the image's namespace, else of the image's frame.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import takewhile
 from typing import Any, Final
 
 from kg.model.errors import RecordingError, did_you_mean
@@ -76,6 +77,7 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
             index.robot(stream.topic) == index.robot(colour.topic),
             not _OTHER.search(stream.topic),
             stream.frame == index.streams[colour.topic].frame,
+            _common(stream.topic, colour.topic),
             bool(_REGISTERED.search(stream.topic)),
             "depth" in stream.topic,
             len(stream.stamps),
@@ -89,6 +91,12 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
         and (s.kind.is_depth or ("depth" in s.topic and s.kind.compression == "png"))
     ]
     return _best(found, rank, index, _DEPTH, "--depth-topic")
+
+
+def _common(topic: str, other: str) -> int:
+    """Number of names that both topics begin with."""
+    pairs = zip(topic.split("/"), other.split("/"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
 
 
 def camera_topic(index: BagIndex, images: Stream, given: str | None = None) -> Stream | None:

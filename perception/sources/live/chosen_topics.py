@@ -45,7 +45,8 @@ def choice_or_error(index: BagIndex, options: RecordingOptions) -> Choice | Reco
     """The choice by the messages so far, or an error that names the missing topic."""
     try:
         choice = choose(index, options.streams)
-        if choice.poses is None and (choice.posed_elsewhere or options.streams.pose):
+        posed = options.streams.pose or options.estimate_poses is False
+        if choice.poses is None and (choice.posed_elsewhere or posed):
             raise RecordingError(choice.no_poses)
         if options.intrinsics is None:
             camera, reason = camera_or_reason(index, choice)

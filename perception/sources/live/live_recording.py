@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.folders.image_files import ImageFile
 from perception.sources.listing import FrameEntry, RecordingListing
+from perception.sources.live.cameras import CameraStreams
 from perception.sources.live.connection import Connection
 from perception.sources.live.live_tracker import LiveTracker
 from perception.sources.live.silence import SilenceTeller
@@ -49,7 +51,7 @@ class LiveRecording:
 
     name: str
     connection: Connection
-    stream: FrameStream
+    stream: FrameStream | CameraStreams
     ended: threading.Event
     limit: int | None = None
     idle: float | None = None
@@ -65,6 +67,9 @@ class LiveRecording:
     _closed: threading.Event = field(default_factory=threading.Event)
     _failed: list[Exception] = field(default_factory=list)
     _thread: threading.Thread | None = None
+    _tellers: defaultdict[str, SilenceTeller] = field(  # by camera
+        default_factory=lambda: defaultdict(SilenceTeller)
+    )
 
     @property
     def is_empty(self) -> bool:
@@ -94,24 +99,29 @@ class LiveRecording:
                     self._first.clear()
                 began = began or time.monotonic()
                 self._first.append(frame)
-                if len(self._first) == FRAMES or time.monotonic() > began + WITHIN:
+                enough = FRAMES * len(self.stream.cameras)
+                if len(self._first) == enough or time.monotonic() > began + WITHIN:
                     break
             if self._failed and not self._first:
                 raise self._failed[0]
-            self._drop_constants()
-            if check and self._first and self.tracker is None:
-                poses = [frame.T_map_cam for frame in self._first]
-                scale, at = self.stream.depth_scale, self._first.__getitem__
-                found = depth_findings(self.name, poses, "camera-to-world", scale, at)
-                check_depth(found)
+            for camera in self.stream.cameras if self.tracker is None else ():
+                self._drop_constants(camera)
+                if check:
+                    self._check_depth(camera)
         except BaseException:
             self.close()
             raise
+        self._place(up)
+
+    def _place(self, up: Up | None) -> None:
+        """Find the transform of the world into the map."""
         if self.tracker is not None:
             self.tracker.hold()
-            up = self.stream.options.up  # type: ignore[assignment]  # else by floor and walls
+            up = self.stream.cameras[0].options.up  # else by floor and walls
             up = self._up_by_imu() if up is None else up
-        noted = self.stream.noted_transform  # the stream's frames are placed by it
+        # the stream's frames are placed by it
+        transforms = (one.noted_transform for one in self.stream.cameras)
+        noted = next((T for T in transforms if T is not None), None)
         if noted is not None:
             self._noted = noted
             self.T_map_world = noted
@@ -121,22 +131,34 @@ class LiveRecording:
     def _up_by_imu(self) -> Up | None:
         """Up (3,) by an IMU that is at rest at one of the first frames."""
         for frame in self._first:
-            up = self.stream.up_of_camera(frame)
+            up = self.stream.cameras[0].up_of_camera(frame)
             if up is not None:
                 return frame.T_map_cam[:3, :3] @ up
         return None
 
-    def _drop_constants(self) -> None:
+    def _of(self, camera: FrameStream) -> list[Frame]:
+        return [frame for frame in self._first if frame.camera == camera.camera]
+
+    def _drop_constants(self, camera: FrameStream) -> None:
         """Drop depths that stay the same while the camera moves, here and in later frames."""
         unmoved = UnmovedValues()
-        for one in self._first if self.tracker is None else ():
+        for one in self._of(camera):
             unmoved.add(one.depth, one.K, one.T_map_cam)
         if known := unmoved.found:
-            _log.warning("%s: depth of %s is taken for no return", self.name, told(known))
-            self.stream.drop(known)
-            self._first = [
-                replace(f, depth=without_constants(f.depth, f.K, known)) for f in self._first
-            ]
+            name = camera.camera or self.name
+            _log.warning("%s: depth of %s is taken for no return", name, told(known))
+            camera.drop(known)
+            for i, f in enumerate(self._first):
+                if f.camera == camera.camera:
+                    depth = without_constants(f.depth, f.K, known)
+                    self._first[i] = replace(f, depth=depth)
+
+    def _check_depth(self, camera: FrameStream) -> None:
+        """Raise RecordingError where depth contradicts the poses."""
+        if frames := self._of(camera):
+            poses, name = [frame.T_map_cam for frame in frames], camera.camera or self.name
+            at, scale = frames.__getitem__, camera.depth_scale
+            check_depth(depth_findings(name, poses, "camera-to-world", scale, at))
 
     def _leveled(self, up: Up | None) -> Pose:
         try:
@@ -228,23 +250,29 @@ class LiveRecording:
         return replace(frame, T_map_cam=T @ frame.T_map_cam)
 
     def _until_ended(self) -> Iterator[Frame]:
-        last, teller = time.monotonic(), SilenceTeller()
+        last = time.monotonic()
+        for one in self.stream.cameras:
+            self._tellers[one.camera].restart()
         while not self.ended.is_set() and (self.limit is None or self._given < self.limit):
             frame = self._next_frame()
             now = time.monotonic()
             if frame is not None:
                 self._given += 1
-                self._tell(teller.frame())
+                self._tell(self._tellers[frame.camera].frame(), frame.camera)
                 yield frame
                 last = time.monotonic()
             elif self._is_over(last, now):
                 return
-            elif teller.is_long:
-                self._tell(teller.silent(self.stream.silence()))
+            for one in self.stream.cameras:
+                teller = self._tellers[one.camera]
+                is_missed = frame is None or (one.camera != frame.camera and one.missed > 1)
+                if is_missed and teller.is_long:
+                    self._tell(teller.silent(one.silence()), one.camera)
 
-    def _tell(self, line: str) -> None:
+    def _tell(self, line: str, camera: str) -> None:
         if line:
-            _log.warning("%s: %s", self.connection.address, line)
+            where = f"{self.connection.address}, camera {camera}" if camera else ""
+            _log.warning("%s: %s", where or self.connection.address, line)
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,6 +118,10 @@ class SilenceTeller:
         self._told = ""
         self._first = True  # whether no frame came yet
 
+    def restart(self) -> None:
+        """Frames are expected from now on."""
+        self._last = time.monotonic()
+
     def frame(self) -> str:
         """A frame came; returns the line to tell, or ""."""
         now = time.monotonic()

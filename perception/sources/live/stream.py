@@ -8,6 +8,7 @@ partner can come and transforms reach its stamp, for PATIENCE at first.
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from collections import Counter, deque
@@ -69,7 +70,9 @@ class FrameStream:
     address: str  # of the connection, for messages
     options: RecordingOptions = DEFAULT_OPTIONS
     detections: TopicDetector | None = None  # None: frames are not waited for by detections
+    camera: str = ""  # one of several: its topic of colour, or a name in all of its topics
     problem: str = ""  # the reason why there are no frames yet
+    missed: int = 0  # calls of `next_frame`, one after another, without a frame
     _counts: StreamCounts = field(default_factory=StreamCounts)
     _received: Counter[str] = field(default_factory=Counter)  # number of images, by topic
     _index: BagIndex = field(init=False)  # stamps, cameras and transforms of the topics
@@ -88,6 +91,16 @@ class FrameStream:
 
     def __post_init__(self) -> None:
         self._index = BagIndex(self.address, kept=KEPT)
+
+    @property
+    def cameras(self) -> tuple[FrameStream, ...]:
+        """The streams of all cameras: this one."""
+        return (self,)
+
+    def is_chosen(self) -> bool:
+        """Whether the topics are chosen, now or before."""
+        with self._changed:
+            return self._choice is not None or self._choose()
 
     @property
     def counts(self) -> StreamCounts:
@@ -196,11 +209,13 @@ class FrameStream:
                 entry = self._newest()
                 if entry is None:
                     if (left := until - time.monotonic()) <= 0:
+                        self.missed += 1
                         return None
                     self._changed.wait(min(left, TICK))
                     continue
             frame = self._frame(entry)
             if frame is not None:
+                self.missed = 0
                 return frame
 
     def _add(self, raw: RawMessage, decoder: LiveDecoder) -> None:
@@ -298,7 +313,9 @@ class FrameStream:
                 for held, last in ((colours, colour), (depths, depth)):
                     for image in [one for one in held.images if one.stamp <= last.stamp]:
                         held.drop(image)
-                return FrameEntry(colour.id, colour, depth, self._convert(T), colour.seconds)
+                before = f"{self.camera.strip('/').replace('/', '_')}-" if self.camera else ""
+                T, id_ = self._convert(T), before + colour.id
+                return FrameEntry(id_, colour, depth, T, colour.seconds, self.camera)
             if final:
                 self._counts.without_pose += 1
                 colours.drop(colour)
@@ -326,6 +343,8 @@ class FrameStream:
             self._tried_names, self._tried_choice = there, choice_or_error(index, self.options)
         if not isinstance(self._tried_choice, Choice):
             self.problem, self._choosable_since = str(self._tried_choice), None
+            if self.camera:  # options of one camera do not go with several
+                self.problem = re.split(r";? \(?--", self.problem)[0]
             return False
         self._choosable_since = self._choosable_since or now
         silent = self._advertised - index.streams.keys() - self._imus.keys()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,3 +118,11 @@ def test_masks_stay_with_their_boxes():
     together = joined([("one", masked), ("other", plain)])
     assert together.label == ("a", "c", "b")
     assert together.mask == (None, None, mask)
+
+
+def test_each_camera_of_a_robot_has_points_of_view_of_its_own(first, second):
+    pair = DetectorPair(first, second)
+    for n in range(2):
+        for camera, turn in (("front", 0.0), ("rear", math.pi)):
+            pair.detect(replace(frame(f"{camera} {n}", turn=turn), camera=camera))
+    assert second.frames == ["front 0", "rear 0"]
