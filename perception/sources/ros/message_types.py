@@ -22,8 +22,33 @@ _VISION: Final = {
     "Detection2DArray": f"{_HEADER}Detection2D[] detections",
     "Detection3DArray": f"{_HEADER}Detection3D[] detections",
 }
+#: RTAB-Map's images in one message, by the names of its packages; and what both begin with
+RGBD_IMAGES: Final = ("rtabmap_msgs/msg/RGBDImage", "rtabmap_ros/msg/RGBDImage")
+RGBD_PARTS: Final = "rtabmap_msgs/msg/RGBDParts"
+_RGBD_PARTS: Final = f"""{_HEADER}sensor_msgs/CameraInfo rgb_camera_info
+sensor_msgs/CameraInfo depth_camera_info
+sensor_msgs/Image rgb
+sensor_msgs/Image depth
+sensor_msgs/CompressedImage rgb_compressed
+sensor_msgs/CompressedImage depth_compressed
+"""
+_RTABMAP: Final = {
+    RGBD_PARTS: _RGBD_PARTS,
+    "rtabmap_msgs/msg/Point2f": "float32 x\nfloat32 y",
+    "rtabmap_msgs/msg/Point3f": "float32 x\nfloat32 y\nfloat32 z",
+    "rtabmap_msgs/msg/KeyPoint": (
+        "Point2f pt\nfloat32 size\nfloat32 angle\nfloat32 response\nint32 octave\nint32 class_id"
+    ),
+    "rtabmap_msgs/msg/GlobalDescriptor": f"{_HEADER}int32 type\nuint8[] info\nuint8[] data",
+    **dict.fromkeys(
+        RGBD_IMAGES,
+        f"{_RGBD_PARTS}rtabmap_msgs/KeyPoint[] key_points\nrtabmap_msgs/Point3f[] points\n"
+        "uint8[] descriptors\nrtabmap_msgs/GlobalDescriptor global_descriptor",
+    ),
+}
 #: of ROS 1: a class is a number, and the parameter `database_location` has its name
 _ROS1: Final = {
+    **_RTABMAP,
     "tf2_msgs/msg/TFMessage": _TRANSFORMS,
     "tf/msg/tfMessage": _TRANSFORMS,
     "move_base_msgs/msg/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
@@ -48,6 +73,7 @@ _ROS1: Final = {
     ),
 }
 _ROS2: Final = {
+    **_RTABMAP,
     **{f"vision_msgs/msg/{name}": definition for name, definition in _VISION.items()},
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
@@ -82,6 +108,16 @@ def serialised(kind: str, message: Any, *, is_ros1: bool) -> bytes:
     """A message of a type as ROS 1 or ROS 2 (CDR with its header) sends it."""
     types = message_types(is_ros1)
     return bytes((types.serialize_ros1 if is_ros1 else types.serialize_cdr)(message, kind))
+
+
+def leading(kind: str, data: bytes, *, is_ros1: bool) -> Any:
+    """The message of a type that `data` begin with; what follows it is not looked at."""
+    types = message_types(is_ros1)
+    known: Any = types.get_msgdef(kind)
+    if is_ros1:
+        return known.deserialize_ros1(data, 0, known.cls, types)[0]
+    read = known.deserialize_cdr_le if data[1] else known.deserialize_cdr_be
+    return read(data[4:], 0, known.cls, types)[0]
 
 
 def made(kind: str, fields: dict[str, Any], *, is_ros1: bool) -> Any:
