@@ -24,7 +24,7 @@ from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular, read_
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
 from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
 from perception.sources.ros.message_types import RGBD_IMAGES, message_types
-from perception.sources.ros.rgbd_image import parts, type_of_part, whole_by_part
+from perception.sources.ros.rgbd_image import parts, wholes
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 MAX_FILE: Final = 1 << 44  # [bytes] of a bag, which is read in parts
@@ -135,9 +135,8 @@ class BagFile:
             before = counts.get(connection.topic, ("", 0))[1]
             kind = ros_type(connection.msgtype) if _is_read(connection) else connection.msgtype
             counts[connection.topic] = (kind, before + connection.msgcount)
-        self._whole = whole_by_part({name: kind for name, (kind, _) in counts.items()})
-        for below, of in self._whole.items():
-            counts[below] = (type_of_part(below), counts[of][1])
+        self._whole = wholes({name: kind for name, (kind, _) in counts.items()})
+        counts |= {one: (kind, counts[of][1]) for one, (of, kind) in self._whole.items()}
         self.topics = tuple(Topic(name, *counts[name]) for name in sorted(counts))
 
     @property
@@ -161,7 +160,7 @@ class BagFile:
     def _part_messages(
         self, reader: Any, topics: Collection[str], start: int | None
     ) -> Iterator[RawMessage]:
-        wanted = {self._whole.get(topic, topic) for topic in topics}
+        wanted = {self._whole.get(topic, (topic, ""))[0] for topic in topics}
         chosen = [c for c in reader.connections if c.topic in wanted and _is_read(c)]
         if not chosen:
             return

@@ -44,7 +44,7 @@ from perception.sources.live.topic_detector import TYPES, TopicDetector
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS
-from perception.sources.ros.rgbd_image import type_of_part, whole_by_part
+from perception.sources.ros.rgbd_image import wholes
 
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and at first for transforms
 SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
@@ -163,8 +163,8 @@ class FrameStream:
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
-            whole = whole_by_part(topics)
-            topics = {**topics, **{part: type_of_part(part) for part in whole}}
+            whole = wholes(topics)
+            topics = {**topics, **{part: kind for part, (_, kind) in whole.items()}}
             wanted = {n for n, t in topics.items() if t in (*WANTED, IMU) or n == NOTE_TOPIC}
             if self.detections is not None and topics.get(self.detections.topic) in TYPES:
                 wanted.add(self.detections.topic)
@@ -180,7 +180,7 @@ class FrameStream:
                 images = {given.colour, given.depth}
                 wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
             self._advertised = wanted
-            return {whole.get(name, name) for name in wanted}
+            return {whole.get(name, (name, ""))[0] for name in wanted}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
         """Receive a message; unreadable ones give one warning for each topic."""

@@ -22,30 +22,14 @@ _VISION: Final = {
     "Detection2DArray": f"{_HEADER}Detection2D[] detections",
     "Detection3DArray": f"{_HEADER}Detection3D[] detections",
 }
-#: RTAB-Map's images in one message, by the names of its packages; and what both begin with
+#: RTAB-Map's images in one message, by the names of its packages; features follow, unread
 RGBD_IMAGES: Final = ("rtabmap_msgs/msg/RGBDImage", "rtabmap_ros/msg/RGBDImage")
-RGBD_PARTS: Final = "rtabmap_msgs/msg/RGBDParts"
-_RGBD_PARTS: Final = f"""{_HEADER}sensor_msgs/CameraInfo rgb_camera_info
-sensor_msgs/CameraInfo depth_camera_info
-sensor_msgs/Image rgb
-sensor_msgs/Image depth
-sensor_msgs/CompressedImage rgb_compressed
-sensor_msgs/CompressedImage depth_compressed
-"""
-_RTABMAP: Final = {
-    RGBD_PARTS: _RGBD_PARTS,
-    "rtabmap_msgs/msg/Point2f": "float32 x\nfloat32 y",
-    "rtabmap_msgs/msg/Point3f": "float32 x\nfloat32 y\nfloat32 z",
-    "rtabmap_msgs/msg/KeyPoint": (
-        "Point2f pt\nfloat32 size\nfloat32 angle\nfloat32 response\nint32 octave\nint32 class_id"
-    ),
-    "rtabmap_msgs/msg/GlobalDescriptor": f"{_HEADER}int32 type\nuint8[] info\nuint8[] data",
-    **dict.fromkeys(
-        RGBD_IMAGES,
-        f"{_RGBD_PARTS}rtabmap_msgs/KeyPoint[] key_points\nrtabmap_msgs/Point3f[] points\n"
-        "uint8[] descriptors\nrtabmap_msgs/GlobalDescriptor global_descriptor",
-    ),
-}
+_RTABMAP: Final = dict.fromkeys(
+    RGBD_IMAGES,
+    f"{_HEADER}sensor_msgs/CameraInfo rgb_camera_info\nsensor_msgs/CameraInfo depth_camera_info\n"
+    "sensor_msgs/Image rgb\nsensor_msgs/Image depth\nsensor_msgs/CompressedImage rgb_compressed\n"
+    "sensor_msgs/CompressedImage depth_compressed",
+)
 #: of ROS 1: a class is a number, and the parameter `database_location` has its name
 _ROS1: Final = {
     **_RTABMAP,

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from perception.sources.ros.image_messages import nanoseconds
-from perception.sources.ros.message_types import RGBD_IMAGES, RGBD_PARTS, leading, serialised
+from perception.sources.ros.message_types import RGBD_IMAGES, leading, serialised
 
 _CAMERA: Final = "sensor_msgs/msg/CameraInfo"
 _IMAGE: Final = "sensor_msgs/msg/Image"
@@ -24,19 +24,16 @@ _PARTS: Final[dict[str, dict[str, str]]] = {
 }
 
 
-def whole_by_part(types: Mapping[str, str]) -> dict[str, str]:
-    """Topics of the parts of RGBDImages among topics of `types`, and the topic of the whole.
+def wholes(types: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Topics of the parts of RGBDImages among topics of `types`: topic of the whole, and type.
 
-    A part that is a topic itself is no part.
+    A part that is a topic itself is no part. Images have the type of raw ones.
     """
     images = [topic for topic, kind in types.items() if kind in RGBD_IMAGES]
-    found = {f"{topic}/{part}": topic for topic in images for part in _PARTS}
-    return {part: topic for part, topic in found.items() if part not in types}
-
-
-def type_of_part(topic: str) -> str:
-    """Type of the messages of a part; of images that of raw ones."""
-    return next(iter(_PARTS["/".join(topic.split("/")[-2:])].values()))
+    found = {
+        f"{t}/{part}": (t, next(iter(of.values()))) for t in images for part, of in _PARTS.items()
+    }
+    return {part: whole for part, whole in found.items() if part not in types}
 
 
 def parts(topic: str, data: bytes, *, is_ros1: bool) -> Iterator[tuple[str, str, bytes]]:
@@ -44,7 +41,7 @@ def parts(topic: str, data: bytes, *, is_ros1: bool) -> Iterator[tuple[str, str,
 
     A part without a stamp or a frame has those of the whole.
     """
-    whole = leading(RGBD_PARTS, data, is_ros1=is_ros1)
+    whole = leading(RGBD_IMAGES[0], data, is_ros1=is_ros1)
     for below, kinds in _PARTS.items():
         for name, kind in kinds.items():
             part: Any = getattr(whole, name)

@@ -95,9 +95,8 @@ def rgbd_image(made: Bag, view: View, kind: str, **images: dict[str, Any]) -> No
     header, k = made.header(view.stamp, "lens"), {"K" if made.ros1 else "k": K.ravel()}
     info = {"header": header, "height": SIZE[1], "width": SIZE[0], **k}
     images |= {"rgb_camera_info": info, "depth_camera_info": info}
-    corner = {"pt": {"x": 3.0, "y": 4.0}, "size": 31.0}  # what follows the images
     made.tf("/tf", view.stamp, "map", "lens", view.T)
-    made.stamped("/rgbd_image", kind, view.stamp, "lens", **images, key_points=[corner])
+    made.stamped("/rgbd_image", kind, view.stamp, "lens", **images)
 
 
 def raw_image(array: NDArray[Any], encoding: str) -> dict[str, Any]:

@@ -160,6 +160,22 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
             open_recording(path, RecordingOptions(streams=streams))
 
 
+def test_stamps_that_fall_behind_are_told_and_no_tolerance_is_advised(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def add(made: Bag, view: View) -> None:
+        made.images(view)
+        made.tf("/tf", view.stamp, "map", "lens", view.T)
+        late = view.stamp + 0.05 * view.number
+        made.image("/late/depth/image_raw", late, view.depth, "16UC1", "lens")
+
+    streams = Streams(depth="/late/depth/image_raw", tolerance=0.001)
+    options = RecordingOptions(check=False, streams=streams, up="z")
+    open_recording(recorded(tmp_path / "robot", add), options)
+    assert "one falls behind by 0.25 s, so stamps of one clock" in caplog.text
+    assert "--tolerance" not in caplog.text
+
+
 @pytest.mark.parametrize(
     ("skip", "said"),
     [

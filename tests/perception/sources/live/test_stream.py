@@ -101,6 +101,7 @@ def test_rtabmaps_images_in_one_message_are_frames(is_ros1: bool) -> None:
     transforms = maker.transforms(round(view.stamp * 1e9), "map", "lens", view.T)
     sent = (("/tf", "tf2_msgs/msg/TFMessage", transforms), ("/rgbd_image", kind, whole))
     messages = [RawMessage(t, k, 0, serialised(k, m, is_ros1=is_ros1)) for t, k, m in sent]
+    messages[1] = replace(messages[1], data=messages[1].data + bytes(60))  # features
     made = FrameStream("peer")
     assert made.wanted({t: k for t, k, _ in sent}) == {"/tf", "/rgbd_image"}
     frame = taken(offered(made, messages, is_ros1=is_ros1))
