@@ -16,7 +16,6 @@ from perception.number_tables import all_numbers, floats, in_seconds, rows
 
 Floats = NDArray[np.float64]
 
-
 LEVER: Final = 3.0  # [m] weight of an angle beside a distance
 HAND_EYE_STEPS: Final = 50
 LEVEL: Final = 1e-3  # [rad] from straight up or down

@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Final, TypeGuard
 
 import numpy as np
@@ -94,6 +94,11 @@ def depth_findings(
     def samples_at(index: int) -> DepthSamples:
         return depth_samples(frame(index).depth, frame(index).K)
 
+    @cache
+    def briefly(index: int) -> DepthSamples:  # without keeping the frame
+        one = read[index] if index in read else frame_at(index)
+        return depth_samples(one.depth, one.K)
+
     middle = float(np.nanmedian(frame(0).depth)) if np.isfinite(frame(0).depth).any() else 0.0
     if middle > MAX_DEPTH:
         return DepthFindings(None, None, _too_far(name, middle, depth_scale), ())
@@ -109,7 +114,7 @@ def depth_findings(
     if error is None and share is not None and share < GOOD:
         error = another_scale(name, pairs, convention, depth_scale, share)
         error = error or another_cause(name, pairs, convention, share)
-        error = error or another_body(name, poses, samples_at, share)
+        error = error or another_body(name, poses, briefly, share)
         error = error or (
             f"{name}: depth does not fit the poses: {int(100 * share)}% of the points that two "
             f"frames share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps "

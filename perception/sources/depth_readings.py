@@ -181,9 +181,9 @@ def another_body(
     if best < max(GOOD, given + BETTER):
         return None
     share, convention, X = next(fit for fit in fits if fit[0] >= best - SAME)
-    remedy = f"--camera-in body={mount_numbers(X)} would work"
-    if convention != "camera-to-world":
-        remedy = f"--pose-convention {convention} with {remedy}"
+    turned = "" if convention == "camera-to-world" else f"--pose-convention {convention} with "
+    remedy = f"{turned}--camera-in body={mount_numbers(X)} for a folder without it"
+    remedy = f"another mount in tf, {remedy}, or --poses estimate would work"
     return _would_fit(name, given, share, "these are poses of what carries it", remedy)
 
 

@@ -75,7 +75,7 @@ CAUSES = {
     "these are poses of what": (
         lambda T: np.linalg.inv(MISREAD["opengl"](T)),
         lambda frame: frame,
-        "--pose-convention world-to-camera with --camera-in body=0,0,0,0,1.571,1.571 would",
+        "--pose-convention world-to-camera with --camera-in body=0,0,0,0,1.571,1.571 for",
     ),
 }
 
