@@ -48,7 +48,8 @@ _STREAMS = """
 --camera-frame FRAME   frame of the colour camera (default: that in the headers of its images)
 --camera-in FRAME=X,Y,Z,ROLL,PITCH,YAW|URDF
                        where the colour camera sits, if tf does not say it: pose in a frame of its
-                       body (x ahead, z up) in metres and radians, or a URDF file
+                       body (x ahead, z up) in metres and radians, or a URDF file; in folders on the
+                       body whose poses they have
 --map-frame FRAME      frame of a bag's poses (default: map, world or odom, else the root of tf)
 --tolerance SECONDS    maximum time between colour and depth of one frame of a bag (default: 0.02)
 """

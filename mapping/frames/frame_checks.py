@@ -18,7 +18,7 @@ from kg.model.errors import FrameError
 from perception.camera.depth_agreement import COLUMNS, Agreement, agreement, depth_samples
 from perception.camera.poses import CONVENTIONS, checked_pose, motion
 from perception.frames import Detections, Frame, SceneScores
-from perception.sources.depth_check import FramePair, better_convention, median_share
+from perception.sources.depth_readings import FramePair, better_convention, median_share
 
 #: [m] no depth camera of rooms has a larger median depth; depth in millimetres has
 MAX_MEDIAN_DEPTH: Final = 50.0

@@ -78,16 +78,16 @@ class PoseMonitor:
         self._motion = np.eye(4)
         self._keys = list[_View]()
         self._unmoved, self._judge = UnmovedValues(), ColourJudge()
-        self._off = 0  # views that were off
+        self._off = self._bad = 0  # views that were off, and bad frames that were told
         self.problems = dict[str, str]()
 
     def add(self, frame: Frame) -> None:
         """Check one frame."""
         view = _View(frame.id, frame.stamp, frame.T_map_cam, frame.depth, frame.K)
-        if "colour" not in self.problems:
-            self._judge.add(frame.id, frame.rgb, frame.depth)
-            if problem := self._judge.told:
-                self._tell("colour", problem)
+        self._judge.add(frame.id, frame.rgb, frame.depth)
+        if (bad := len(self._judge.bad)) >= max(1, 2 * self._bad):  # told anew as they double
+            self._bad = bad
+            self._tell("colour", self._judge.told)
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view

@@ -35,7 +35,6 @@ OTHERS: Final = 6  # other frames that it is compared with, ...
 OTHERS_APART: Final = 5  # ... each so many frames after the one before
 MIN_OTHERS: Final = 3
 MIN_FRAMES: Final = 12  # judged, to conclude anything
-MIN_BAD: Final = 3  # bad frames that are told
 WORSE: Final = 3.5  # standard deviations by which a bad frame fits worse than the median
 UNLIKE: Final = 1.25  # strength of own edges over others' below which a frame may be bad
 ONE_SCENE: Final = 1.4  # `colour_fit` below which colour and depth show different scenes
@@ -153,9 +152,8 @@ class ColourJudge:
 
     @property
     def told(self) -> str:
-        """What is wrong with some frames, for people; "" where fewer than MIN_BAD are bad."""
-        bad = self.bad if len(self._doubted) >= MIN_BAD else []
-        if len(bad) < MIN_BAD:
+        """What is wrong with some frames, for people; "" where none is bad."""
+        if not (bad := self.bad):
             return ""
         return (
             f"colour of {len(bad)} of {self.judged} frames does not show what their depth shows, "

@@ -16,6 +16,11 @@ from perception.number_tables import all_numbers, floats, in_seconds, rows
 
 Floats = NDArray[np.float64]
 
+LEVER: Final = 3.0  # [m] weight of an angle beside a distance
+HAND_EYE_STEPS: Final = 50
+LEVEL: Final = 1e-3  # [rad] from straight up or down
+UNSEEN: Final = 0.1  # share of the strongest direction below which one does not show
+
 
 def motions(steps: Floats) -> Floats:
     """Rigid motions (n, 4, 4) of rotation vectors and translations (n, 6)."""
@@ -89,6 +94,36 @@ def cross(a: Floats, b: Floats) -> Floats:
     made[..., 1] = a[..., 2] * b[..., 0] - a[..., 0] * b[..., 2]
     made[..., 2] = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return made
+
+
+def mount_numbers(X: Pose) -> str:
+    """x,y,z [m],roll,pitch,yaw [rad] of a camera's body (x ahead, z up), of the camera's pose."""
+    T = X @ BODY_FROM_CAMERA.T
+    R, level = T[:3, :3], np.hypot(T[2, 1], T[2, 2]) > LEVEL  # else roll and yaw are one
+    roll = np.arctan2(R[2, 1], R[2, 2]) if level else 0.0
+    yaw = np.arctan2(R[1, 0], R[0, 0]) if level else np.arctan2(-R[0, 1], R[1, 1])
+    turned = (roll, -np.arcsin(np.clip(R[2, 0], -1, 1)), yaw)
+    return ",".join(f"{round(float(n), 3) + 0.0:g}" for n in (*T[:3, 3], *turned))
+
+
+def hand_eye(body: Floats, camera: Floats) -> Pose:
+    """Pose (4, 4) of a camera on the body that carries it, by the motions (n, 4, 4) of both.
+
+    A X = X B: rotation and translation by turns. Translation along an axis about which the body
+    does all its turns is 0, since it does not show.
+    """
+    X = np.eye(4)
+    turned = body[:, :3, :3] - np.eye(3)
+    rotated = [LEVER * logarithms(T)[:, :3] for T in (body, camera)]
+    for _ in range(HAND_EYE_STEPS):
+        moved = body[:, :3, 3] + turned @ X[:3, 3]
+        U, _, Vt = np.linalg.svd(
+            np.vstack([rotated[0], moved]).T @ np.vstack([rotated[1], camera[:, :3, 3]])
+        )
+        X[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+        off = camera[:, :3, 3] @ X[:3, :3].T - body[:, :3, 3]
+        X[:3, 3] = np.linalg.lstsq(turned.reshape(-1, 3), off.ravel(), rcond=UNSEEN)[0]
+    return X
 
 
 def skew(p: Floats) -> Floats:

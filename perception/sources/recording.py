@@ -25,11 +25,18 @@ from perception.camera.gravity_alignment import (
     turned_poses,
 )
 from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, Rectifier, register_depth
-from perception.camera.poses import CONVENTIONS, Pose, checked_pose, gridded_pose
+from perception.camera.poses import (
+    BODY_FROM_CAMERA,
+    CONVENTIONS,
+    Pose,
+    checked_pose,
+    gridded_pose,
+)
 from perception.frames import Frame
 from perception.no_return import Constant, without_constants
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.bags import bag
+from perception.sources.bags.camera_mounts import mount
 from perception.sources.depth_check import check_depth, depth_findings
 from perception.sources.depth_values import no_return_of
 from perception.sources.estimated_poses import (
@@ -172,15 +179,13 @@ def open_recording(
     """
     folder, o = Path(path), options
     chosen = format_of(folder, o.format)
-    if o.streams.given and chosen is not bag.FORMAT:
-        raise RecordingError(
-            f"{folder} is a {chosen.name} recording: streams are chosen in bags and MCAP files only"
-        )
     listing = listing or chosen.read(folder, o.streams)
     if listing.unused_poses and o.poses is None and not o.estimate_poses:
         raise RecordingError(listing.unused_poses)
     estimating = wants_estimate(listing, o)
     listing = _listing(listing, o, folder, estimating)
+    if chosen is not bag.FORMAT:
+        listing, o = _on_mount(listing, o, f"{folder} is a {chosen.name} recording", estimating)
     if max(entry.stamp for entry in listing.entries) > LATEST:
         raise RecordingError(f"{folder}: its stamps are no seconds since 1970; these would work")
     relative = max(entry.stamp for entry in listing.entries) < ABSOLUTE_STAMP
@@ -294,6 +299,20 @@ def _listing(
         camera = replace(given, depth_scale=known.depth_scale)
     apart = None if options.registered else listing.depth_camera
     return replace(listing, entries=entries, camera=camera, depth_camera=apart)
+
+
+def _on_mount(
+    listing: RecordingListing, o: RecordingOptions, what: str, estimating: bool
+) -> tuple[RecordingListing, RecordingOptions]:
+    """A folder's listing by poses of the camera, where it has those of a body that carries it."""
+    if replace(o.streams, camera_in=None).given:
+        raise RecordingError(f"{what}: streams are chosen in bags and MCAP files only")
+    if o.streams.camera_in is None or estimating:
+        return listing, o
+    convert, X = _convention(o.pose_convention), mount(o.streams.camera_in) @ BODY_FROM_CAMERA
+    entries = (replace(e, T_world_cam=convert(e.T_world_cam) @ X) for e in listing.entries)
+    plain = replace(o, pose_convention="camera-to-world")
+    return replace(listing, entries=tuple(entries)), plain
 
 
 def _name(path: Path) -> str:

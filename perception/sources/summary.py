@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from perception.sources.bags.bag import Choice
 from perception.sources.bags.bag_index import TRANSFORMS, BagIndex, Stream
-from perception.sources.listing import FrameEntry
+from perception.sources.listing import FRAME_RATE, FrameEntry, stamp_of_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,12 @@ def bag_streams(index: BagIndex, choice: Choice | None) -> list[StreamSummary]:
 def file_streams(entries: tuple[FrameEntry, ...], size: tuple[int, int]) -> list[StreamSummary]:
     """Streams of a recording that is a folder of images."""
     stamps = np.array([entry.stamp for entry in entries])
-    images = f"{size[0]}x{size[1]}"
+    images = f"images {size[0]}x{size[1]}"
+    numbered = all(stamp == stamp_of_number(round(stamp * FRAME_RATE)) for stamp in stamps)
+    if numbered and any(stamp != round(stamp, 3) for stamp in stamps):
+        images += f", no stamps: {FRAME_RATE:g} a second are taken"
     return [
-        _summary("colour", f"images {images}", stamps, "", "colour"),
+        _summary("colour", images, stamps, "", "colour"),
         _summary("depth", "images", stamps, "", "depth"),
         _summary("poses", "camera poses", stamps, "", "poses"),
     ]

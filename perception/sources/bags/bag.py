@@ -277,6 +277,10 @@ def _entries(
 def _wider(a: NDArray[np.float64], b: NDArray[np.float64]) -> str:
     """Advice on stamps that lie farther apart than the tolerance."""
     ordered = np.sort(b)
+    if 2 < len(a) == len(b):
+        behind = float(np.ptp((ordered - np.sort(a))[[0, -1]]))
+        if behind > np.median(np.diff(np.sort(a))):
+            return f"; one falls behind by {behind:.2g} s, so stamps of one clock are needed"
     after = np.searchsorted(ordered, a)
     sides = [ordered[(after + step).clip(0, len(b) - 1)] for step in (-1, 0)]
     near = np.minimum(abs(a - sides[0]), abs(a - sides[1]))

@@ -15,7 +15,7 @@ import heapq
 import re
 import weakref
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +23,8 @@ from kg.model.errors import RecordingError, in_one_line
 from kg.model.regular_files import SQLITE_STEPS, StepLimit, check_regular, read_text
 from perception.sources.ros.foxglove_schemas import ENCODINGS as FOXGLOVE
 from perception.sources.ros.foxglove_schemas import ROS_TYPES, decoded_foxglove, ros_type
-from perception.sources.ros.message_types import message_types
+from perception.sources.ros.message_types import RGBD_IMAGES, message_types
+from perception.sources.ros.rgbd_image import parts, wholes
 
 MAX_CHUNK: Final = 1 << 29  # [bytes] decompressed
 MAX_FILE: Final = 1 << 44  # [bytes] of a bag, which is read in parts
@@ -134,6 +135,8 @@ class BagFile:
             before = counts.get(connection.topic, ("", 0))[1]
             kind = ros_type(connection.msgtype) if _is_read(connection) else connection.msgtype
             counts[connection.topic] = (kind, before + connection.msgcount)
+        self._whole = wholes({name: kind for name, (kind, _) in counts.items()})
+        counts |= {one: (kind, counts[of][1]) for one, (of, kind) in self._whole.items()}
         self.topics = tuple(Topic(name, *counts[name]) for name in sorted(counts))
 
     @property
@@ -157,14 +160,18 @@ class BagFile:
     def _part_messages(
         self, reader: Any, topics: Collection[str], start: int | None
     ) -> Iterator[RawMessage]:
-        chosen = [c for c in reader.connections if c.topic in topics and _is_read(c)]
+        wanted = {self._whole.get(topic, (topic, ""))[0] for topic in topics}
+        chosen = [c for c in reader.connections if c.topic in wanted and _is_read(c)]
         if not chosen:
             return
         for connection, time, data in reader.messages(chosen, start=start):
             encoding, kind = _encoding(connection), connection.msgtype
             if encoding == "cdr" and data[:4] == _ZSTD:  # no CDR begins so
                 data = _decompressed(data, connection.topic)
-            yield RawMessage(connection.topic, ros_type(kind), time, data, encoding, kind)
+            raw = RawMessage(connection.topic, ros_type(kind), time, data, encoding, kind)
+            for one in parts_of(raw, self.is_ros1):
+                if one.topic in topics and (one is raw or one.topic in self._whole):
+                    yield one
 
     def decoded(self, raw: RawMessage) -> Any:
         """The message with its fields."""
@@ -190,6 +197,18 @@ def decoded(raw: RawMessage, is_ros1: bool, where: Path | str) -> Any:
         types = message_types(is_ros1)
         deserialize = types.deserialize_ros1 if is_ros1 else types.deserialize_cdr
         return deserialize(raw.data, raw.type)
+
+
+def parts_of(raw: RawMessage, is_ros1: bool) -> Iterator[RawMessage]:
+    """A message that holds images of others, as messages of their own; else the message itself."""
+    if raw.type not in RGBD_IMAGES:
+        yield raw
+        return
+    is_ros1 = raw.encoding == "ros1" if raw.encoding else is_ros1
+    with _errors(raw.topic, "a message"):
+        found = list(parts(raw.topic, raw.data, is_ros1=is_ros1))
+    for topic, kind, data in found:
+        yield replace(raw, topic=topic, type=kind, data=data)
 
 
 def _encoding(connection: Any) -> str:

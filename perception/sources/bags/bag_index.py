@@ -24,9 +24,11 @@ from perception.sources.ros.image_messages import (
     is_calibrated,
     nanoseconds,
 )
+from perception.sources.ros.message_types import RGBD_IMAGES
 from perception.sources.ros.transform_tree import TransformTree, pose_numbers
 
 IMAGES: Final = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+WITH_IMAGES: Final = (*IMAGES, *RGBD_IMAGES)
 CAMERA: Final = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS: Final = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOMETRY: Final = "nav_msgs/msg/Odometry"

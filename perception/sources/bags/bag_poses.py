@@ -216,6 +216,8 @@ def _unreached(
     base = max(moved, key=lambda f: (f in BODIES, f not in MAP_FRAMES, f))
     optical = next((f for word in OPTICAL for f in moved if word in f), "FRAME")
     options = f"--camera-in {base}=X,Y,Z,ROLL,PITCH,YAW or --camera-in URDF says where it sits"
+    if streams.camera_in is not None and "=" not in streams.camera_in:  # its joints turn
+        options = options.replace("URDF", "a URDF with fixed joints from there to the camera")
     if not known:
         options += f", --camera-frame {optical} names its frame"
     return RecordingError(

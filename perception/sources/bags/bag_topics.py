@@ -88,7 +88,7 @@ def depth_topic(index: BagIndex, given: str | None, colour: Stream) -> Stream:
         s
         for s in found
         if s.kind is not None
-        and (s.kind.is_depth or ("depth" in s.topic and s.kind.compression == "png"))
+        and (s.kind.is_depth or ("depth" in s.topic and s.kind.compression in ("png", "rvl")))
     ]
     return _best(found, rank, index, _DEPTH, "--depth-topic")
 

@@ -45,8 +45,8 @@ def mount(given: str) -> Pose:
     if len(numbers) != 6 or not np.isfinite(numbers).all():
         raise RecordingError(
             f"--camera-in {given!r} is no mount; base_link=0.2,0,1.1,0,0,0 is one: a frame, then "
-            "x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x ahead, z up); a URDF file "
-            "is another"
+            "x, y, z [m], roll, pitch, yaw [rad] of the camera's body (x ahead, z up); for a bag a "
+            "URDF file is another"
         )
     return pose_of_origin(numbers[:3], numbers[3:])
 

@@ -27,7 +27,7 @@ from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, checked_pose, inverse
 from perception.odometry.pose_graph import PoseConstraint, adjusted
 from perception.sources.listing import Format, FrameEntry, RecordingListing, Streams
-from perception.sources.ros.image_messages import decode_sized_rvl
+from perception.sources.ros.image_messages import rtabmap_depth
 
 SIGNATURE: Final = b"SQLite format 3\0"
 MAX_UNPACKED: Final = 1 << 28  # [bytes] of the poses of all nodes
@@ -44,7 +44,6 @@ _HEADER: Final = struct.Struct("<11i")
 _STEREO: Final = 1
 _VERSIONS: Final = 1000  # above it the first number is no version, but a float
 _FLOATS: Final = 18  # of a camera before 0.18: fx, fy, cx, cy, width, height, mount
-_RVL: Final = b"DEPTHRVL"
 SAME_LENS: Final = 0.01  # share by which focal lengths of one camera differ
 #: of the motion between two nodes: 0.01 rad and 0.03 m
 INFORMATION: Final = np.diag([1e4, 1e4, 1e4, 1e3, 1e3, 1e3])
@@ -90,15 +89,7 @@ class NodeImage:
 
     def depth(self, depth_scale: float) -> NDArray[np.float32]:
         """(H, W) [m], nan = no return; raises RecordingError for an unreadable image."""
-        data = self._bytes()
-        if data[: len(_RVL)].tobytes() == _RVL:
-            return metres(self._own(decode_sized_rvl(data[len(_RVL) :], str(self))), depth_scale)
-        image = decode_image(data, cv2.IMREAD_UNCHANGED, str(self))
-        if image.ndim == 3 and image.shape[2] == 4:  # floats [m] as four channels
-            image = np.ascontiguousarray(image).view(np.float32)[:, :, 0]
-        if image.dtype not in (np.uint16, np.float32):
-            raise RecordingError(f"{self}: {image.dtype} of shape {image.shape} is no depth")
-        return metres(self._own(image), depth_scale)
+        return metres(self._own(rtabmap_depth(self._bytes(), str(self))), depth_scale)
 
     def _bytes(self) -> NDArray[np.uint8]:
         rows = self.database.rows(f"SELECT {self.column} FROM Data WHERE id = ?", self.node)

@@ -115,7 +115,8 @@ def _pairs(folder: Path) -> list[_Pair]:
             for stamp, (_, words) in zip(in_seconds(np.array(stamps)), rows, strict=True)
         ]
     if not (folder / "rgb.txt").is_file():
-        images = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), folder / "depth")
+        depths = subfolder(folder, "aligned_depth", "depth")  # both in OpenLORIS-Scene
+        images = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), depths)
         if not images:
             raise RecordingError(
                 f"{folder} has no rgb.txt and depth.txt, and its images have no stamps as names"

@@ -16,7 +16,7 @@ from kg.model.errors import HereaboutsError, RecordingError, in_one_line
 from kg.model.extensions import CONNECTIONS, load_extension
 from perception.camera.image_decoding import metres
 from perception.sources.bags.bag_file import RawMessage, decoded
-from perception.sources.bags.bag_index import IMAGES
+from perception.sources.bags.bag_index import WITH_IMAGES
 from perception.sources.ros.image_messages import NANOSECONDS, colour_image, depth_image
 
 MIN_PAUSE: Final = 0.5  # [s] before a broken connection is tried again; doubled each time, ...
@@ -108,7 +108,7 @@ def _failed(address: str, error: Exception) -> HereaboutsError:
 
 def max_size(type_: str) -> int:
     """Size [bytes] above which a message of that type is refused."""
-    return MAX_IMAGE if type_ in IMAGES else MAX_OTHER
+    return MAX_IMAGE if type_ in WITH_IMAGES else MAX_OTHER
 
 
 class Retry:

@@ -22,7 +22,7 @@ from typing import Any, Final
 
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import RawMessage
-from perception.sources.bags.bag_index import IMAGES
+from perception.sources.bags.bag_index import WITH_IMAGES
 from perception.sources.live.connection import MAX_WARNINGS, Inbox, max_size
 from perception.sources.ros.message_types import message_types
 
@@ -188,7 +188,7 @@ class _Participant:
         quality = Qos(
             reliable if topic.reliable else Policy.Reliability.BestEffort,
             durability.TransientLocal if topic.durable else durability.Volatile,
-            Policy.History.KeepLast(KEPT[topic.type in IMAGES]),
+            Policy.History.KeepLast(KEPT[topic.type in WITH_IMAGES]),
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )
         made = Topic(self._participant, f"{TOPIC_PREFIX}{topic.name}", idl_type(topic.type))
@@ -235,7 +235,7 @@ def topics_of(writers: Iterable[Any]) -> list[_Topic]:
         if not name.startswith(f"{TOPIC_PREFIX}/") or kind not in known:
             continue
         # an image is large and soon outdated: a lost one is not sent again
-        reliable = Policy.Reliability.BestEffort not in writer.qos and kind not in IMAGES
+        reliable = Policy.Reliability.BestEffort not in writer.qos and kind not in WITH_IMAGES
         durable = reliable and Policy.Durability.TransientLocal in writer.qos
         before = found.setdefault(
             name, _Topic(name.removeprefix(TOPIC_PREFIX), kind, reliable, durable)

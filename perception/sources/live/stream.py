@@ -26,7 +26,7 @@ from perception.camera.poses import CONVENTIONS, Pose, gridded_pose
 from perception.frames import Frame
 from perception.no_return import Constant
 from perception.sources.bags.bag import Choice, noted_transform
-from perception.sources.bags.bag_file import RawMessage
+from perception.sources.bags.bag_file import RawMessage, parts_of
 from perception.sources.bags.bag_index import (
     IMAGES,
     NOTE_TOPIC,
@@ -45,6 +45,7 @@ from perception.sources.live.topic_detector import TYPES, TopicDetector
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import DEFAULT_OPTIONS, RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS
+from perception.sources.ros.rgbd_image import wholes
 
 PATIENCE: Final = 0.5  # [s] for a nearer partner, and at first for transforms
 SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
@@ -175,6 +176,8 @@ class FrameStream:
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics to subscribe to: all that may be used, and after the choice the chosen ones."""
         with self._changed:
+            whole = wholes(topics)
+            topics = {**topics, **{part: kind for part, (_, kind) in whole.items()}}
             wanted = {n for n, t in topics.items() if t in (*WANTED, IMU) or n == NOTE_TOPIC}
             if self.detections is not None and topics.get(self.detections.topic) in TYPES:
                 wanted.add(self.detections.topic)
@@ -190,14 +193,15 @@ class FrameStream:
                 images = {given.colour, given.depth}
                 wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
             self._advertised = wanted
-            return wanted
+            return {whole.get(name, (name, ""))[0] for name in wanted}
 
     def offer(self, raw: RawMessage, *, is_ros1: bool) -> None:
         """Receive a message; unreadable ones give one warning for each topic."""
         decoder = LiveDecoder(self.address, is_ros1)
         with self._changed:
             try:
-                self._add(raw, decoder)
+                for one in parts_of(raw, is_ros1):
+                    self._add(one, decoder)
             except (RecordingError, ValueError, ArithmeticError) as error:
                 self._warn(raw.topic, error)
 

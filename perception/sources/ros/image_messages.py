@@ -109,6 +109,7 @@ _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters 
 _SIZE: Final = struct.Struct("<II")  # width, height of RVL depth
 _VIDEO: Final = re.compile("h\\.?26[45]|hevc|avc|av1|vp[89]|theora|mpeg")
 _PNG: Final = b"\x89PNG"
+_RVL: Final = b"DEPTHRVL"
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,7 @@ class ImageKind:
     """Content of a message, by its fields."""
 
     encoding: str  # where it is raw or compressedDepth; "" where only its bytes say it
-    compression: str  # "" (raw), "jpeg", "png", "compressedDepth", "video"
+    compression: str  # "" (raw), "jpeg", "png", "rvl", "compressedDepth", "video"
     size: tuple[int, int] | None  # (W, H) [px]; None where only its bytes say it
 
     @property
@@ -136,7 +137,8 @@ def image_kind(message: Any) -> ImageKind:
         return ImageKind(encoding, "compressedDepth", None)
     if _VIDEO.search(given.lower()):
         return ImageKind("", "video", None)
-    return ImageKind(encoding, "png" if "png" in given.lower() else "jpeg", None)
+    lossless = next((kind for kind in ("png", "rvl") if kind in given.lower()), "jpeg")
+    return ImageKind(encoding, lossless, None)
 
 
 def colour_image(message: Any, where: str) -> NDArray[np.uint8]:
@@ -183,7 +185,17 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
     kind, data = image_kind(message), _bytes(message)
     if kind.compression == "compressedDepth":
         return _compressed_depth(data, kind.encoding, "rvl" in message.format, where)
-    return _one_channel(decode_image(data, cv2.IMREAD_UNCHANGED, where), where)
+    return rtabmap_depth(data, where)
+
+
+def rtabmap_depth(data: NDArray[np.uint8], where: str) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """(H, W) depth of a PNG of 16 bits, or as RTAB-Map keeps it: RVL, or a PNG of floats' bytes."""
+    if data[: len(_RVL)].tobytes() == _RVL:
+        return decode_sized_rvl(data[len(_RVL) :], where)
+    image = decode_image(data, cv2.IMREAD_UNCHANGED, where)
+    if image.ndim == 3 and image.shape[2] == 4 and image.dtype == np.uint8:
+        return np.ascontiguousarray(image).view(np.float32)[:, :, 0]
+    return _one_channel(image, where)
 
 
 def _encoding(message: Any) -> str:

@@ -22,8 +22,17 @@ _VISION: Final = {
     "Detection2DArray": f"{_HEADER}Detection2D[] detections",
     "Detection3DArray": f"{_HEADER}Detection3D[] detections",
 }
+#: RTAB-Map's images in one message, by the names of its packages; features follow, unread
+RGBD_IMAGES: Final = ("rtabmap_msgs/msg/RGBDImage", "rtabmap_ros/msg/RGBDImage")
+_RTABMAP: Final = dict.fromkeys(
+    RGBD_IMAGES,
+    f"{_HEADER}sensor_msgs/CameraInfo rgb_camera_info\nsensor_msgs/CameraInfo depth_camera_info\n"
+    "sensor_msgs/Image rgb\nsensor_msgs/Image depth\nsensor_msgs/CompressedImage rgb_compressed\n"
+    "sensor_msgs/CompressedImage depth_compressed",
+)
 #: of ROS 1: a class is a number, and the parameter `database_location` has its name
 _ROS1: Final = {
+    **_RTABMAP,
     "tf2_msgs/msg/TFMessage": _TRANSFORMS,
     "tf/msg/tfMessage": _TRANSFORMS,
     "move_base_msgs/msg/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
@@ -48,6 +57,7 @@ _ROS1: Final = {
     ),
 }
 _ROS2: Final = {
+    **_RTABMAP,
     **{f"vision_msgs/msg/{name}": definition for name, definition in _VISION.items()},
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (
@@ -82,6 +92,16 @@ def serialised(kind: str, message: Any, *, is_ros1: bool) -> bytes:
     """A message of a type as ROS 1 or ROS 2 (CDR with its header) sends it."""
     types = message_types(is_ros1)
     return bytes((types.serialize_ros1 if is_ros1 else types.serialize_cdr)(message, kind))
+
+
+def leading(kind: str, data: bytes, *, is_ros1: bool) -> Any:
+    """The message of a type that `data` begin with; what follows it is not looked at."""
+    types = message_types(is_ros1)
+    known: Any = types.get_msgdef(kind)
+    if is_ros1:
+        return known.deserialize_ros1(data, 0, known.cls, types)[0]
+    read = known.deserialize_cdr_le if data[1] else known.deserialize_cdr_be
+    return read(data[4:], 0, known.cls, types)[0]
 
 
 def made(kind: str, fields: dict[str, Any], *, is_ros1: bool) -> Any:

@@ -87,8 +87,8 @@ class TransformTree:
                 raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
             self._count += 1
         link = self._links.setdefault(child, {}).setdefault(parent, _Link())
-        link.forget(0 if static else stamp, self._kept)
-        link.add(0 if static else stamp, numbers, static)
+        link.forget(stamp, self._kept)
+        link.add(stamp, numbers, static)
 
     def prefer(self, parent: str, child: str) -> None:
         """Set `parent` as the parent of `child`, whatever other links there are."""
@@ -326,18 +326,16 @@ class _Link:
         return len(self._rows) // 8
 
     def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
-        if static:
-            self.static = True
-            self._run = 0
-            self._rows = array("d")  # the latest static transform holds
-        elif self.static:
+        if static and not self.static:
+            self.static, self._run, self._rows = True, 0, array("d")
+        elif self.static and not static:
             return
         self._rows.extend((stamp / NANOSECONDS, *numbers))
         self._ordered = None
 
     def forget(self, stamp: int, kept: int | None) -> None:
         """Forget transforms that are not needed beside a new one of `stamp` [ns]."""
-        if self.static or not len(self):
+        if not len(self):
             return
         if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
             self._run = len(self._rows)
@@ -381,7 +379,9 @@ class _Link:
     def at(self, stamp: float) -> Pose | None:
         trajectory = self.trajectory()
         if self.static:
-            return pose_from_quaternion(trajectory.t[0], trajectory.q[0], "static transform")
+            # each holds until the next, as of a head that turns; the last before the first
+            i = int(np.searchsorted(trajectory.stamp, stamp, "right")) - 1
+            return pose_from_quaternion(trajectory.t[i], trajectory.q[i], "static transform")
         return trajectory.at(stamp, TOLERANCE, MAX_GAP)
 
     def held(self, stamp: float, wait: float) -> Pose | None:

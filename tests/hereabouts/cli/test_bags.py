@@ -110,6 +110,7 @@ def test_info_shows_streams_choice_and_fit(
     of_folder = json.loads(prints("info", folder, "--json"))
     assert of_folder["frames"] == FRAMES
     assert of_folder["streams"][0]["count"] == FRAMES
+    assert "no stamps: 30 a second are taken" in of_folder["streams"][0]["holds"]
     assert "agree" in of_folder["depth and poses"]
 
 

@@ -17,7 +17,7 @@ from mapping.mapping_options import MappingOptions
 from perception.camera.poses import BODY_FROM_CAMERA
 from perception.frames import Detections, Frame
 from perception.sources.recording import open_recording
-from perception.sources.recording_options import RecordingOptions
+from perception.sources.recording_options import RecordingOptions, Selection
 from tests.perception.box_room import pose, room_frame, round_tour
 
 CUP = ("cup", 0.9, (20, 15, 40, 30))
@@ -305,6 +305,18 @@ def test_after_a_jump_what_was_seen_before_it_tells_no_drift():
     frames = [room_frame(T, n) for n, T in enumerate(there)]
     jumped = [f if n < 62 else shifted(f, 0.35, -0.3) for n, f in enumerate(frames)]
     assert list(problems(jumped)) == ["jump"]
+
+
+@pytest.mark.parametrize("late", [(30,), (20, 30, 35, 41)], ids=["one", "four"])
+def test_frames_whose_colour_is_late_are_named(shared, late, caplog):
+    options = RecordingOptions(selection=Selection(every=2, limit=50), check=False)
+    frames = list(open_recording(shared("data/rgbd/redkitchen"), options).frames())
+    assert problems(frames) == {}
+    mixed = [replace(f, rgb=frames[n - 12].rgb) if n in late else f for n, f in enumerate(frames)]
+    told = problems(mixed)["colour"]
+    assert told.startswith(f"colour of {len(late)} of ")
+    assert all(mixed[n].id in told for n in late[:3])
+    assert caplog.text.count("does not show what their depth shows") == len(late).bit_length()
 
 
 def readers() -> int:

@@ -90,6 +90,22 @@ class Bag:
         self.image(f"{name}/depth/image_raw", view.stamp, view.depth, "16UC1", frame)
 
 
+def rgbd_image(made: Bag, view: View, kind: str, **images: dict[str, Any]) -> None:
+    """The camera's pose, and an RGBDImage of RTAB-Map with `images`, whose headers are left out."""
+    header, k = made.header(view.stamp, "lens"), {"K" if made.ros1 else "k": K.ravel()}
+    info = {"header": header, "height": SIZE[1], "width": SIZE[0], **k}
+    images |= {"rgb_camera_info": info, "depth_camera_info": info}
+    made.tf("/tf", view.stamp, "map", "lens", view.T)
+    made.stamped("/rgbd_image", kind, view.stamp, "lens", **images)
+
+
+def raw_image(array: NDArray[Any], encoding: str) -> dict[str, Any]:
+    """Fields of an Image."""
+    data = np.ascontiguousarray(array).view(np.uint8).ravel()
+    fields = {"height": array.shape[0], "width": array.shape[1], "encoding": encoding}
+    return {**fields, "step": data.size // array.shape[0], "data": data}
+
+
 def posed(T: NDArray[np.float64]) -> dict[str, Any]:
     turned = named("xyzw", quaternion_from_pose(T))
     return {"position": named("xyz", T[:3, 3]), "orientation": turned}

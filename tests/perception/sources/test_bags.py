@@ -21,7 +21,19 @@ from perception.sources.ros.message_maker import whole_millimetres
 from tests.perception.conftest import SIZE, K, room_depth
 
 pytest.importorskip("rosbags")
-from tests.perception.sources.robot_bags import BEGIN, VIEWS, Bag, View, mapped, recorded, robot_bag
+from perception.sources.bags.bag_file import BagFile
+from tests.perception.sources.robot_bags import (
+    BEGIN,
+    VIEWS,
+    Bag,
+    View,
+    mapped,
+    raw_image,
+    recorded,
+    rgbd_image,
+    robot_bag,
+)
+from tests.perception.sources.ros.test_image_messages import rvl
 
 UNCHECKED = RecordingOptions(check=False)
 
@@ -148,6 +160,22 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
             open_recording(path, RecordingOptions(streams=streams))
 
 
+def test_stamps_that_fall_behind_are_told_and_no_tolerance_is_advised(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    def add(made: Bag, view: View) -> None:
+        made.images(view)
+        made.tf("/tf", view.stamp, "map", "lens", view.T)
+        late = view.stamp + 0.05 * view.number
+        made.image("/late/depth/image_raw", late, view.depth, "16UC1", "lens")
+
+    streams = Streams(depth="/late/depth/image_raw", tolerance=0.001)
+    options = RecordingOptions(check=False, streams=streams, up="z")
+    open_recording(recorded(tmp_path / "robot", add), options)
+    assert "one falls behind by 0.25 s, so stamps of one clock" in caplog.text
+    assert "--tolerance" not in caplog.text
+
+
 @pytest.mark.parametrize(
     ("skip", "said"),
     [
@@ -204,6 +232,39 @@ def test_compressed_images(tmp_path: Path) -> None:
     frame = open_recording(recorded(tmp_path / "small", add), UNCHECKED).frame(2)
     assert np.abs(frame.rgb.astype(int) - VIEWS[2].rgb).max() <= 3
     assert np.array_equal(np.nan_to_num(frame.depth * 1000).round(), VIEWS[2].depth)
+
+
+def _stored(image: np.ndarray, form: str) -> dict[str, Any]:
+    """Fields of a CompressedImage as RTAB-Map fills them."""
+    if form == "rvl":
+        return {"format": form, "data": np.frombuffer(b"DEPTHRVL" + rvl(image), np.uint8)}
+    if form == "floats":
+        image = (image / np.float32(1000)).astype(np.float32).view(np.uint8)
+        image, form = image.reshape(*image.shape[:-1], -1, 4), "png"
+    return {"format": form, "data": cv2.imencode(f".{form}", image)[1].ravel()}
+
+
+@pytest.mark.parametrize("ros1", [True, False], ids=["ROS 1", "ROS 2"])
+@pytest.mark.parametrize("form", ["raw", "png", "rvl", "floats"])
+def test_rtabmaps_images_in_one_message(tmp_path: Path, form: str, ros1: bool) -> None:
+    def add(made: Bag, view: View) -> None:
+        images = {"rgb": raw_image(view.rgb, "rgb8"), "depth": raw_image(view.depth, "16UC1")}
+        if form != "raw":
+            images = {"rgb_compressed": _stored(view.rgb[:, :, ::-1], "jpg")}
+            images["depth_compressed"] = _stored(view.depth, form)
+        kind = f"rtabmap_{'ros' if ros1 else 'msgs'}/msg/RGBDImage"
+        rgbd_image(made, view, kind, **images)
+
+    path = recorded(tmp_path / ("robot.bag" if ros1 else "robot"), add, ros1=ros1)
+    read = open_recording(path, UNCHECKED)
+    for frame, view in zip(read.frames(), VIEWS, strict=True):
+        assert frame.stamp == pytest.approx(view.stamp, abs=1e-6)
+        assert np.abs(frame.rgb.astype(int) - view.rgb).max() <= 3
+        assert np.array_equal(np.nan_to_num(frame.depth * 1000).round(), view.depth)
+        assert np.allclose(frame.T_map_cam, view.T, atol=0.03)
+    with BagFile(path) as bag:
+        (whole, *_) = bag.messages({"/rgbd_image/depth/image"})
+        assert whole.topic == "/rgbd_image/depth/image"
 
 
 def refusal(path: Path) -> str:

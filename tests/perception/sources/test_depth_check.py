@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import logging
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from kg.model.errors import RecordingError
-from perception.camera.poses import BODY_FROM_CAMERA, CONVENTIONS
+from perception.camera.poses import (
+    BODY_FROM_CAMERA,
+    CONVENTIONS,
+    motion,
+    pose_from_quaternion,
+    quaternion_from_pose,
+)
+from perception.frames import Frame
+from perception.no_return import ray_lengths
+from perception.sources.bags.camera_mounts import pose_of_origin
+from perception.sources.listing import Streams
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from perception.sources.recording_writer import RecordingWriter, pose_line
@@ -24,11 +35,66 @@ MISREAD = {
 }
 
 
-def write(folder: Path, as_written=lambda T: T) -> Path:
+def write(folder: Path, as_written=lambda T: T, change=lambda frame: frame, count=40) -> Path:
     with RecordingWriter(folder, up=(0, 0, 1)) as writer:
-        for number, T in enumerate(round_tour()):
-            writer.add(room_frame(T, number), as_written(T))
+        for number, T in enumerate(round_tour()[:count]):
+            writer.add(change(room_frame(T, number)), as_written(T))
     return folder
+
+
+def along_the_ray(frame: Frame) -> Frame:
+    K, (rows, columns) = frame.K, frame.depth.shape
+    lengths = ray_lengths((rows, columns), (K[0, 0], K[1, 1], K[0, 2], K[1, 2]))
+    return replace(frame, depth=frame.depth * lengths)
+
+
+def mirrored(frame: Frame) -> Frame:
+    return replace(frame, rgb=frame.rgb[:, ::-1].copy(), depth=frame.depth[:, ::-1].copy())
+
+
+def w_first(T: np.ndarray) -> np.ndarray:
+    x, y, z, w = quaternion_from_pose(T)
+    return pose_from_quaternion(T[:3, 3], np.array([w, x, y, z]), "pose")
+
+
+def in_millimetres(T: np.ndarray) -> np.ndarray:
+    return np.block([[T[:3, :3], 1000 * T[:3, 3:]], [T[3:]]])
+
+
+def of_base(T: np.ndarray) -> np.ndarray:
+    return T @ np.linalg.inv(pose_of_origin((0.2, 0.0, 0.9), (0, 0.3, 0)) @ BODY_FROM_CAMERA)
+
+
+#: by the cause that is named: the poses as written, a frame as written, and what would work
+CAUSES = {
+    "depth is the length of the ray": (lambda T: T, along_the_ray, "depth along the optical axis"),
+    "colour and depth are mirrored": (lambda T: T, mirrored, "both flipped left to right"),
+    "quaternions are w x y z": (w_first, lambda frame: frame, "x y z w would work"),
+    "poses are in millimetres": (in_millimetres, lambda frame: frame, "metres would work"),
+    "of what carries it": (of_base, lambda frame: frame, "--camera-in body="),
+    "these are poses of what": (
+        lambda T: np.linalg.inv(MISREAD["opengl"](T)),
+        lambda frame: frame,
+        "--pose-convention world-to-camera with --camera-in body=0,0,0,0,1.571,1.571 for",
+    ),
+}
+
+
+@pytest.mark.parametrize("cause", CAUSES)
+def test_the_cause_is_named_and_what_would_work_works(tmp_path, cause):
+    as_written, change, remedy = CAUSES[cause]
+    folder = write(tmp_path / "room", as_written, change)
+    with pytest.raises(RecordingError, match=f"{cause}.*{remedy}") as refused:
+        open_recording(folder)
+    words = str(refused.value).split()
+    if "--camera-in" in words:
+        mount = words[words.index("--camera-in") + 1]
+        turned = "world-to-camera" if "--pose-convention" in words else "camera-to-world"
+        options = RecordingOptions(pose_convention=turned, streams=Streams(camera_in=mount))
+        read = [entry.T_world_cam for entry in open_recording(folder, options).listing.entries]
+        for ours, theirs in zip(read, round_tour(), strict=True):
+            assert np.abs(ours - theirs)[:2, 3].max() < 0.1  # its height does not show
+            assert motion(ours, theirs)[1] < 0.03
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +115,14 @@ def test_a_wrong_depth_scale_is_refused_with_the_right_one(room, scale):
     assert (
         open_recording(room, RecordingOptions(depth_scale=scale, check=False)).depth_scale == scale
     )
+
+
+@pytest.mark.parametrize(("scale", "told"), [(1000.0, True), (50000.0, True), (5000.0, False)])
+def test_a_run_too_short_to_compare_tells_an_unusual_depth(tmp_path, scale, told, caplog):
+    folder = write(tmp_path / "room", count=3)
+    with caplog.at_level(logging.WARNING):
+        open_recording(folder, RecordingOptions(depth_scale=scale, up="z"))
+    assert (f"m by {scale:g} units a metre; --depth-scale gives another" in caplog.text) == told
 
 
 @pytest.mark.parametrize("convention", MISREAD)

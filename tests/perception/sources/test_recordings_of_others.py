@@ -70,6 +70,11 @@ def test_odometry_that_nothing_links_to_the_camera_is_refused_until_its_mount_is
         opened(path, camera_in="base=1,2,three")
     with pytest.raises(RecordingError, match=r"cannot read .*nowhere\.urdf"):
         opened(path, camera_in=str(tmp_path / "nowhere.urdf"))
+    other = '<joint name="o" type="fixed"><parent link="a"/><child link="b"/></joint></robot>'
+    turning = urdf.read_text().replace('"fixed"', '"revolute"').replace("</robot>", other)
+    urdf.write_text(turning)
+    with pytest.raises(RecordingError, match="a URDF with fixed joints from there to the camera"):
+        opened(path, camera_in=str(urdf))
     urdf.write_text('<!DOCTYPE r [<!ENTITY a "a">]><robot>&a;</robot>')
     with pytest.raises(RecordingError, match="declares entities"):
         opened(path, camera_in=str(urdf))

@@ -71,6 +71,14 @@ def tum(room: Room, name: str = "{t}", end: str = "\n") -> None:
     room.write("groundtruth.txt", "".join(room.tum()).replace("\n", end))
 
 
+def openloris(room: Room) -> None:
+    """Depth as it was measured beside depth that is registered."""
+    tum(room)
+    (room.folder / "depth").rename(room.folder / "aligned_depth")
+    room.images("color/{t}.png", "depth/{t}.png", 1.0)
+    shutil.rmtree(room.folder / "rgb")
+
+
 def windows(room: Room) -> None:
     tum(room, "image {t}", "\r\n")
     for kind, pattern in (("rgb", "rgb/image {t}.png"), ("depth", "depth/{t}.png")):
@@ -103,6 +111,7 @@ LAYOUTS = {
     "BundleFusion": (bundle_fusion(), "7scenes", 0),
     "BundleFusion, two cameras": (bundle_fusion(1.1), "7scenes", 0),
     "TUM without lists": (tum, "tum", None),
+    "OpenLORIS-Scene": (openloris, "tum", None),
     "lists of Windows and names with spaces": (windows, "tum", None),
     "ICL-NUIM": (icl_nuim, "tum", None),
     "camera of Open3D": (numbered("intrinsic.json", OPEN3D), "hololens", None),

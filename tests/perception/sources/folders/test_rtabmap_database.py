@@ -192,7 +192,9 @@ REFUSED = {
         "node 1"),
     "an image that is none": (damaged("UPDATE Data SET image = x'0011'"), "image of node 1"),
     "depth in 8 bits": (
-        damaged(f"UPDATE Data SET depth = x'{png(np.zeros((9, 9), np.uint8)).hex()}'"), "no depth"),
+        damaged(f"UPDATE Data SET depth = x'{png(np.zeros((9, 9), np.uint8)).hex()}'"),
+        "must be one 16-bit channel",
+    ),
     "a file cut short": (
         lambda path: path.write_bytes(path.read_bytes()[:30_000]), "cannot be read as a database"),
     "a view in place of a table": (

@@ -18,7 +18,10 @@ from perception.sources.live import connection, stream
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from perception.sources.recording_options import RecordingOptions
-from perception.sources.ros.message_types import message_types
+from perception.sources.ros.message_maker import MessageMaker
+from perception.sources.ros.message_types import message_types, serialised
+from tests.perception.conftest import K
+from tests.perception.sources.robot_bags import VIEWS, raw_image
 
 Messages = Callable[[str], list[RawMessage]]
 Begun = tuple[FrameStream, list[list[RawMessage]]]
@@ -85,6 +88,26 @@ def test_frames_are_those_of_the_recording(
         assert np.allclose(ours.T_map_cam, frame.T_map_cam, atol=1e-12)
     assert made.next_frame(0) is None
     assert made.counts.taken == made.counts.received == 6
+
+
+@pytest.mark.parametrize("is_ros1", [True, False])
+def test_rtabmaps_images_in_one_message_are_frames(is_ros1: bool) -> None:
+    maker, kind, view = MessageMaker(is_ros1), "rtabmap_msgs/msg/RGBDImage", VIEWS[2]
+    header = maker.header(round(view.stamp * 1e9), "lens")
+    info = maker.camera_info(K, view.depth.shape, header)
+    images = {"rgb": raw_image(view.rgb, "rgb8"), "depth": raw_image(view.depth, "16UC1")}
+    infos = {"rgb_camera_info": info, "depth_camera_info": info}
+    whole = maker.make(kind, header=header, **images, **infos)
+    transforms = maker.transforms(round(view.stamp * 1e9), "map", "lens", view.T)
+    sent = (("/tf", "tf2_msgs/msg/TFMessage", transforms), ("/rgbd_image", kind, whole))
+    messages = [RawMessage(t, k, 0, serialised(k, m, is_ros1=is_ros1)) for t, k, m in sent]
+    messages[1] = replace(messages[1], data=messages[1].data + bytes(60))  # features
+    made = FrameStream("peer")
+    assert made.wanted({t: k for t, k, _ in sent}) == {"/tf", "/rgbd_image"}
+    frame = taken(offered(made, messages, is_ros1=is_ros1))
+    assert made.wanted({t: k for t, k, _ in sent}) == {"/tf", "/rgbd_image"}
+    assert np.array_equal(frame.rgb, view.rgb)
+    assert np.array_equal(np.nan_to_num(frame.depth * 1000).round(), view.depth)
 
 
 def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(

@@ -115,6 +115,18 @@ def test_static_transforms_hold_for_ever() -> None:
     assert made.span("map", "camera") is None
 
 
+def test_a_head_that_turns_by_static_transforms_is_where_the_last_one_before_says() -> None:
+    places = {5.0: (1, 2, 3), 8.0: (4, 5, 6)}
+    made = tree(static=tuple(transform("map", "camera", t, p) for t, p in places.items()))
+    for stamp, there in ((5.0, 5.0), (7.9, 5.0), (8.0, 8.0), (99.0, 8.0), (0.0, 8.0)):
+        assert np.allclose(position(made, "map", "camera", stamp), places[there])
+    kept = TransformTree(kept=3)  # live
+    for n in range(50):
+        kept.add("map", "camera", n * 10**9, (n, 0, 0, 0, 0, 0, 1), static=True)
+    assert position(kept, "map", "camera", 49.0)[0] == 49
+    assert len(kept._links["camera"]["map"]) <= 6
+
+
 def test_loops_and_missing_links_are_said() -> None:
     loop = tree(transform("a", "b", 1), transform("b", "c", 1), transform("c", "a", 1))
     with pytest.raises(RecordingError, match=r"form a loop: \w -> \w -> \w -> \w$"):
