@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.kills.commands import A_STEP, examined, killed, run, written
-from benchmarks.kills.examination import Finding, Known, differs, own_facts
+from benchmarks.kills.examination import Finding, Known, differs, own_facts, stated
 from benchmarks.kills.frames import BASE, expected
 from benchmarks.kills.tally import Tally
 from benchmarks.kills.writing import create
@@ -73,7 +73,8 @@ def _caught_up(url: str, path: Path, frames: int) -> Finding:
 
 def _differences(copy: SemanticMap, number: int) -> list[str]:
     name = f"the copy at #{number}"
-    return differs(name, own_facts(copy.engine), own_facts(expected(number, 0)))
+    written, wanted = stated(copy.engine), stated(expected(number, 0))
+    return differs(name, own_facts(written), own_facts(wanted))
 
 
 def _oxigraph() -> Path:
