@@ -11,6 +11,7 @@ import asyncio
 import socket
 import struct
 import sys
+import time
 from collections.abc import Iterable
 from typing import Any, Final
 
@@ -21,7 +22,10 @@ from kg.serving.server.http.clients import client_of_address
 from kg.serving.server.http.settings import Settings
 
 MAX_LINES: Final = 100  # of a request's head; h11 takes 2 ms for a thousand
-AT_ONCE: Final = 4 << 10  # [bytes] of a connection that are parsed before others have their turn
+#: [bytes] of a connection that are parsed before others have their turn. Chunks of one byte take a
+#: thousand times as long as one chunk, so fewer bytes are taken where the last ones took too long.
+AT_ONCE, FIRST, LEAST = 4 << 10, 512, 16
+TURN: Final = 0.0002  # [s] that parsing may take at once
 _FULL = b"too many connections; come back in a second\n"
 _REFUSAL = (
     b"HTTP/1.1 503 Service Unavailable\r\nContent-Type: text/plain; charset=utf-8\r\n"
@@ -74,7 +78,7 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
         self.app_state = {**self.app_state, "connection": self}
         self.address = ""
         self._table, self._limits = table, table.limits
-        self._received = memoryview(bytearray(AT_ONCE))
+        self._received, self._turn = memoryview(bytearray(AT_ONCE)), FIRST
         self._head_timer: asyncio.TimerHandle | None = None
         self._reader_timer: asyncio.TimerHandle | None = None
 
@@ -100,11 +104,14 @@ class LimitedConnection(H11Protocol, asyncio.BufferedProtocol):
 
     def get_buffer(self, sizehint: int) -> memoryview:
         """The buffer into which asyncio receives, as long as can be parsed in one turn."""
-        return self._received
+        return self._received[: self._turn]
 
     def buffer_updated(self, nbytes: int) -> None:
         """Parse what was received."""
+        begin = time.perf_counter()
         self.data_received(bytes(self._received[:nbytes]))
+        late = time.perf_counter() - begin > TURN
+        self._turn = max(LEAST, self._turn // 2) if late else min(AT_ONCE, self._turn * 2)
         self._time_head()
 
     def on_response_complete(self) -> None:

@@ -123,6 +123,27 @@ def _config(app: ASGIApp, settings: Settings) -> uvicorn.Config:
     )
 
 
+class _Listener(socket.socket):
+    """A listening socket that passes over clients that hung up before they were accepted."""
+
+    def __init__(self, plain: socket.socket) -> None:
+        # names the protocol, so that asyncio sends the second part of a response without the 40 ms
+        # of a delayed acknowledgement (TCP_NODELAY)
+        kind = plain.family, socket.SOCK_STREAM, socket.IPPROTO_TCP
+        super().__init__(*kind, fileno=plain.detach())
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """The next connection; raises BlockingIOError where none waits."""
+        while True:
+            connection, address = super().accept()
+            try:
+                connection.getpeername()
+            except OSError:
+                connection.close()
+            else:
+                return connection, address
+
+
 def listen(host: str, port: int) -> socket.socket:
     """Socket that listens at an address; raises ServerError where it cannot."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -133,6 +154,4 @@ def listen(host: str, port: int) -> socket.socket:
         raise ServerError(
             f"cannot listen at {host}, port {port}: {reason}; try another port (0 takes a free one)"
         ) from error
-    # names the protocol, so that asyncio sends the second part of a response without the 40 ms of a
-    # delayed acknowledgement (TCP_NODELAY)
-    return socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP, fileno=plain.detach())
+    return _Listener(plain)
