@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
+from kg.model.regular_files import SQLITE_STEPS, StepLimit
 from perception.camera.image_decoding import MILLIMETRES, decode_image, metres
 from perception.camera.intrinsics import Intrinsics, intrinsics_from_matrix
 from perception.camera.poses import Pose, checked_pose, inverse
@@ -57,10 +58,14 @@ class Database:
         self.path = path
         uri = f"{path.absolute().as_uri()}?mode=ro"
         self._connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
+        self._limit = StepLimit(path)
+        self._connection.set_progress_handler(self._limit, SQLITE_STEPS)
 
     def rows(self, query: str, *values: int) -> list[tuple[Any, ...]]:
         """All rows of a query; raises RecordingError where the file is damaged."""
+        self._limit.reset()
         try:
+            self._connection.execute("PRAGMA trusted_schema = OFF")  # it calls no functions
             return self._connection.execute(query, values).fetchall()
         except sqlite3.Error as error:
             raise RecordingError(f"{self.path} cannot be read as a database: {error}") from error

@@ -214,6 +214,18 @@ def test_a_database_that_cannot_be_read_is_refused_in_a_line(robot, tmp_path, ca
     assert "\n" not in str(refused.value)
 
 
+def test_tables_that_multiply_each_other_are_refused(tmp_path):
+    path = tmp_path / "a.db"
+    with sqlite3.connect(path) as database:
+        database.executescript(SCHEMA.replace(", PRIMARY KEY (id)", ""))
+        rows = [(pose(np.eye(4)),)] * 3000
+        database.executemany("INSERT INTO Node VALUES (1, 0, 0, 1.0, ?, '')", rows)
+        database.executemany("INSERT INTO Data VALUES (1, x'00', x'00', ?)", [(b"0",)] * 3000)
+    database.close()
+    with pytest.raises(RecordingError, match="interrupted"):
+        open_recording(path, OPTIONS)
+
+
 @pytest.mark.parametrize("content", ["other", "torn"])
 def test_other_databases_are_no_recordings(tmp_path, content):
     if content == "other":
