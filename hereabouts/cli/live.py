@@ -12,16 +12,16 @@ from __future__ import annotations
 import argparse
 import signal
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 from hereabouts.cli.arguments import declare, end_at_latest, positive, title_for, whole
 from hereabouts.cli.console import note
+from hereabouts.cli.live_outages import MappedFrames, through_outages
 from hereabouts.cli.map_recording import (
     add_map_options,
     map_frames,
@@ -46,7 +46,7 @@ from hereabouts.cli.ros_connections import (
 )
 from hereabouts.cli.teach import with_taught_rooms
 from hereabouts.cli.viewers import open_viewers
-from kg.model.errors import MapBusyError, RecordingError, RemoteError, UnreachableError
+from kg.model.errors import RecordingError
 
 if TYPE_CHECKING:
     from hereabouts.cli.ros_connections import Publish
@@ -57,10 +57,12 @@ if TYPE_CHECKING:
     from mapping.recording_mapper import OnDetections
     from mapping.runs.progress_report import MappingReport
     from perception.frames import Detections, Frame, Recording, SceneScores
+    from perception.sources.live.cameras import CameraStreams
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
     from perception.sources.live.live_tracker import LiveTracker
     from perception.sources.live.silence import StreamCounts
+    from perception.sources.live.stream import FrameStream
     from perception.sources.recording_options import RecordingOptions
 
 _OPTIONS = f"""
@@ -157,16 +159,9 @@ def _stream_run(
 ) -> Callable[[], None]:
     """A function that maps a connection's frames until it is ended."""
     from mapping.alignment.pose_correction import LiveCorrection
-    from perception.inference.detector_pair import RememberingDetector
-    from perception.sources.live.cameras import CameraStreams
-    from perception.sources.live.live_recording import MAX_FRAMES, KeptFrames, LiveRecording
-    from perception.sources.live.stream import FrameStream
-    from perception.sources.live.topic_detector import TopicDetector
+    from perception.sources.live.live_recording import KeptFrames, LiveRecording
 
-    topic = networks.detector if isinstance(networks.detector, TopicDetector) else None
-    stream: FrameStream | CameraStreams = FrameStream(connection.address, source, topic)
-    if arguments.cameras:
-        stream = CameraStreams(connection.address, arguments.cameras, source)
+    stream = _stream_of(connection.address, arguments.cameras, source, networks)
 
     def run() -> None:
         name, limit = source.name or "live", mapped.left(arguments.limit)
@@ -184,13 +179,7 @@ def _stream_run(
             ExitStack() as stack,
         ):
             taught = with_taught_rooms(networks, arguments.into)
-            known = {one.name: one.T_map_world for one in semantic_map.recordings()}
-            if recording.tracker is None:
-                recording.T_map_world = known.get(name, recording.T_map_world)
-            else:
-                if known:
-                    _place(recording, semantic_map)
-                taught = replace(taught, detector=RememberingDetector(taught.detector, MAX_FRAMES))
+            taught = _placed(recording, semantic_map, taught)
             choice = stream.choice
             frame = "" if choice is None or choice.poses is None else choice.map_frame
             stack.enter_context(publish(semantic_map, frame, lambda: recording.T_map_world))
@@ -213,8 +202,7 @@ def _stream_run(
 
             report = correction.run(semantic_map, map_into, options, note)
             numbers = _as_json(stream.counts, mapped.count)
-            if recording.tracker is not None:
-                tracker = recording.tracker
+            if (tracker := recording.tracker) is not None:
                 numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
                 numbers["corrections"] = correction.corrections
                 _note_tracking(correction, tracker)
@@ -227,6 +215,38 @@ def _stream_run(
             note(_counts_line(numbers))
 
     return run
+
+
+def _stream_of(
+    address: str, cameras: Sequence[str], source: RecordingOptions, networks: Networks
+) -> FrameStream | CameraStreams:
+    """The stream of a connection's frames: of the named `cameras`, or of the one that it finds."""
+    from perception.sources.live.cameras import CameraStreams
+    from perception.sources.live.stream import FrameStream
+    from perception.sources.live.topic_detector import TopicDetector
+
+    if cameras:
+        return CameraStreams(address, cameras, source)
+    detector = networks.detector
+    return FrameStream(address, source, detector if isinstance(detector, TopicDetector) else None)
+
+
+def _placed(recording: LiveRecording, semantic_map: SemanticMap, networks: Networks) -> Networks:
+    """Put a recording where the map has it; the networks that map it.
+
+    A tracked camera is looked for in the map, and its detections are kept for corrected poses.
+    Raises LayoutError where it is not sure.
+    """
+    from perception.inference.detector_pair import RememberingDetector
+    from perception.sources.live.live_recording import MAX_FRAMES
+
+    known = {one.name: one.T_map_world for one in semantic_map.recordings()}
+    if recording.tracker is None:
+        recording.T_map_world = known.get(recording.name, recording.T_map_world)
+        return networks
+    if known:
+        _place(recording, semantic_map)
+    return replace(networks, detector=RememberingDetector(networks.detector, MAX_FRAMES))
 
 
 def _place(recording: LiveRecording, semantic_map: SemanticMap) -> None:
@@ -339,62 +359,3 @@ def _folder_run(
             print_outcome(semantic_map, report, arguments, networks.device, numbers)
 
     return run
-
-
-@dataclass(slots=True)
-class MappedFrames:
-    """The frames mapped by all runs together."""
-
-    count: int = 0
-    by_camera: Counter[str] = field(default_factory=Counter)
-    opened: bool = False  # whether the map could be opened once
-
-    def left(self, limit: int | None) -> int | None:
-        """Frames that remain of a limit."""
-        return None if limit is None else max(limit - self.count, 0)
-
-    def counted(self, on_detections: OnDetections | None) -> OnDetections:
-        """A callback for each mapped frame: counts it, then calls `on_detections`."""
-        self.opened = True
-
-        def count(frame: Frame, detections: Detections, scene: SceneScores | None) -> None:
-            self.count += 1
-            self.by_camera[frame.camera] += 1
-            if on_detections is not None:
-                on_detections(frame, detections, scene)
-
-        return count
-
-
-def through_outages(
-    address: str, ended: threading.Event, mapped: MappedFrames, run: Callable[[], None]
-) -> None:
-    """Call `run` until it returns; after an outage of the server, call it again.
-
-    All acknowledged frames are in the map; each call of `run` opens the map and continues after
-    them.
-
-    Raises:
-        HereaboutsError: `run` failed without an outage, or the server refused twice in a row
-            without mapping a frame.
-        RemoteError: `ended` was set before the server was back.
-    """
-    from perception.sources.live.connection import Retry
-
-    retry, lost, refused_at = Retry(address, ended), False, -1
-    while True:
-        before = mapped.count
-        try:
-            return run()
-        except (RemoteError, MapBusyError) as error:
-            away = isinstance(error, UnreachableError)
-            # after an outage, a late frame of this process may keep the map busy
-            known = mapped.opened and (lost or isinstance(error, RemoteError))
-            if not known or ended.is_set() or (not away and refused_at == mapped.count):
-                raise
-            lost, refused_at = True, refused_at if away else mapped.count
-            if mapped.count > before:
-                retry.worked()
-            retry.failed(error)
-            if ended.is_set():
-                raise

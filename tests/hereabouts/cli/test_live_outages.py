@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from hereabouts.cli import main
-from hereabouts.cli.live import MappedFrames, through_outages
+from hereabouts.cli.live_outages import MappedFrames, through_outages
 from kg.model.errors import MapBusyError, RemoteError, UnreachableError
 from perception.sources.live import connection
 from tests.hereabouts.cli.test_serve import Process, home, serve, tokens
