@@ -35,7 +35,7 @@ from benchmarks.graph.ours import on_disk, resident
 from hereabouts.cli import main as hereabouts
 from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import note, print_table, write_json
-from kg.history.replay.map_state import Categories, present_state
+from kg.history.map_state import Categories, present_state
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import open_map
 from lab import command_line

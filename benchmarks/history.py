@@ -17,9 +17,9 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode, Quad, Store
 
-from kg.history.replay.point_in_time import replay, state_of
-from kg.history.storage.compaction import compact
+from kg.history.point_in_time import replay, state_of
 from kg.history.storage.log import HistoryLog
+from kg.history.storage.maintenance import compact
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.map_metadata import first_quads
 from kg.maps.query.evaluation import Table, evaluate

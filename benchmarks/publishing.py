@@ -22,8 +22,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.model.transactions import ChangeSet
 from kg.serving.opening import create_map
-from kg.serving.publishing.publisher import Publisher
-from kg.serving.publishing.target import PublishTarget
+from kg.serving.publishing import Publisher, PublishTarget
 from kg.serving.server import MapServer, Settings
 from lab.command_line import parser_of
 from tests.conftest import running_server

@@ -48,9 +48,9 @@ from mapping.mapping_options import MappingOptions
 from mapping.recording_mapper import map_recording
 from perception.frames import Frame
 from planner.search.goals.status import NONE_SEEN, Value, status
-from planner.simulation.houses.house import OBJECTS, House, HouseRoom
-from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
+from planner.simulation.camera import CameraModel, SimulatedCamera, TrueView
+from planner.simulation.house import OBJECTS, House, HouseRoom
+from planner.simulation.house_robot import START, SimulatedTour
 
 VALUES: Final[tuple[Value, ...]] = ("present", "gone", NONE_SEEN, "hidden", "never looked")
 SPACING: Final = 0.1  # [m] between samples of floor and tops

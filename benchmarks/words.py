@@ -26,8 +26,7 @@ from pathlib import Path
 from random import Random
 from typing import Literal
 
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.shipped import shipped_ontology
+from kg.knowledge.ontology.catalogue import Catalogue, shipped_ontology
 from kg.knowledge.words.meaning import understand
 from kg.knowledge.words.usual_places import usual_places
 from kg.model.errors import UnknownCategoryError

@@ -49,7 +49,7 @@ PUBLIC: Final = {
 #: Modules of the classes that a map is composed of; their members are described with it.
 _PARTS: Final = (
     *("kg.maps.map_parts", "kg.maps.subscriptions"),
-    *("kg.maps.facts.assertion_service", "kg.maps.facts.searches"),
+    *("kg.maps.facts.assertion_service", "kg.maps.facts.robot"),
 )
 SHARED: Final = 3  # commands that have an option, from which on it is described once for all
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"

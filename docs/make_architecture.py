@@ -66,7 +66,7 @@ WALKS: Final = {
         "kg.store.snapshots",
         "kg.serving.workers.process",
         "kg.serving.workers.evaluation.evaluator",
-        "kg.serving.workers.isolation.confinement",
+        "kg.serving.workers.isolation",
         "kg.rdf.sparql.vetting",
         "kg.serving.workers.content_negotiation",
     ),

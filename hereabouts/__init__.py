@@ -28,9 +28,9 @@ if TYPE_CHECKING:
         open_or_create_map,
         watch_map,
     )
-    from kg.serving.publishing.publisher import merged
+    from kg.serving.publishing import merged
     from kg.serving.server.app import MapServer
-    from kg.serving.server.http.bearer_tokens import BearerTokens
+    from kg.serving.server.http.settings import BearerTokens
     from kg.serving.server.http.settings import Settings as ServerSettings
     from mapping.frames.sighting import Sighting
     from mapping.mapper import Mapper
@@ -93,14 +93,13 @@ __all__ = [
 #: module -> its public names; ``inner:public`` where the public name differs
 _SOURCES = {
     "kg.serving.opening": "create_map open_map open_or_create_map in_memory_map watch_map",
-    "kg.serving.publishing.publisher": "merged",
+    "kg.serving.publishing": "merged",
     "kg.maps.semantic_map": "SemanticMap",
     "kg.maps.query.evaluation": "Table",
     "kg.model.records": "MapUpdate ObjectRecord PlaceRecord",
     "kg.model.room_edit": "RoomEdit",
     "kg.serving.server.app": "MapServer",
-    "kg.serving.server.http.settings": "Settings:ServerSettings",
-    "kg.serving.server.http.bearer_tokens": "BearerTokens",
+    "kg.serving.server.http.settings": "Settings:ServerSettings BearerTokens",
     "perception.frames": "Frame Detections",
     "perception.camera.intrinsics": "Intrinsics",
     "perception.sources.listing": "Format:RecordingFormat RecordingListing FrameEntry",

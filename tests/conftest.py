@@ -117,7 +117,7 @@ def sparql_server(tmp_path: Path) -> Iterator[str]:
 
 def publish(semantic_map: SemanticMap, address: str) -> None:
     """Mirror the present state of a map into a SPARQL server."""
-    from kg.serving.publishing.target import PublishTarget, snapshot_of
+    from kg.serving.publishing import PublishTarget, snapshot_of
 
     with closing(PublishTarget(address)) as target:
         target.synchronise(semantic_map.base, snapshot_of(semantic_map))

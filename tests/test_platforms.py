@@ -45,9 +45,9 @@ for package in ("hereabouts", "kg", "mapping", "perception", "planner"):
 MAPS = """
 import hereabouts
 from lab.houses.random_house import random_house
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
+from planner.simulation.house_robot import SimulatedTour
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.sensors import SimulatedDetector
 camera = SimulatedCamera(random_house(77), seed=77)
 detector = SimulatedDetector(camera)
 tour = SimulatedTour(camera)
@@ -63,7 +63,7 @@ for words in (["ask", sys.argv[1], "objects"], ["status", sys.argv[1], "chair"],
               ["name", sys.argv[1], "object/1", "my", "chair", "--by", "ann"]):
     assert main(words) == 0, words
 from pathlib import Path
-from kg.store.disk_space import has_room  # before a store is opened again after a failed write
+from kg.store.folder import has_room  # before a store is opened again after a failed write
 assert has_room(Path(sys.argv[1]))
 """
 

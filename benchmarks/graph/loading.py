@@ -9,7 +9,7 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from benchmarks.graph.building import BASE, Building
-from kg.history.storage.recovery import FILE
+from kg.history.storage.maintenance import FILE
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v

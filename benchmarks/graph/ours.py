@@ -16,8 +16,8 @@ from benchmarks.graph.timing import Timing, goes_on, measured, timing
 from kg.export.serialization import export_map
 from kg.maps.query.query_files import ParameterizedQuery, shipped_queries
 from kg.maps.semantic_map import SemanticMap
+from kg.model.platforms import gc_frozen
 from kg.model.records import MapUpdate
-from kg.store.process_memory import gc_frozen
 
 STORE = "hereabouts on disk"
 LOOKUPS = tuple(q.name for q in shipped_queries() if q.answer == "lookup")

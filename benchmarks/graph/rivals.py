@@ -26,7 +26,7 @@ from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.rdf.literals import cell_of
 from kg.rdf.shacl import as_rdflib
-from kg.rdf.sparql.parameters import substitute
+from kg.rdf.sparql.lexer import substitute
 
 CHANGING = {v.X, v.Y, v.Z, v.IN_CELL, v.CONFIDENCE, v.EXISTENCE, v.OBSERVATION_COUNT, v.LAST_SEEN}
 RAW = "pyoxigraph on disk"

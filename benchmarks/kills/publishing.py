@@ -17,7 +17,7 @@ from benchmarks.kills.writing import create
 from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import open_map
-from kg.serving.publishing.target import PublishTarget
+from kg.serving.publishing import PublishTarget
 from tests.conftest import running_server
 
 A_SERVER = 50  # kills

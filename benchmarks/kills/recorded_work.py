@@ -16,7 +16,7 @@ from pathlib import Path
 from benchmarks.kills.frames import BASE, frame_update, note_update
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map, open_map
-from kg.store import flushing
+from kg.store import scheduling
 
 SESSIONS = 3
 STEPS = 12  # of a session
@@ -27,7 +27,7 @@ def main() -> None:
     """Create the map and work on it."""
     path, rng, power_safe = Path(sys.argv[1]), random.Random(sys.argv[2]), len(sys.argv) > 3
     done = 0, 0
-    flushing.FLUSH_EVERY = FLUSH_EVERY
+    scheduling.FLUSH_EVERY = FLUSH_EVERY
     for session in range(SESSIONS):
         opened = (
             open_map(path, power_safe=power_safe)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from lab.houses.random_house import random_house
 from lab.recordings.simulated_recording import KINECT
 from perception.frames import Frame
-from planner.simulation.houses.house import FloorGrid, House
-from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import FloorGrid, House
+from planner.simulation.house_robot import MotionLimits, TimedPose, drive, look_around
 
 PATCH: Final = 0.12  # [m] edge of the patches of the pattern
 CONTRAST: Final = 0.35  # share of a surface's colour by which patches differ, at most

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Load, cross-validate, print."""
     from benchmarks.placement.data import Sources, load
     from benchmarks.placement.trial import run as run_trial
-    from kg.knowledge.placement.settings import FITTED
+    from kg.knowledge.placement.belief_model import FITTED
 
     if arguments.bootstrap < 0 or arguments.seed < 0:
         arguments.usage_error("--bootstrap and --seed must be 0 or more")

@@ -2,7 +2,7 @@
 
     python -m benchmarks.placement.fit ../shared/data
 
-Deterministic. Its output belongs into `kg/knowledge/placement/settings.py` (FITTED). Reads
+Deterministic. Its output belongs into `kg/knowledge/placement/belief_model.py` (FITTED). Reads
 homes/ of the folder; needs numpy only.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.placement.data import Sources, load
 from benchmarks.placement.fitting import fit, log_likelihood
-from kg.knowledge.placement.settings import FITTED
+from kg.knowledge.placement.belief_model import FITTED
 from lab.command_line import parser_of
 
 

@@ -15,8 +15,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix, posterior_belief, sigmoid
-from kg.knowledge.placement.settings import KnowledgeWeights, PlacementParameters, SurveyWeights
+from kg.knowledge.placement.belief_model import (
+    EvidenceArrays,
+    KnowledgeWeights,
+    Matrix,
+    PlacementParameters,
+    SurveyWeights,
+    posterior_belief,
+    sigmoid,
+)
 
 Vector = NDArray[np.float64]
 

@@ -11,8 +11,13 @@ from numpy.typing import NDArray
 from benchmarks.placement.data import TrialData
 from benchmarks.placement.fitting import Sample
 from benchmarks.placement.scores import Predictions, rooms_visited
-from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix, posterior_belief, sigmoid
-from kg.knowledge.placement.settings import PlacementParameters
+from kg.knowledge.placement.belief_model import (
+    EvidenceArrays,
+    Matrix,
+    PlacementParameters,
+    posterior_belief,
+    sigmoid,
+)
 from kg.knowledge.placement.surveys import logit
 from kg.model import vocabulary as v
 

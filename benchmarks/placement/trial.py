@@ -19,8 +19,7 @@ from benchmarks.placement.methods import (
     with_seen,
 )
 from benchmarks.placement.scores import MEASURES, Predictions, interval, resampled
-from kg.knowledge.placement.belief_model import posterior, posterior_belief
-from kg.knowledge.placement.settings import PlacementParameters
+from kg.knowledge.placement.belief_model import PlacementParameters, posterior, posterior_belief
 
 #: numbers of rooms seen before the rest of the building is judged
 SEEN: Final = (1, 3, 5)

@@ -16,7 +16,7 @@ from benchmarks.questions.house_drives import Doubtful, HouseFacts
 from benchmarks.questions.plain_map import NEVER, NOT_KNOWN, WHOLE, PlainMap, Thing, on_strip
 from benchmarks.questions.question_file import FAMILIES, Question
 from lab.houses.small_things import MOVABLE
-from planner.simulation.houses.house import OBJECTS
+from planner.simulation.house import OBJECTS
 
 BORDER: Final = 0.3  # [m] by which a thing may be off, and count or not
 RADIUS: Final = 1.5  # [m]

@@ -23,9 +23,9 @@ from lab.recordings.simulated_recording import DAY, KINECT
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, write_text
-from planner.simulation.houses.house import House, HouseRoom, Wall
-from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera, TrueView
+from planner.simulation.camera import CameraModel, SimulatedCamera, TrueView
+from planner.simulation.house import House, HouseRoom, Wall
+from planner.simulation.house_robot import START, SimulatedTour
 
 SESSIONS: Final = ("session-1", "session-2")
 _SPREAD: Final = DAY / 2  # [s] over which houses are driven through, each at its own time

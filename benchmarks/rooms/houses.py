@@ -17,8 +17,8 @@ from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Detections, Frame
 from perception.inference.recorded_detections import RecordedDetector
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house_robot import SimulatedTour
 
 HOUSES: Final = "houses"  # in place of a room
 GOALS: Final = {"demo": (0.95, 0.95), "hard": (0.86, 0.90)}  # senses -> least recall, precision

@@ -94,7 +94,7 @@ def _opened(arguments: argparse.Namespace) -> SemanticMap:
 
     if not arguments.member:
         return open_map(arguments.map, read_only=True)
-    from kg.serving.publishing.publisher import merged
+    from kg.serving.publishing import merged
 
     return merged(arguments.member)
 

@@ -133,7 +133,7 @@ def _write_features(semantic_map: SemanticMap, output: Path, arguments: argparse
 def _copy_pictures(semantic_map: SemanticMap, folder: Path, min_existence: float) -> int:
     """Copy the pictures of objects of existence `min_existence` and above; returns their number."""
     from kg.maps.object_pictures import ObjectPictures
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     if semantic_map.store.path is None:
         raise QueryParameterError("--pictures needs the folder of a map as MAP")
@@ -204,7 +204,7 @@ def _write_document(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from kg.export.plain_documents import geojson_document, rooms_document
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     min_existence = _min_existence(arguments)
     make = geojson_document if chosen == "geojson" else rooms_document
@@ -221,7 +221,7 @@ def _write_mesh(
 ) -> str:
     from hereabouts.display.viewers.mesh_files import scene_as_glb, scene_as_ply
     from hereabouts.display.viewers.scene import present_scene
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     scene, _ = present_scene(semantic_map, _min_existence(arguments))
     write_atomically(output, (scene_as_ply if chosen == "ply" else scene_as_glb)(scene))
@@ -232,7 +232,7 @@ def _write_scene(
     semantic_map: SemanticMap, output: Path, chosen: str, arguments: argparse.Namespace
 ) -> str:
     from hereabouts.display.viewers.scene import past_scenes, present_scene
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     make = _scene_writer(chosen)
     plan = None if arguments.find is None else _plan(semantic_map, arguments)

@@ -11,7 +11,7 @@ from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
 from hereabouts.cli.console import note, print_answer, write_json
 
 if TYPE_CHECKING:
-    from kg.history.replay.point_in_time import Difference
+    from kg.history.point_in_time import Difference
     from kg.history.reports.comparison import Comparison
     from kg.maps.semantic_map import SemanticMap
 

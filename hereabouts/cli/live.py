@@ -19,7 +19,14 @@ from functools import partial
 from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
-from hereabouts.cli.arguments import declare, end_at_latest, positive, title_for, whole
+from hereabouts.cli.arguments import (
+    declare,
+    end_at_latest,
+    open_viewers,
+    positive,
+    title_for,
+    whole,
+)
 from hereabouts.cli.console import note
 from hereabouts.cli.live_outages import MappedFrames, through_outages
 from hereabouts.cli.map_recording import (
@@ -45,7 +52,6 @@ from hereabouts.cli.ros_connections import (
     publish_to,
 )
 from hereabouts.cli.teach import with_taught_rooms
-from hereabouts.cli.viewers import open_viewers
 from kg.model.errors import RecordingError
 
 if TYPE_CHECKING:

@@ -15,12 +15,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import MAP_HELP, declare, keep_seconds, title_for
+from hereabouts.cli.arguments import (
+    MAP_HELP,
+    add_viewers,
+    declare,
+    keep_seconds,
+    open_viewers,
+    title_for,
+)
 from hereabouts.cli.console import note, print_table, progress, write_json
 from hereabouts.cli.mapping_options import Inputs, add_all_arguments, open_inputs
 from hereabouts.cli.name import note_unnamed
 from hereabouts.cli.teach import with_taught_rooms
-from hereabouts.cli.viewers import add_viewers, open_viewers
 from kg.model.errors import GraphError, LayoutError, MapNotFoundError, RecordingError
 
 if TYPE_CHECKING:
@@ -103,8 +109,8 @@ def open_for_mapping(
     arguments: argparse.Namespace, options: MappingOptions, viewer: Viewer | None
 ) -> Iterator[tuple[SemanticMap, OnDetections | None]]:
     """The map to write into, and a callback for each mapped frame, which also feeds `viewer`."""
+    from kg.model.platforms import gc_frozen
     from kg.serving.opening import open_or_create_map
-    from kg.store.process_memory import gc_frozen
 
     keep = keep_seconds(arguments)
     if options.labels.names:

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from hereabouts.agents.tool_server import PATH, ToolHttpServer, tool_server
     from kg.maps.facts.coordinate_frames import check_one_map
     from kg.serving.opening import open_map, watch_map
-    from kg.serving.workers.isolation.confinement import hide_memory
+    from kg.serving.workers.isolation import hide_memory
     from kg.serving.workers.local_evaluation import LimitedQueries
 
     hide_memory()

@@ -110,7 +110,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         arguments.usage_error("--negatives is for an encoder: --encoder image.onnx,text.onnx")
     if arguments.file is None:
         arguments.usage_error("give a detector or a list of labels, or --encoder FILES")
-    from kg.knowledge.ontology.shipped import shipped_ontology
+    from kg.knowledge.ontology.catalogue import shipped_ontology
     from mapping.labels.label_resolver import check_labels
     from perception.inference.class_labels import is_object, read_labels
     from perception.inference.detector import load_detector

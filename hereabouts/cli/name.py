@@ -159,7 +159,7 @@ def _read(path: Path) -> list[tuple[str, str]]:
 
 def _review(semantic_map: SemanticMap, arguments: argparse.Namespace) -> int:
     from hereabouts.display.naming_sheet import MAX_THINGS, naming_sheet, things_to_name
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     things = list(islice(things_to_name(semantic_map), MAX_THINGS))
     write_atomically(Path(arguments.review), naming_sheet(semantic_map, things))

@@ -116,7 +116,7 @@ def _diff(arguments: argparse.Namespace) -> int:
     """
     from kg.knowledge.ontology.diff import changes
     from kg.knowledge.ontology.unused import unused_statements
-    from kg.serving.editing.reloading import ontology_at
+    from kg.serving.reloading import ontology_at
 
     old, new = ontology_at(arguments.old), ontology_at(arguments.new)
     found = changes(old.quads, new.quads)
@@ -138,7 +138,7 @@ def _reload(arguments: argparse.Namespace) -> int:
 
     example: hereabouts ontology reload http://127.0.0.1:8008 mine.ttl
     """
-    from kg.serving.editing.reloading import reload
+    from kg.serving.reloading import reload
 
     done = reload(
         arguments.map,
@@ -185,7 +185,7 @@ def _words(arguments: argparse.Namespace) -> int:
 
     example: hereabouts ontology words keys wallet kettle -o mine.ttl
     """
-    from kg.knowledge.ontology.shipped import shipped_ontology
+    from kg.knowledge.ontology.catalogue import shipped_ontology
     from kg.knowledge.words.classes import vocabulary_turtle
 
     text = vocabulary_turtle(shipped_ontology().catalogue, arguments.words)
@@ -210,7 +210,7 @@ def _vocabulary(arguments: argparse.Namespace) -> int:
 
 def _write_page(page: str, output: str | None) -> int:
     """Write a page to a file, or to stdout."""
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     if output is None:
         write(page)

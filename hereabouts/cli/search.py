@@ -11,15 +11,25 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from hereabouts.cli.arguments import count, declare, positive, share, title_for
+from hereabouts.cli.arguments import (
+    MAX_DISTANCE,
+    add_viewers,
+    count,
+    declare,
+    open_viewers,
+    positive,
+    share,
+    title_for,
+)
 from hereabouts.cli.console import note, write
 from hereabouts.cli.ros_connections import (
     add_ros_arguments,
@@ -28,8 +38,7 @@ from hereabouts.cli.ros_connections import (
     open_ros_robot,
     ros_options,
 )
-from hereabouts.cli.simulated_house import add_hide, house_with
-from hereabouts.cli.viewers import add_viewers, open_viewers
+from kg.model.errors import LayoutError, did_you_mean
 from kg.model.extensions import ROBOTS, extensions
 from planner.settings import BELIEF
 
@@ -38,6 +47,47 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from planner.execution.options import Event, SearchOptions
     from planner.execution.robot import Robot
+    from planner.simulation.house import House, Item
+
+
+def add_hide(parser: argparse.ArgumentParser, whose: str = "") -> None:
+    """Declare `--hide`, which `house_with` reads."""
+    parser.add_argument(
+        "--hide",
+        action="append",
+        metavar="LABEL@X,Y,Z",
+        help=f"{whose}an object that is placed in the house after mapping (default: apple, the "
+        "demo's own, which needs no @X,Y,Z)",
+    )
+
+
+def house_with(hidden: Sequence[str] | None) -> House:
+    """The demo's house with the objects of `--hide`; raises LayoutError."""
+    from hereabouts.demo.house_demo import HIDDEN
+    from planner.simulation.house import furnished_house
+
+    own = {HIDDEN.label: HIDDEN}
+    items = [own.get(text) or _item(text) for text in hidden or own]
+    return furnished_house().with_objects(items)
+
+
+def _item(text: str) -> Item:
+    from planner.simulation.house import OBJECTS, Item
+
+    label, _, where = text.partition("@")
+    try:
+        x, y, z = (float(part) for part in where.split(","))
+    except ValueError:
+        x = y = z = math.nan
+    if not all(abs(value) <= MAX_DISTANCE for value in (x, y, z)):
+        raise LayoutError(
+            f"--hide needs LABEL@X,Y,Z in metres, e.g. {label or 'apple'}@7,8.3,0.85, got {text!r}"
+        )
+    if label not in OBJECTS:
+        near = did_you_mean(label, list(OBJECTS)) or f"; it has {', '.join(sorted(OBJECTS))}"
+        raise LayoutError(f"the simulated house has no {label!r}{near}")
+    return Item(label, x, y, z)
+
 
 #: exit codes; 1 is an error, 2 wrong usage
 FOUND: Final = 0
@@ -156,7 +206,7 @@ def _scheme(address: str) -> str:
 
 def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
     if arguments.robot == "sim":
-        from planner.simulation.robot.house_robot import simulated_robot
+        from planner.simulation.house_robot import simulated_robot
 
         return simulated_robot(semantic_map, house_with(arguments.hide), seed=arguments.seed)
     if is_ros(arguments.robot):
@@ -178,7 +228,7 @@ def _robot(arguments: argparse.Namespace, semantic_map: SemanticMap) -> Robot:
 
 def _clock(robot: Robot, semantic_map: SemanticMap) -> Callable[[], float]:
     """Clock for times in the map: the computer's, or the simulated house's."""
-    from planner.simulation.robot.house_robot import SimulatedHouseRobot
+    from planner.simulation.house_robot import SimulatedHouseRobot
 
     mapped = semantic_map.robot()
     if not isinstance(robot, SimulatedHouseRobot) or mapped is None:

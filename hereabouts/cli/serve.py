@@ -73,10 +73,10 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.foxglove is not None and arguments.read_token_file:
         arguments.usage_error("--foxglove would show a private map to anybody on this machine")
     signal.signal(signal.SIGTERM, end_on_signal)
+    from kg.model.platforms import gc_frozen
     from kg.serving.opening import open_map, open_or_create_map
     from kg.serving.server import MapServer
-    from kg.serving.workers.isolation.confinement import hide_memory
-    from kg.store.process_memory import gc_frozen
+    from kg.serving.workers.isolation import hide_memory
     from planner.questions.answers import answer_box
 
     hide_memory()
@@ -260,8 +260,7 @@ def publish(arguments: argparse.Namespace) -> int:
 
     example: hereabouts publish http://robot-1:8008 http://robot-2:8008 --to http://127.0.0.1:7878
     """
-    from kg.serving.publishing.publisher import Publisher
-    from kg.serving.publishing.target import PublishTarget
+    from kg.serving.publishing import Publisher, PublishTarget
 
     token = _token(arguments.token_file) if arguments.token_file else None
     target = PublishTarget(arguments.to, token)

@@ -82,8 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _teach_room(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
-    from perception.inference.scene_classifier import load_scene_classifier
-    from perception.inference.taught_rooms import RoomExamples, room_examples
+    from perception.inference.scene_classifier import (
+        RoomExamples,
+        load_scene_classifier,
+        room_examples,
+    )
     from perception.sources.folders.image_files import read_colour
 
     folder = Path(arguments.map)
@@ -113,8 +116,11 @@ def _teach_room(arguments: argparse.Namespace) -> int:
 
 def with_taught_rooms(networks: Networks, address: str) -> Networks:
     """`networks`, whose scene classifier knows the rooms that the map at `address` was taught."""
-    from perception.inference.scene_classifier import OnnxSceneClassifier
-    from perception.inference.taught_rooms import RoomExamples, TaughtSceneClassifier
+    from perception.inference.scene_classifier import (
+        OnnxSceneClassifier,
+        RoomExamples,
+        TaughtSceneClassifier,
+    )
 
     scene = networks.scene
     if not isinstance(scene, OnnxSceneClassifier):

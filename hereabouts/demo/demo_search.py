@@ -18,7 +18,7 @@ from planner.execution.viewpoint_adapter import motion_of, sensor_of
 from planner.search.plans.report import fact_chain, without_sources
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import ViewPlan, plan
-from planner.simulation.robot.house_robot import SimulatedHouseRobot
+from planner.simulation.house_robot import SimulatedHouseRobot
 
 
 @dataclass(frozen=True, slots=True, eq=False)

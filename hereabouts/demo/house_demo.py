@@ -34,15 +34,15 @@ from mapping.reference.class_scores import MapScore, Truth, score_map
 from mapping.runs.progress_report import FrameReport, MappingReport
 from planner.execution.options import Event
 from planner.search.plans.report import plan_json
-from planner.simulation.houses.house import House, Item, furnished_house
-from planner.simulation.robot.house_robot import (
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import House, Item, furnished_house
+from planner.simulation.house_robot import (
     DEMO_RECORDING,
     SimulatedHouseRobot,
     SimulatedTour,
     simulated_robot,
 )
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
 
 TITLE: Final = "hereabouts demo house"
 TARGET: Final = "apple"

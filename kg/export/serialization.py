@@ -26,8 +26,8 @@ from kg.rdf.literals import by_subject, in_xml
 from kg.rdf.quad_store import Subject
 from kg.rdf.skolem import anonymous
 from kg.rdf.standard_terms import geometry_quads, standard_quads, to_jsonld
-from kg.store.atomic_file import write_atomically
-from kg.store.writer_priority import in_pieces
+from kg.store.folder import write_atomically
+from kg.store.scheduling import in_pieces
 
 #: format -> endings of its files
 FORMATS: Final[dict[str, tuple[str, ...]]] = {

@@ -25,7 +25,7 @@ from kg.model.errors import InvalidFactError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.regular_files import read_text
 from kg.model.transactions import Cause
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 
 NU: Final = 3.0  # greatest confidence of an object, eq. 3.1
 MAX_VIEWS: Final = 50  # counter of a loaded belief, so that new views still count

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.shipped import CompiledOntology, shipped_ontology
+from kg.knowledge.ontology.catalogue import CompiledOntology, shipped_ontology
 from kg.maps.facts.coordinate_frames import frame_quads, maps_in
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, InvalidFactError, MapNotFoundError

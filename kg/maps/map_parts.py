@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from pyoxigraph import Quad
 
-from kg.history.replay.point_in_time import Difference
+from kg.history.point_in_time import Difference
 from kg.history.reports.comparison import FAR, Comparison
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant
@@ -18,7 +18,7 @@ from kg.model.transactions import ChangeSet
 if TYPE_CHECKING:
     from kg.history.reports.events import HistoryEvent
     from kg.history.reports.explanation import Explanation
-    from kg.history.storage.compaction import Compaction
+    from kg.history.storage.maintenance import Compaction
     from kg.knowledge.ontology.replacement import Replacement
 
 

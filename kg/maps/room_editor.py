@@ -13,12 +13,12 @@ from typing import Final
 from kg.maps.facts import room_edits
 from kg.maps.facts.assertion_service import AssertionService, PerceivedRecords
 from kg.maps.facts.assertions import Assertions, PropertyAssertions, area_text, believed_object
-from kg.maps.facts.doors import doors_in
 from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.replaced_values import ago, noted
-from kg.maps.facts.robot_and_recordings import robot_in
+from kg.maps.facts.robot import robot_in
 from kg.maps.facts.room_edits import EditedAreas
+from kg.maps.facts.spatial_relations import doors_in
 from kg.maps.map_extent import check_positions
 from kg.maps.stored_history import StoredHistory
 from kg.model.areas import Area
@@ -28,8 +28,8 @@ from kg.model.records import Assertion, DoorRecord, MapUpdate, ObjectRecord, Pla
 from kg.model.room_edit import Point, RoomEdit
 from kg.model.transactions import Cause, ChangeSet
 from kg.model.vocabulary import MAP_GRAPH
+from kg.store.scheduling import WriterLock
 from kg.store.transactional import TransactionalStore
-from kg.store.write_limit import WriterLock
 
 _DOOR_WIDTH: Final = 0.8  # [m]
 _BY_PEOPLE: Final = ("rooms", "assert", "retract", "update", "restore")  # kinds of causes

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode
 
 from kg.knowledge.ontology.loading import compile_commonsense
-from kg.knowledge.placement.settings import FITTED, PlacementParameters
+from kg.knowledge.placement.belief_model import FITTED, PlacementParameters
 from kg.knowledge.placement.statistics import RoomTable, statistics, statistics_quads, table_quads
 from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.maps.semantic_map import SemanticMap

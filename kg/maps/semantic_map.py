@@ -13,13 +13,12 @@ from kg.history.timestamps import Instant
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.maps.facts.assertion_service import PerceivedRecords
-from kg.maps.facts.departed_objects import departed_in
-from kg.maps.facts.doors import doors_in
 from kg.maps.facts.object_filters import is_believed, select_objects, subcategories
 from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.observations import departed_in
 from kg.maps.facts.occupancy import tiles_in
-from kg.maps.facts.robot_and_recordings import recordings_in, robot_in
-from kg.maps.facts.searches import SearchRecords
+from kg.maps.facts.robot import SearchRecords, recordings_in, robot_in
+from kg.maps.facts.spatial_relations import doors_in
 from kg.maps.map_metadata import Description, description_of
 from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms
 from kg.maps.networkx_graph import network

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Quad
 
-from kg.history.replay.map_state import Categories
-from kg.history.replay.point_in_time import Difference, PastStates, PastStore, difference, state_of
+from kg.history.map_state import Categories
+from kg.history.point_in_time import Difference, PastStates, PastStore, difference, state_of
 from kg.history.reports.comparison import FAR, Comparison, compare
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.recovery import without_past
+from kg.history.storage.maintenance import without_past
 from kg.history.timestamps import Instant, sequence_of, thing
 from kg.model.errors import HistoryError
 from kg.model.transactions import ChangeSet
@@ -21,7 +21,7 @@ from kg.store.transactional import TransactionalStore
 if TYPE_CHECKING:
     from kg.history.reports.events import HistoryEvent
     from kg.history.reports.explanation import Explanation
-    from kg.history.storage.compaction import Compaction
+    from kg.history.storage.maintenance import Compaction
 
 
 class StoredHistory:
@@ -91,14 +91,14 @@ class StoredHistory:
 
     def compact(self, keep: float | None = None) -> Compaction:
         """Drop the past older than `keep` seconds, and pack the file."""
-        from kg.history.storage.compaction import compact
+        from kg.history.storage.maintenance import compact
 
         self._store.check_writable()
         return compact(self.log, keep)
 
     def retain(self, keep: float) -> None:
         """Drop the past older than `keep` seconds, now and while the map is open."""
-        from kg.history.storage.compaction import retain
+        from kg.history.storage.maintenance import retain
 
         self._store.check_writable()
         if not keep >= 0:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from numpy.typing import ArrayLike
 from pyoxigraph import NamedNode
 
-from kg.history.replay.point_in_time import background_changes
+from kg.history.point_in_time import background_changes
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import Instant, sequence_of
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
@@ -44,8 +44,8 @@ from kg.model import vocabulary as v
 from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.skolem import named
+from kg.store.scheduling import WriterLock, check_facts
 from kg.store.transactional import TransactionalStore
-from kg.store.write_limit import WriterLock, check_facts
 
 if TYPE_CHECKING:
     from kg.maps.update.restoration import Restoration, Restored

@@ -26,8 +26,8 @@ from kg.maps.update.validation import UpdateValidator
 from kg.model import vocabulary as v
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.skolem import anonymous
+from kg.store.scheduling import WriterLock
 from kg.store.transactional import TransactionalStore
-from kg.store.write_limit import WriterLock
 
 if TYPE_CHECKING:
     from kg.knowledge.ontology.replacement import Replacement, ReplacementPlan

@@ -17,8 +17,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Triple
 from kg.model import vocabulary as v
 from kg.model.iris import whole_number
 from kg.model.records import ObjectRecord, PlaceRecord, RobotRecord
-from kg.rdf.literals import Properties, first
-from kg.rdf.wkt import polygon_text
+from kg.rdf.literals import Properties, first, polygon_text
 
 _STAMP = NamedNode(v.XSD + "dateTimeStamp")
 SENSOR = "sensor/"  # + the model's name, after the map's IRI

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.recovery import FILE, attach, open_history_read_only
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.shipped import shipped_ontology
+from kg.history.storage.maintenance import FILE, attach, open_history_read_only
+from kg.knowledge.ontology.catalogue import Catalogue, shipped_ontology
 from kg.maps.map_metadata import first_quads, identity
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap

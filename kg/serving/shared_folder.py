@@ -23,7 +23,7 @@ from typing import Any
 from pyoxigraph import Store
 
 from kg.history.storage.log import HistoryLog
-from kg.history.storage.recovery import FILE, attach
+from kg.history.storage.maintenance import FILE, attach
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.map_metadata import identity
 from kg.maps.stored_map import StoredMap
@@ -32,8 +32,7 @@ from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import LOG
 from kg.model.transactions import ChangeSet
 from kg.serving.folder_server import CALLS, CHECKED, FolderClient
-from kg.store.disk_space import write_error
-from kg.store.folder import copy_files
+from kg.store.folder import copy_files, write_error
 from kg.store.snapshots import make_home, remove_home
 from kg.store.transaction_quads import stored_sequence
 from kg.store.transactional import TransactionalStore

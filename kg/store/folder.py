@@ -1,18 +1,23 @@
-"""The folder of a map: ``store/`` with Oxigraph's files, and the lock file ``lock``."""
+"""The folder of a map: Oxigraph's store, the lock, files replaced atomically, space of the disk."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import gc
 import glob
 import os
 import shutil
+import sqlite3
+import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
+from pyoxigraph import Store
+
+from kg.model.errors import DiskFullError, GraphError, MapBusyError, MapNotFoundError
 from kg.model.platforms import NO_LINK, NO_WAIT, lock, open_folder, user
 from kg.model.regular_files import copy_regular, read_text
 from kg.model.sqlite_files import JOURNAL, LOG
@@ -229,3 +234,100 @@ def reason_of(error: OSError | RuntimeError) -> str:
     """The message of an error of the file system or of RocksDB, in one line."""
     reason = error.strerror if isinstance(error, OSError) else None
     return " ".join((reason or str(error)).split())
+
+
+def write_atomically(path: Path, text: str | bytes, *, in_map: bool = False) -> None:
+    """Write `text` (as UTF-8) or bytes to `path` atomically, by renaming a new file.
+
+    Nothing is written into the folder of a map but its own files (`in_map`).
+
+    A device or pipe (/dev/stdout) is written directly; a symbolic link is kept. Raises GraphError
+    if writing fails.
+    """
+    if not in_map:
+        check_outside_maps(path)
+    data = text if isinstance(text, bytes) else text.encode("utf-8")
+    try:
+        if path.exists() and not path.is_file() and not path.is_dir():
+            path.write_bytes(data)
+            return
+        path = path.resolve()
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    beside = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with beside.open("wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        beside.replace(path)
+        sync_folder(path.parent)
+    except OSError as error:
+        raise GraphError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+#: [bytes] that the store needs to open again, beside what its own log holds
+_ROOM: Final = 2 << 20
+_ATTEMPTS: Final = 20  # to open the store again, while other threads still read the old one
+_PAUSE: Final = 0.05  # [s] between them
+_NUMBERS: Final = (errno.ENOSPC, errno.EDQUOT)
+#: as the engine and SQLite say it, whose errors have no number of the system
+_WORDS: Final = ("no space left on device", "disk quota exceeded", "disk is full")
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Whether an error of the system, of the engine or of SQLite is one of a full disk."""
+    text = str(error).lower()
+    return getattr(error, "errno", None) in _NUMBERS or any(words in text for words in _WORDS)
+
+
+def write_error(
+    error: OSError | RuntimeError | sqlite3.Error, where: Path | str, action: str
+) -> GraphError:
+    """The error of a failed `action` ("cannot write ...") on the map at `where`."""
+    if is_disk_full(error):
+        return disk_full(where)
+    reason = str(error) if isinstance(error, sqlite3.Error) else reason_of(error)
+    return GraphError(f"{action}: {reason}")
+
+
+def disk_full(where: Path | str) -> DiskFullError:
+    """The error of a map at `where` whose disk has no space; it names the folder, not its path."""
+    return DiskFullError(
+        f"no space left on the disk of map {Path(where).name}; free some and retry"
+    )
+
+
+def has_room(path: Path) -> bool:
+    """Whether the store of the map in the folder `path` has space to be opened for writing.
+
+    Opening writes the store's own log anew.
+    """
+    needed = _ROOM + 2 * sum(file.stat().st_size for file in (path / "store").glob("*.log"))
+    return free_space(path) >= needed
+
+
+def free_space(path: Path) -> int:
+    """Free space [bytes] of the disk of `path`, for this user."""
+    return shutil.disk_usage(path).free
+
+
+def reopened(folder: Path) -> tuple[Store, OSError | RuntimeError | None]:
+    """The store in `folder`, after all references to the open one were dropped.
+
+    After a failed write the engine refuses all further ones until it is opened again. Where that
+    fails, the store is only for reading, with the reason.
+    """
+    for attempt in range(_ATTEMPTS):
+        try:
+            return Store(str(folder)), None
+        except (OSError, RuntimeError) as error:
+            reason = error
+        if is_disk_full(reason):
+            break
+        gc.collect()
+        if attempt:
+            time.sleep(_PAUSE)
+    return Store.read_only(str(folder)), reason

@@ -24,8 +24,7 @@ from pyoxigraph import Store
 
 from kg.model.errors import DiskFullError, GraphError, WorkerDiedError
 from kg.model.platforms import lock
-from kg.store.disk_space import disk_full, free_space, is_disk_full, write_error
-from kg.store.folder import remove_abandoned
+from kg.store.folder import disk_full, free_space, is_disk_full, remove_abandoned, write_error
 from kg.store.transactional import TransactionalStore
 
 SCRATCH: Final = "scratch"  # folder beside the snapshots

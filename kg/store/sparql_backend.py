@@ -18,7 +18,7 @@ from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, QueryB
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, QueryError, RemoteError
 from kg.rdf.quad_store import Functions, Object, QuadStore, Subject
-from kg.rdf.sparql.parameters import has_relative, has_word
+from kg.rdf.sparql.lexer import has_relative, has_word
 from kg.store.sparql_client import Answer, Solutions, SparqlClient
 from kg.store.transaction_quads import stored_sequence
 from kg.store.transactional import TransactionalStore

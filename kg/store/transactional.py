@@ -24,9 +24,17 @@ from kg.model.errors import GraphError
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import transaction_time
 from kg.rdf.quad_store import QuadStore
-from kg.store.disk_space import disk_full, has_room, reopened, write_error
-from kg.store.flushing import keep_flushing
-from kg.store.folder import check_is_map, check_vacant, locked, new_folder
+from kg.store.folder import (
+    check_is_map,
+    check_vacant,
+    disk_full,
+    has_room,
+    locked,
+    new_folder,
+    reopened,
+    write_error,
+)
+from kg.store.scheduling import check_facts, keep_flushing
 from kg.store.transaction_quads import (
     CommitListeners,
     Journal,
@@ -37,7 +45,6 @@ from kg.store.transaction_quads import (
     update_text,
 )
 from kg.store.type_inference import complete_types, inferred_changes, is_inferred, with_types
-from kg.store.write_limit import check_facts
 
 LOADED: Final = 5000  # facts from which on they are loaded before the rest of a transaction
 

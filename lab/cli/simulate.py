@@ -11,7 +11,7 @@ from hereabouts.cli.arguments import count, declare, positive, share
 from hereabouts.cli.console import note, print_table, progress, write_json
 from hereabouts.cli.live import until_signal
 from hereabouts.cli.ros_connections import require_ros
-from hereabouts.cli.simulated_house import add_hide, house_with
+from hereabouts.cli.search import add_hide, house_with
 
 if TYPE_CHECKING:
     from lab.recordings.simulated_recording import SimulatedSession, SimulationOptions

@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from planner.simulation.houses.house import FACINGS, QUARTER_TURNS, Facing, Item, turned
+from planner.simulation.house import FACINGS, QUARTER_TURNS, Facing, Item, turned
 
 
 @dataclass(frozen=True, slots=True)

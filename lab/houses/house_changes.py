@@ -21,9 +21,9 @@ from lab.houses.small_things import (
     SupportSurface,
     SurfaceSampler,
 )
-from planner.simulation.houses.house import FloorGrid, House, Item, Solid
-from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import FloorGrid, House, Item, Solid
+from planner.simulation.house_robot import TimedPose
 
 MOVED: Final = 0.20  # share of the small things that stand elsewhere in the next session
 VANISHED: Final = 0.05  # share of the small things that are gone

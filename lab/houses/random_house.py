@@ -20,7 +20,7 @@ from lab.houses.small_things import (
     SurfaceSampler,
 )
 from planner.search.plans.thesis_rules import nearest_neighbour
-from planner.simulation.houses.house import (
+from planner.simulation.house import (
     CHALK,
     OAK,
     OBJECTS,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lab.houses.furniture_groups import Group, GroupChoice, Where
-from planner.simulation.houses.house import (
+from planner.simulation.house import (
     CELL,
     FACINGS,
     OBJECTS,

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.houses.house import FACINGS, OBJECTS, Facing, Item
+from planner.simulation.house import FACINGS, OBJECTS, Facing, Item
 
 TRIES: Final = 30  # random spots tried before a thing stays out
 GAP: Final = 0.03  # [m] between things on one surface

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.inference.heads.candidates import MaskGrid
-from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
-from planner.simulation.sensing.sensors import (
+from planner.simulation.camera import NOTHING, SimulatedCamera, TrueView
+from planner.simulation.sensors import (
     DetectorFaults,
     Found,
     SimulatedDetector,

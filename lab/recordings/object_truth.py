@@ -9,8 +9,8 @@ import numpy as np
 
 from lab.houses.house_changes import HouseChange
 from lab.houses.small_things import SurfaceSampler
-from planner.simulation.houses.house import House, Item
-from planner.simulation.sensing.camera import CameraModel, TrueView
+from planner.simulation.camera import CameraModel, TrueView
+from planner.simulation.house import House, Item
 
 MIN_FRAMES: Final = 3  # frames that show a thing well; a thing with fewer is ignored
 MIN_PIXELS: Final = 120.0  # of a thing that is shown well, in an image 320 wide

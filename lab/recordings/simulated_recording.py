@@ -27,10 +27,10 @@ from perception.inference.class_labels import read_labels
 from perception.inference.model_zoo import NETWORKS
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, pose_line, write_text
-from planner.simulation.houses.house import House, HouseRoom
-from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, DepthSensor, SimulatedCamera
-from planner.simulation.sensing.sensors import DetectorFaults
+from planner.simulation.camera import CameraModel, DepthSensor, SimulatedCamera
+from planner.simulation.house import House, HouseRoom
+from planner.simulation.house_robot import START, SimulatedTour
+from planner.simulation.sensors import DetectorFaults
 
 EDGE: Final = 0.06  # relative step of depth between neighbouring pixels that makes an edge
 

@@ -30,9 +30,9 @@ from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name
 from perception.sources.ros.message_maker import MessageMaker
-from planner.simulation.houses.house import FloorGrid, House
-from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, turn
-from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import FloorGrid, House
+from planner.simulation.house_robot import MotionLimits, TimedPose, drive, turn
 
 BASE: Final = "base_link"
 STEP: Final = 0.05  # [s] between two poses

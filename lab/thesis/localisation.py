@@ -24,9 +24,9 @@ from mapping.frames.projection import to_map
 from mapping.reference.depth_histogram import freedman_diaconis, localise
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
-from planner.simulation.houses.house import Item, Solid, SolidPart
-from planner.simulation.sensing.camera import CameraModel
-from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
+from planner.simulation.camera import CameraModel
+from planner.simulation.house import Item, Solid, SolidPart
+from planner.simulation.ray_casting import FAR, hit, rays_of
 
 Floats = NDArray[np.float64]
 

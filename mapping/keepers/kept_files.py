@@ -17,8 +17,8 @@ from mapping.objects.detections.detection_report import FILE as REPORT
 from mapping.objects.detections.detection_report import read_report
 from mapping.objects.track_store import FILE as TRACKS
 from mapping.objects.track_store import tracks_damage
-from perception.inference.taught_rooms import FILE as TAUGHT_ROOMS
-from perception.inference.taught_rooms import RoomExamples
+from perception.inference.scene_classifier import FILE as TAUGHT_ROOMS
+from perception.inference.scene_classifier import RoomExamples
 
 
 def unreadable_files(semantic_map: SemanticMap) -> Iterator[tuple[Path, str]]:

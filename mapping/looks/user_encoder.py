@@ -28,7 +28,7 @@ from mapping.looks.look_store import ENCODED, Floats, kept_looks
 from perception.inference.array_file import DAMAGE, read_arrays, write_arrays
 
 if TYPE_CHECKING:
-    from perception.inference.encoders.encoder_pair import EncoderPair
+    from perception.inference.encoders import EncoderPair
 
 MIN_WORDS: Final = 20  # absent words that a threshold is fitted to, at least, ...
 MAX_WORDS: Final = 1000  # ... and at most
@@ -114,7 +114,7 @@ def remembered(files: str, words: Sequence[str] | None = None) -> UserEncoder:
 
     `words` are absent ones in place of those before, or of the shipped ones. Raises ModelError.
     """
-    from perception.inference.encoders.encoder_pair import open_encoder  # loads onnxruntime
+    from perception.inference.encoders import open_encoder  # loads onnxruntime
 
     pair = open_encoder(files, threads=1)
     before = _absent(pair.checksum) if words is None else None
@@ -211,7 +211,7 @@ def _file(checksum: str) -> Path:
 
 def _load(checksum: str) -> UserEncoder | None:
     """The encoder of a checksum whose files are still where they were; else None."""
-    from perception.inference.encoders.encoder_pair import EncoderPair  # loads onnxruntime
+    from perception.inference.encoders import EncoderPair  # loads onnxruntime
 
     known = _absent(checksum)
     if known is None:

@@ -22,7 +22,7 @@ from mapping.looks.look_store import ENCODED, LOOKS, Floats, ImageEncoder, Key, 
 from mapping.looks.user_encoder import UserEncoder, encoder_of
 
 if TYPE_CHECKING:
-    from perception.inference.look_network import LookNetwork
+    from perception.inference.encoders import LookNetwork
 
 #: likelihood ratio from which a thing is said to look like a word: in a room of 25 things one word
 #: in ten, of those that name none of them, then has a thing like it (lab/research/measurements.md)
@@ -83,7 +83,7 @@ class ClassEncoder:
 @cache
 def network() -> LookNetwork:
     """The bundled network, opened once; its runtime is loaded then, too."""
-    from perception.inference.look_network import load_look_network
+    from perception.inference.encoders import load_look_network
 
     return load_look_network()
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.facts.assertions import PropertyAssertions, believed_object
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import PerceivedObjects
 from kg.model.records import ObjectRecord
 
 

@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.facts.occupancy import tile_iri, tile_of
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import ExternalChanges
 from kg.model.areas import Area
 from kg.model.records import UNKNOWN, FloorTile, PlaceViews
 from mapping.occupancy.depth_projection import Floats, FramePoints, floor_evidence, frame_points

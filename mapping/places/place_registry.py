@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.map_extent import check_positions
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import ExternalChanges
 from kg.model.areas import Rectangle
 from kg.model.errors import LayoutError, UnknownCategoryError
 from kg.model.records import PlaceRecord

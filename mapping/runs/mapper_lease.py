@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from kg.maps.cache_invalidation import ExternalChanges
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import ExternalChanges
 from kg.model.errors import MapBusyError
 from kg.model.records import RecordingRecord
 

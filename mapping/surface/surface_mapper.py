@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.maps.surface.voxel_grid import MAX_VOXELS, VoxelGrid
 from kg.maps.surface.voxels import (
     LOCAL_BITS,
+    MAX_VOXELS,
     RANGE,
     SIDE,
     FrameVoxels,
     Keys,
     Surface,
+    VoxelGrid,
     cells_of,
     keys_of,
     surface_of,

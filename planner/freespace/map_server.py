@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from kg.model.areas import Area
 from kg.model.errors import LayoutError
 from kg.model.regular_files import check_regular, read_bytes
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.grid import FreeSpace, Occupancy, space_of_occupancy
 

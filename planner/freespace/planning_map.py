@@ -16,7 +16,7 @@ from kg.model.areas import Area
 from kg.model.errors import LayoutError
 from kg.model.place_names import place_titles
 from kg.model.records import UNKNOWN
-from kg.rdf.wkt import area_of_polygon
+from kg.rdf.literals import area_of_polygon
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.freespace.floor_plan import BEHIND, Frontier, free_space, seen_space, with_frontiers
 from planner.freespace.grid import CELL, NO_ROOM, FreeSpace

@@ -24,9 +24,9 @@ from lab.maps.truth_matching import MappedObject, TruthMatcher
 from lab.recordings.object_truth import VisibilityRecord, object_truth
 from perception.frames import Frame
 from perception.sources.recording_writer import RecordingWriter
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house_robot import SimulatedTour
+from planner.simulation.sensors import SimulatedDetector
 
 FRAMES = 12
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.status import VALUES, answers, main, surfaces
-from planner.simulation.houses.house import furnished_house
+from planner.simulation.house import furnished_house
 
 
 def test_surfaces_are_floor_and_what_stands_on_it_up_to_the_eyes() -> None:

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 
 from benchmarks.words import by_names, by_words, typing_errors, words
-from kg.knowledge.ontology.shipped import shipped_ontology
+from kg.knowledge.ontology.catalogue import shipped_ontology
 
 CATALOGUE = shipped_ontology().catalogue
 

@@ -20,7 +20,7 @@ from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
 from planner.execution.transports.navigation import MoveBase
 from planner.execution.transports.ros_robot import RosRobot
-from planner.simulation.houses.house import House, Item, furnished_house
+from planner.simulation.house import House, Item, furnished_house
 
 ORANGE = np.array([7.05, 8.30, 0.89])  # [m] its middle
 START = 4.7, 8.2  # [m] in the same room

@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final, Literal
 
-from kg.history.replay.map_state import Categories, Row, State, state_after
+from kg.history.map_state import Categories, Row, State, state_after
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import iso, natural_order
-from kg.rdf.wkt import area_of_polygon
+from kg.rdf.literals import area_of_polygon
 
 PRESENT: Final = 0.5  # existence from which on an object counts as present
 FAR: Final = 0.3  # [m] from which on an object counts as moved

@@ -12,7 +12,7 @@ from typing import Literal as Choice
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.replay.point_in_time import state_of
+from kg.history.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
 from kg.history.reports.explanation_rules import FactChanges, FactReader, same
 from kg.history.storage.log import BACKGROUND, HistoryLog

@@ -34,7 +34,7 @@ from kg.model import sqlite_files
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
 from kg.model.transactions import ChangeSet
-from kg.store.disk_space import write_error
+from kg.store.folder import write_error
 
 SCHEMA: Final = """
 CREATE TABLE meta (name TEXT PRIMARY KEY, value) WITHOUT ROWID;

@@ -17,8 +17,7 @@ from pyoxigraph import Quad, RdfFormat, parse, serialize
 from kg.model import vocabulary as v
 from kg.model.errors import HistoryError, InvalidFactError
 from kg.model.transactions import Cause, ChangeSet
-from kg.store.write_limit import check_time
-from kg.store.writer_priority import yield_to_writer
+from kg.store.scheduling import check_time, yield_to_writer
 
 MAX_TEXT: Final = 1 << 29  # [bytes] of a row, decompressed
 _LARGE: Final = 1 << 20  # [bytes] of a row, from which on it is compressed quickly

@@ -1,12 +1,23 @@
-"""ConceptNet import: reads a source, aggregates relations, merges them into a file."""
+"""ConceptNet import: reads a source, aggregates relations, merges them into a file.
+
+The review table lists the relations of an import, one a row, and a person drops the wrong ones. It
+is a CSV file for a spreadsheet, the weakest first. `keep` is yes or no (or yours,
+of a relation that was edited by hand in the imported file). A relation with no is removed from the
+imported file and stays removed at later imports, as one that a person removes by hand. One that
+becomes yes again is brought back; `kept` says what `keep` was when the table was written, so that
+an old table does not bring back what was removed in the file since.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
@@ -16,19 +27,102 @@ from kg.knowledge.conceptnet.dump import DumpStatistics, Progress, read_dump
 from kg.knowledge.conceptnet.edges import Edge, EdgeFilter
 from kg.knowledge.conceptnet.names import TermMatcher
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
-from kg.knowledge.conceptnet.review import apply_review, read_review, review_text
 from kg.knowledge.conceptnet.turtle import (
     ImportedFile,
     RelationChange,
+    full_iri,
     merge,
+    prefixed,
     read_imported_file,
 )
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.knowledge.ontology.relations import Key
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
 from kg.model.resources import ONTOLOGIES
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
+
+COLUMNS: Final = (
+    *("keep", "kept", "subject", "relation", "object", "probability", "weight", "against"),
+    *("sentences", "sources"),
+)
+_KEY: Final = ("subject", "relation", "object")
+
+
+def read_review(path: Path) -> dict[Key, bool]:
+    """Key of each relation that a table drops (False) or brings back (True).
+
+    Raises:
+        ConceptNetError: the file is no such table, or a `keep` has another value.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        return {}
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConceptNetError(f"{path}: {error}") from None
+    # spreadsheets of some countries separate columns by semicolons
+    first = text.partition("\n")[0]
+    rows = csv.DictReader(io.StringIO(text), delimiter=max(",;\t", key=first.count))
+    if missing := {"keep", *_KEY} - set(rows.fieldnames or ()):
+        raise ConceptNetError(
+            f"{path} is no review table: it has no column {', '.join(sorted(missing))}; "
+            "name a new file, and the import writes one"
+        )
+    decisions: dict[Key, bool] = {}
+    for row in rows:
+        keep = (row["keep"] or "").strip().casefold()
+        if keep not in ("yes", "no", "yours"):
+            raise ConceptNetError(
+                f"{path}, line {rows.line_num}: keep is {keep!r}; yes or no would work"
+            )
+        subject, kind, target = (full_iri((row[name] or "").strip()) for name in _KEY)
+        if keep == "no" or (keep == "yes" and row.get("kept") == "no"):
+            decisions[kind, subject, target] = keep == "yes"
+    return decisions
+
+
+def apply_review(file: ImportedFile, decisions: dict[Key, bool]) -> None:
+    """Make the decisions of a review those of the person who edits the imported file.
+
+    Raises:
+        ConceptNetError: a relation that was edited by hand is to be dropped.
+    """
+    for key, keep in decisions.items():
+        if keep:
+            file.listed -= {key} - set(file.imported)
+        elif key in file.edited_by_people:
+            kind, subject, target = map(prefixed, key)
+            raise ConceptNetError(
+                f"{subject} {kind} {target} was edited by hand, so the review cannot drop it; "
+                "remove it in the imported file"
+            )
+        else:
+            file.listed.add(key)
+            file.imported.pop(key, None)
+
+
+def review_text(found: Iterable[ImportedRelation], file: ImportedFile) -> str:
+    """The table of all relations of an import; those that people removed have keep = no."""
+    out = io.StringIO()
+    table = csv.writer(out, lineterminator="\n")
+    table.writerow(COLUMNS)
+    removed = file.removed
+    for relation in sorted(found, key=lambda one: (one.weight - one.weight_against, one.key)):
+        kind, subject, target = relation.key
+        keep = "no" if relation.key in removed else "yes"
+        keep = "yours" if relation.key in file.edited_by_people else keep
+        table.writerow(
+            [
+                *(keep, keep),
+                *(prefixed(iri) for iri in (subject, kind, target)),
+                "" if relation.probability is None else relation.probability,
+                *(relation.weight, relation.weight_against),
+                *(" | ".join(relation.surfaces), " ".join(relation.sources)),
+            ]
+        )
+    return out.getvalue()
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,23 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.loading import superclasses
+from kg.knowledge.ontology.loading import (
+    compile_commonsense,
+    ontology_files,
+    read_files,
+    superclasses,
+)
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError, did_you_mean
+from kg.model.resources import ONTOLOGIES
 from kg.rdf.quad_store import QuadStore
+from kg.rdf.skolem import named
 
 #: In this order of precedence for a name that two kinds share.
 KINDS: Final = ("object", "supercategory", "place")
@@ -341,4 +350,30 @@ def carrier_kinds(ontology: Iterable[Quad]) -> CarrierKinds:
             for iri, kinds in above.items()
             if any(kind in backs for kind in kinds)
         },
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledOntology:
+    """The quads of graph:ontology and graph:commonsense, and the categories they declare."""
+
+    quads: tuple[Quad, ...]
+    catalogue: Catalogue
+
+
+def shipped_ontology() -> CompiledOntology:
+    """The ontology of hereabouts, recompiled only after a change of its files.
+
+    Raises OntologyError if a file does not parse.
+    """
+    files = ontology_files(ONTOLOGIES)
+    return _compiled(tuple((path, path.read_bytes()) for path in files))
+
+
+@lru_cache(maxsize=1)
+def _compiled(contents: tuple[tuple[Path, bytes], ...]) -> CompiledOntology:
+    # the contents are the cache key; files are read by name, so that errors have the names
+    ontology = named(read_files(path for path, _ in contents).quads)
+    return CompiledOntology(
+        (*ontology, *compile_commonsense(ontology)), Catalogue.from_quads(ontology)
     )

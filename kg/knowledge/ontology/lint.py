@@ -15,7 +15,7 @@ from typing import Final
 
 from pyoxigraph import BlankNode, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, shipped_ontology
 from kg.knowledge.ontology.declared_terms import like_declared
 from kg.knowledge.ontology.loading import (
     SHAPES_FILE,
@@ -25,7 +25,6 @@ from kg.knowledge.ontology.loading import (
     superclasses,
 )
 from kg.knowledge.ontology.relations import relations
-from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES

@@ -16,11 +16,10 @@ from typing import Final
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
+from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key, shipped_ontology
 from kg.knowledge.ontology.import_closure import headers
 from kg.knowledge.ontology.loading import superclasses
 from kg.knowledge.ontology.relations import KINDS, annotated_key
-from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model import vocabulary as v
 from kg.model.errors import did_you_mean
 from kg.rdf.findings import Finding

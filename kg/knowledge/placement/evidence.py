@@ -16,8 +16,12 @@ from kg.knowledge.conceptnet.edges import probability_of
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import superclasses
 from kg.knowledge.ontology.relations import CategoryRelation, RelationEvidence, relations
-from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
-from kg.knowledge.placement.settings import HALF_SEARCHED_VIEWS, MIN_VIEWS
+from kg.knowledge.placement.belief_model import (
+    HALF_SEARCHED_VIEWS,
+    MIN_VIEWS,
+    EvidenceArrays,
+    Matrix,
+)
 from kg.knowledge.placement.statistics import RoomStatistics, statistics
 from kg.knowledge.placement.surveys import survey_features
 from kg.model import vocabulary as v

@@ -22,7 +22,7 @@ from kg.model.errors import InvalidFactError, OntologyError
 from kg.model.regular_files import check_regular
 from kg.rdf.literals import subject_quads
 from kg.rdf.parsing import parse_file
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 
 _CLASS: Final = NamedNode(v.ROOM_STATISTICS)
 

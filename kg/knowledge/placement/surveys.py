@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.placement.belief_model import SurveyWeights
 from kg.knowledge.placement.rooms import RoomType, room_types, similarity
-from kg.knowledge.placement.settings import SurveyWeights
 from kg.model import vocabulary as v
 from kg.model.resources import table_rows
 

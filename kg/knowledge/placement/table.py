@@ -19,7 +19,10 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.placement.belief_model import (
     BASE,
     CONCEPTNET,
+    FITTED,
     LISTED,
+    STATEMENT_STRENGTH,
+    PlacementParameters,
     log_odds_terms,
     posterior,
     posterior_belief,
@@ -31,7 +34,6 @@ from kg.knowledge.placement.evidence import (
     map_counts,
     placement_evidence,
 )
-from kg.knowledge.placement.settings import FITTED, STATEMENT_STRENGTH, PlacementParameters
 from kg.knowledge.placement.surveys import room_frequencies
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError

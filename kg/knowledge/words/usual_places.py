@@ -17,7 +17,7 @@ from functools import lru_cache
 from typing import Final, Literal
 
 from kg.knowledge.ontology.catalogue import name_key
-from kg.knowledge.placement.settings import FITTED
+from kg.knowledge.placement.belief_model import FITTED
 from kg.knowledge.words.tables import DATA, word_table
 from kg.model.resources import table_rows
 

@@ -22,9 +22,9 @@ from kg.maps.facts.assertions import (
     value_of,
 )
 from kg.maps.facts.frame_writer import FrameWriter
-from kg.maps.facts.object_relations import NOTHING, SINGLE
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.replaced_values import ago, noted, shown_value
+from kg.maps.facts.spatial_relations import NOTHING, SINGLE
 from kg.maps.map_extent import check_positions, check_sides
 from kg.maps.stored_history import StoredHistory
 from kg.maps.thing_names import category_of_name, checked_line, checked_name
@@ -36,9 +36,9 @@ from kg.model.errors import (
 )
 from kg.model.records import Assertion, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
-from kg.rdf.wkt import area_of_polygon
+from kg.rdf.literals import area_of_polygon
+from kg.store.scheduling import WriterLock
 from kg.store.transactional import TransactionalStore
-from kg.store.write_limit import WriterLock
 
 if TYPE_CHECKING:
     from kg.history.reports.events import HistoryEvent

@@ -17,16 +17,15 @@ import numpy as np
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import NAMED, Catalogue
-from kg.maps.facts.object_relations import NOTHING, SINGLE, asserted_relations, perceived_value
+from kg.maps.facts.spatial_relations import NOTHING, SINGLE, asserted_relations, perceived_value
 from kg.maps.thing_names import asserted_category, check_no_reference, checked_line
 from kg.model import vocabulary as v
 from kg.model.areas import MAX_COORDINATE, Area
 from kg.model.errors import InvalidFactError
 from kg.model.iris import agent_iri
 from kg.model.records import Assertion, ObjectRecord, PlaceRecord, likeliest
-from kg.rdf.literals import date_time, first, properties_of, stamp_of
+from kg.rdf.literals import area_of_polygon, date_time, first, polygon_text, properties_of, stamp_of
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.wkt import area_of_polygon, polygon_text
 
 #: Properties that can be asserted of objects, and of places.
 PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)

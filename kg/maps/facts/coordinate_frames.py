@@ -19,9 +19,16 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.model import vocabulary as v
 from kg.model.areas import along_nearest_axes
 from kg.model.errors import GraphError, InvalidFactError, QueryParameterError, did_you_mean
-from kg.rdf.literals import by_subject, cell_of, first, iri_node, subject_quads
+from kg.rdf.literals import (
+    area_of_polygon,
+    by_subject,
+    cell_of,
+    first,
+    iri_node,
+    polygon_text,
+    subject_quads,
+)
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.wkt import area_of_polygon, polygon_text
 
 #: end of the IRI of a map's frame
 FRAME = "crs"

@@ -23,14 +23,18 @@ from kg.maps.facts.assertions import (
     believed_place,
     compared,
 )
-from kg.maps.facts.departed_objects import departed_quads
-from kg.maps.facts.doors import facts_of_door
-from kg.maps.facts.object_relations import OF_OBJECT, SINGLE, relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
-from kg.maps.facts.observations import label_nodes
+from kg.maps.facts.observations import departed_quads, label_nodes
 from kg.maps.facts.occupancy import facts_of_tile, iri_of
-from kg.maps.facts.robot_and_recordings import recording_iri, recording_quads, robot_quads
-from kg.maps.facts.searches import facts_of_look, facts_of_obstacle, facts_of_search
+from kg.maps.facts.robot import (
+    facts_of_look,
+    facts_of_obstacle,
+    facts_of_search,
+    recording_iri,
+    recording_quads,
+    robot_quads,
+)
+from kg.maps.facts.spatial_relations import OF_OBJECT, SINGLE, facts_of_door, relation_nodes
 from kg.maps.facts.write_cache import WriteCache, is_owned
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
@@ -38,9 +42,8 @@ from kg.model.iris import observation_iri, whole_number
 from kg.model.records import DepartedRecord, MapUpdate, ObjectRecord, PlaceRecord
 from kg.model.transactions import Cause, ChangeSet
 from kg.rdf.literals import iri_node
+from kg.store.scheduling import check_time, writing
 from kg.store.transactional import TransactionalStore
-from kg.store.write_limit import check_time
-from kg.store.writer_priority import writing
 
 _LABEL = NamedNode(v.RDFS_LABEL)
 _HAS_BELIEF = NamedNode(v.HAS_BELIEF)

@@ -13,7 +13,6 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.maps.facts.object_relations import relation_quads, relations_of
 from kg.maps.facts.observations import (
     evidence_of,
     facts_of_views,
@@ -22,6 +21,7 @@ from kg.maps.facts.observations import (
     observation_quads,
     views_of,
 )
+from kg.maps.facts.spatial_relations import relation_quads, relations_of
 from kg.model import vocabulary as v
 from kg.model.areas import Area, Outline, area_of
 from kg.model.errors import InvalidFactError
@@ -36,6 +36,7 @@ from kg.rdf.literals import (
     AXES,
     SIDES,
     Properties,
+    area_of_polygon,
     axes_of,
     axis_literals,
     by_subject,
@@ -45,6 +46,7 @@ from kg.rdf.literals import (
     iri_order,
     known_iri,
     number_literal,
+    polygon_text,
     properties_of,
     quantised,
     share_literal,
@@ -55,9 +57,8 @@ from kg.rdf.literals import (
 )
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.standard_terms import CRS
-from kg.rdf.wkt import area_of_polygon, polygon_text
+from kg.store.scheduling import in_pieces
 from kg.store.sparql_backend import reading_ahead
-from kg.store.writer_priority import in_pieces
 
 CHUNK_SIZE = 50  # subjects read before a frame that waits may be written
 MIN_BELIEF = 0.005  # smaller beliefs would be stored as zero

@@ -4,35 +4,48 @@ An object has a best observation (sosa:Observation) and alternative classes, eac
 probability: that a thing of that class is there, as `here:existence` is for the object's own class.
 The probabilities of all classes and of no object at all add up to 1. Views of a place are the
 viewed share of its floor and the time of the last view.
+
+A departed object has its former position, the times of its views, and the time when it was found
+gone. The subject is its own IRI, so that an object that is found elsewhere, even after a restart,
+keeps its identity. The class is not a category of the ontology, so readers of objects
+ignore departed ones.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 from urllib.parse import quote
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.maps.facts.robot_and_recordings import recording_iri, recording_name
+from kg.maps.facts.robot import recording_iri, recording_name
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri
-from kg.model.records import Evidence, PlaceViews
+from kg.model.records import DepartedRecord, Evidence, PlaceViews
 from kg.rdf.literals import (
+    AXES,
+    SIDES,
     Properties,
+    axes_of,
+    axis_literals,
     first,
     iri_node,
+    iri_order,
     known_iri,
     number_literal,
+    properties_of,
     quantised,
     share_literal,
     stamp_of,
     subject_quads,
     time_literal,
+    yaw_literals,
 )
 from kg.rdf.quad_store import QuadStore
+from kg.store.sparql_backend import reading_ahead
 
 
 def observation_quads(iri: str, evidence: Evidence, base: str) -> list[Quad]:
@@ -143,3 +156,66 @@ def views_of(properties: Properties) -> PlaceViews | None:
     share = float(first(properties, v.VIEWED_SHARE, "0"))
     close = float(first(properties, v.CLOSELY_VIEWED_SHARE, "0"))
     return PlaceViews(share, min(close, share), stamp_of(properties, v.LAST_VIEWED))
+
+
+_DEPARTED: Final = NamedNode(v.DEPARTED_OBJECT)
+
+
+def departed_quads(record: DepartedRecord) -> list[Quad]:
+    """Facts of a departed object, except its label.
+
+    Raises InvalidFactError for numbers that are not finite or out of range.
+    """
+    what = f"departed object {record.iri}"
+    if record.observations < 1:
+        raise InvalidFactError(f"{what}: observations must be 1 or more, got {record.observations}")
+    if not record.first_seen <= record.last_seen <= record.found_gone:
+        raise InvalidFactError(
+            f"{what}: first seen, last seen and found gone must be in this order"
+        )
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, _DEPARTED),
+        (v.OF_CATEGORY, iri_node(record.category, what)),
+        (v.PEAK_EXISTENCE, share_literal(record.peak, f"{what}: peak")),
+        (v.OBSERVATION_COUNT, Literal(record.observations)),
+        (v.FIRST_SEEN, time_literal(record.first_seen, f"{what}: first seen")),
+        (v.LAST_SEEN, time_literal(record.last_seen, f"{what}: last seen")),
+        (v.FOUND_GONE, time_literal(record.found_gone, f"{what}: found gone")),
+        *axis_literals(AXES, record.p_map, f"{what}: position"),
+    ]
+    if record.extent is not None:
+        facts += axis_literals(SIDES, record.extent, f"{what}: extent", minimum=0.0)
+        facts += yaw_literals(record.yaw, what)
+    return subject_quads(record.iri, facts)
+
+
+def departed_in(store: QuadStore, iris: Collection[str] | None = None) -> list[DepartedRecord]:
+    """Departed objects, all or only `iris`, by the time when they were found gone."""
+    if iris is None:
+        quads = store.quads_for_pattern(None, v.RDF_TYPE, _DEPARTED, v.MAP_GRAPH)
+        nodes = [quad.subject for quad in quads if isinstance(quad.subject, NamedNode)]
+    else:
+        nodes = [iri_node(iri, "object") for iri in iris]
+    found = list[DepartedRecord]()
+    with reading_ahead(store, nodes):
+        for node in nodes:
+            properties = properties_of(store, node.value, v.MAP_GRAPH)
+            is_departed = v.DEPARTED_OBJECT in properties.get(v.RDF_TYPE.value, ())
+            if is_departed and {v.OF_CATEGORY, v.X, v.Y} <= properties.keys():
+                found.append(_record(node.value, properties))
+    return sorted(found, key=lambda record: (record.found_gone, iri_order(record.iri)))
+
+
+def _record(iri: str, properties: Properties) -> DepartedRecord:
+    return DepartedRecord(
+        iri=iri,
+        category=first(properties, v.OF_CATEGORY, ""),
+        p_map=axes_of(properties, AXES),
+        peak=float(first(properties, v.PEAK_EXISTENCE, "1")),
+        observations=int(first(properties, v.OBSERVATION_COUNT, "1")),
+        first_seen=stamp_of(properties, v.FIRST_SEEN),
+        last_seen=stamp_of(properties, v.LAST_SEEN),
+        found_gone=stamp_of(properties, v.FOUND_GONE),
+        extent=axes_of(properties, SIDES) if properties.keys() >= set(SIDES) else None,
+        yaw=float(first(properties, v.YAW, "0")),
+    )

@@ -13,7 +13,7 @@ from typing import Final
 from pyoxigraph import NamedNode, Quad
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.maps.facts.object_relations import OF_NODE, OF_OBJECT
+from kg.maps.facts.spatial_relations import OF_NODE, OF_OBJECT
 from kg.model import vocabulary as v
 from kg.model.transactions import ChangeSet
 from kg.store.transactional import TransactionalStore

@@ -38,12 +38,11 @@ from kg.model.errors import QueryError
 from kg.rdf.literals import tsv_text
 from kg.rdf.quad_store import QuadStore
 from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.lexer import has_word
 from kg.rdf.sparql.order_by import with_total_order
-from kg.rdf.sparql.parameters import has_word
-from kg.rdf.sparql.syntax_errors import explained
-from kg.rdf.sparql.vetting import check_nesting, check_no_service, check_no_update
+from kg.rdf.sparql.vetting import check_nesting, check_no_service, check_no_update, explained
+from kg.store.scheduling import yield_to_writer
 from kg.store.sparql_client import Solutions, Triples
-from kg.store.writer_priority import yield_to_writer
 
 Value = str | int | float | bool | datetime | None
 Row = tuple[Value, ...]

@@ -39,7 +39,7 @@ from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, 
 from kg.model.regular_files import read_text
 from kg.model.resources import QUERIES
 from kg.rdf.literals import cells_of_box, cells_of_disc
-from kg.rdf.sparql.parameters import (
+from kg.rdf.sparql.lexer import (
     Term,
     insert_into_pattern,
     parameters_in,

@@ -19,7 +19,6 @@ from typing import Final
 
 import numpy as np
 
-from kg.maps.surface.voxel_grid import VoxelGrid
 from kg.maps.surface.voxels import (
     LOCAL_BITS,
     RECORD,
@@ -27,11 +26,12 @@ from kg.maps.surface.voxels import (
     MarkedFrame,
     Records,
     Surface,
+    VoxelGrid,
     surface_of,
 )
 from kg.model.errors import GraphError
 from kg.model.sqlite_files import open_sqlite
-from kg.store.disk_space import disk_full, free_space, is_disk_full
+from kg.store.folder import disk_full, free_space, is_disk_full
 
 FILE: Final = "surface.sqlite"
 MAX_BYTES: Final = 1 << 27  # of a file that is read

@@ -24,7 +24,7 @@ from kg.model.errors import ShapeError
 from kg.model.transactions import ChangeSet
 from kg.rdf.quad_store import QuadStore, Subject
 from kg.rdf.skolem import with_fresh_iris
-from kg.store.write_limit import check_time
+from kg.store.scheduling import check_time
 
 if TYPE_CHECKING:
     from kg.store.transactional import TransactionalStore

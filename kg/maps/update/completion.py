@@ -20,8 +20,8 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.assertions import Assertions
-from kg.maps.facts.object_relations import relation_nodes
 from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.spatial_relations import relation_nodes
 from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.implicit_assertions import (
     assert_perceived_properties,
@@ -33,9 +33,8 @@ from kg.maps.update.validation import is_place
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri, whole_number
-from kg.rdf.literals import cell_of, now
-from kg.rdf.wkt import area_of_polygon
-from kg.store.write_limit import check_facts
+from kg.rdf.literals import area_of_polygon, cell_of, now
+from kg.store.scheduling import check_facts
 
 _OTHER_NUMBERS: Final = {v.XSD + name for name in ("decimal", "integer", "float")}
 MAX_OBJECT: Final = 10**15 - 1  # number that people may give an object; so new ones always exist

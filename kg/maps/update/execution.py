@@ -24,7 +24,6 @@ from kg.maps.update.change_draft import GroundUpdate, QuadChange, Term
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.sparql.extension_functions import FUNCTIONS
-from kg.rdf.sparql.syntax_errors import explained
 from kg.rdf.sparql.update_parser import (
     VARIABLE,
     Operation,
@@ -33,7 +32,13 @@ from kg.rdf.sparql.update_parser import (
     operations,
     variables_as_iris,
 )
-from kg.rdf.sparql.vetting import check_nesting, check_no_load, check_no_service, check_unicode
+from kg.rdf.sparql.vetting import (
+    check_nesting,
+    check_no_load,
+    check_no_service,
+    check_unicode,
+    explained,
+)
 from kg.store.type_inference import inferred_changes
 
 # fails at evaluation, so that the engine parses the whole request and changes nothing

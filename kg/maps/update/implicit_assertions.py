@@ -13,7 +13,8 @@ from typing import Final
 from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.maps.facts.assertions import Assertions, PropertyAssertions
-from kg.maps.facts.object_relations import (
+from kg.maps.facts.objects_and_places import RecordCodec
+from kg.maps.facts.spatial_relations import (
     NOTHING,
     PREDICATES,
     SINGLE,
@@ -21,7 +22,6 @@ from kg.maps.facts.object_relations import (
     perceived_value,
     relation_quads,
 )
-from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.update.change_draft import ChangeDraft
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError

@@ -16,7 +16,7 @@ from typing import Final
 
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.replay.point_in_time import Difference, difference, replay
+from kg.history.point_in_time import Difference, difference, replay
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.history.timestamps import thing
 from kg.knowledge.ontology.replacement import check_used_terms

@@ -28,9 +28,9 @@ from kg.model.resources import ONTOLOGIES
 from kg.rdf.findings import Finding
 from kg.rdf.literals import text_of
 from kg.rdf.quad_store import Subject
+from kg.store.scheduling import check_time
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import inferred_changes
-from kg.store.write_limit import check_time
 
 #: Graphs that an update may write only where its caller allows it, and the way that works instead.
 PROTECTED: Final = {

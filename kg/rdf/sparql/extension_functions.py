@@ -10,8 +10,8 @@ from pyoxigraph import Literal, NamedNode
 
 from kg.model import vocabulary as v
 from kg.model.areas import Area
+from kg.rdf.literals import area_of_polygon, point_of
 from kg.rdf.quad_store import Functions
-from kg.rdf.wkt import area_of_polygon, point_of
 
 
 def square_root(term: object) -> Literal | None:

@@ -2,16 +2,22 @@
 
 The lexer accepts any text: a character that begins no token is a token of kind ``other``. It is no
 security boundary. The engine's parser needs no white space between tokens and tries alternatives,
-so no lexer knows for certain which words are keywords; `kg.serving.workers.isolation.confinement`
+so no lexer knows for certain which words are keywords; `kg.serving.workers.isolation`
 blocks the network in the kernel.
+
+The engine substitutes only projected variables of SELECT, not parameters inside FILTER or a
+subquery. So `substitute` replaces parameters by RDF terms that the engine serialised, outside of
+strings, comments and IRIs. It never pastes text of a user.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache, lru_cache
 from typing import Final, NamedTuple
+
+from pyoxigraph import Literal, NamedNode
 
 _NON_ASCII_BASE: Final = (
     "\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c\u200d"
@@ -107,3 +113,45 @@ def replace_tokens(sparql: str, replacement: Callable[[Token], str | None]) -> s
 def decode_escapes(sparql: str) -> str:
     """The text with its codepoint escapes (SPARQL 1.1, section 19.2) decoded."""
     return _CODEPOINT.sub(lambda m: chr(min(int(m[1] or m[2], 16), 0x10FFFF)), sparql)
+
+
+Term = NamedNode | Literal
+
+_RELATIVE = re.compile(r"<(?![A-Za-z][A-Za-z0-9+.-]*:)[^<>\"{}|^`\\\x00-\x20]*>")
+
+
+def parameters_in(sparql: str) -> frozenset[str]:
+    """Names of the `$parameters` of a query text."""
+    return frozenset(token.text[1:] for token in tokens_of(sparql) if token.kind == "parameter")
+
+
+def variables_in(sparql: str) -> frozenset[str]:
+    """Names of the `?variables` of a query text."""
+    return frozenset(token.text[1:] for token in tokens_of(sparql) if token.kind == "variable")
+
+
+def substitute(sparql: str, terms: Mapping[str, Term]) -> str:
+    """The text with each `$name` replaced by its RDF term in `terms`, without new lines."""
+
+    def term_of(token: Token) -> str | None:
+        term = terms.get(token.text[1:]) if token.kind == "parameter" else None
+        return None if term is None else str(term)
+
+    return replace_tokens(sparql, term_of)
+
+
+def insert_into_pattern(sparql: str, clause: str) -> str:
+    """The text with `clause` at the start of its outermost pattern, without new lines."""
+    start = next((token.end for token in tokens_of(sparql) if token.text == "{"), 0)
+    return sparql[:start] + clause + sparql[start:]
+
+
+def has_word(sparql: str, word: str) -> bool:
+    """Whether a keyword occurs outside of strings, comments, IRIs and names."""
+    keyword = word.upper()
+    return keyword in sparql.upper() and keyword in keywords_of(sparql)
+
+
+def has_relative(sparql: str) -> bool:
+    """Whether the text may have relative IRIs, which need a base."""
+    return _RELATIVE.search(sparql) is not None

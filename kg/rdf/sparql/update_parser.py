@@ -14,8 +14,7 @@ from typing import Final
 from pyoxigraph import NamedNode
 
 from kg.model.errors import QueryError, did_you_mean
-from kg.rdf.sparql.lexer import Token, replace_tokens, tokens_of
-from kg.rdf.sparql.parameters import has_word
+from kg.rdf.sparql.lexer import Token, has_word, replace_tokens, tokens_of
 
 #: Prefix of the IRIs that replace variables where a template is parsed as data.
 VARIABLE: Final = "urn:hereabouts:variable:"

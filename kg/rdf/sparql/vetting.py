@@ -2,18 +2,25 @@
 
 Oxigraph evaluates every SERVICE clause, and its recursive parser overflows the stack on a few
 hundred nested brackets. Vetting rejects both. It is no security boundary: the kernel blocks the
-network (`kg.serving.workers.isolation.confinement`); on machines where it cannot,
+network (`kg.serving.workers.isolation`); on machines where it cannot,
 `check_network_words` rejects every suspicious text. Untrusted queries are vetted inside the worker,
 so that a text that is slow to vet uses up its own time limit only.
+
+Syntax errors name the cause. The parser lists what it expected at the first character that fits no
+rule. That is rarely the cause: a prefix without declaration, a name without prefix, a misspelt
+keyword, a missing bracket.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
+from itertools import pairwise
+from typing import Final
 
-from kg.model.errors import QueryError, QueryRefusedError
-from kg.rdf.sparql.lexer import decode_escapes, keywords_of, tokens_of
+from kg.model import vocabulary as v
+from kg.model.errors import QueryError, QueryRefusedError, did_you_mean
+from kg.rdf.sparql.lexer import Token, decode_escapes, keywords_of, tokens_of
 
 MAX_LENGTH = 200_000  # characters; a VALUES of 2,000 IRIs is half of it
 MAX_DEPTH = 100  # brackets; the parser's stack ends between 400 and 2,000
@@ -149,3 +156,218 @@ def _check_services(sparql: str, allowed: Collection[str]) -> None:
     if words > len(endpoints) or any(endpoint[1:-1] not in allowed for endpoint in endpoints):
         hint = f"; allowed are: {', '.join(sorted(allowed))}" if allowed else ""
         raise QueryRefusedError(f"SERVICE is refused: a query reads this map alone{hint}")
+
+
+_SIGNS: Final = {"AND": "&&", "OR": "||"}  # of other query languages' words
+_BLOCKS: Final = ("OPTIONAL", "UNION", "MINUS", "EXISTS")
+_BRACKETS: Final = {"{": "}", "(": ")", "[": "]"}
+_FORMS: Final = (
+    *("SELECT", "ASK", "CONSTRUCT", "DESCRIBE", "PREFIX", "BASE", "INSERT", "DELETE", "WITH"),
+    *("CLEAR", "DROP", "CREATE", "ADD", "COPY", "MOVE", "LOAD"),
+)
+_CLAUSES: Final = (
+    *("WHERE", "FROM", "NAMED", "GRAPH", "OPTIONAL", "UNION", "MINUS", "FILTER", "BIND", "VALUES"),
+    *("SERVICE", "SILENT", "DISTINCT", "REDUCED", "ORDER", "GROUP", "HAVING", "BY", "ASC", "DESC"),
+    *("LIMIT", "OFFSET", "EXISTS", "NOT", "IN", "AS", "UNDEF", "DATA", "USING", "INTO", "TO"),
+    *("DEFAULT", "ALL", "TRUE", "FALSE", "A", "SEPARATOR", "LATERAL", "VERSION"),
+)
+_FUNCTIONS: Final = (
+    *("COUNT", "SUM", "MIN", "MAX", "AVG", "SAMPLE", "GROUP_CONCAT", "STR", "LANG", "LANGMATCHES"),
+    *("DATATYPE", "BOUND", "IRI", "URI", "BNODE", "RAND", "ABS", "CEIL", "FLOOR", "ROUND", "IF"),
+    *("CONCAT", "STRLEN", "UCASE", "LCASE", "ENCODE_FOR_URI", "CONTAINS", "STRSTARTS", "STRENDS"),
+    *("STRBEFORE", "STRAFTER", "YEAR", "MONTH", "DAY", "HOURS", "MINUTES", "SECONDS", "TIMEZONE"),
+    *("TZ", "NOW", "UUID", "STRUUID", "MD5", "SHA1", "SHA256", "SHA384", "SHA512", "COALESCE"),
+    *("STRLANG", "STRDT", "SAMETERM", "ISIRI", "ISURI", "ISBLANK", "ISLITERAL", "ISNUMERIC"),
+    *("REGEX", "SUBSTR", "REPLACE", "TRIPLE", "SUBJECT", "PREDICATE", "OBJECT", "ISTRIPLE"),
+    *("LANGDIR", "STRLANGDIR", "HASLANG", "HASLANGDIR", "ADJUST"),
+)
+_KEYWORDS: Final = (*_FORMS, *_CLAUSES, *_FUNCTIONS)
+#: prefixes of vocabularies that maps do not use and queries elsewhere often do
+_ELSEWHERE: Final = {
+    "wd": "http://www.wikidata.org/entity/",
+    "wdt": "http://www.wikidata.org/prop/direct/",
+    "schema": "https://schema.org/",
+    "foaf": "http://xmlns.com/foaf/0.1/",
+    "dcterms": "http://purl.org/dc/terms/",
+    "dc": "http://purl.org/dc/elements/1.1/",
+    "sh": "http://www.w3.org/ns/shacl#",
+    "sf": "http://www.opengis.net/ont/sf#",
+    "time": "http://www.w3.org/2006/time#",
+}
+
+
+def explained(
+    sparql: str, message: str, shift: int = 0, terms: Callable[[], Iterable[str]] = tuple
+) -> str:
+    """The parser's message about a text with its place and cause.
+
+    Line 1 of the parsed text had `shift` columns of prologue. `terms` returns IRIs that a name
+    without a prefix may mean.
+    """
+    place, _, reason = message.removeprefix("error at ").partition(": ")
+    line, colon, column = place.partition(":")
+    if not (colon and line.isdigit() and column.isdigit()):
+        return " ".join(message.split())
+    at = max(int(column) - (shift if line == "1" else 0), 1)
+    offset = sum(len(row) for row in sparql.splitlines(keepends=True)[: int(line) - 1]) + at - 1
+    tokens = list(tokens_of(sparql))
+    cause = (
+        _undeclared_prefix(tokens)
+        or _unclosed_text(sparql, tokens, reason, offset)
+        or _first_word(tokens)
+        or _word(tokens, terms)
+        or _unclosed(sparql, tokens)
+        or _bare_expression(tokens)
+        or _misfit(tokens)
+        or _of_variables(reason)
+        or _stop(tokens, offset)
+        or _near(tokens, offset)
+    )
+    return f"does not parse at line {line}, column {at}: {cause}"
+
+
+def _undeclared_prefix(tokens: list[Token]) -> str:
+    declared = [
+        after.text.rstrip(":") for token, after in pairwise(tokens) if token.keyword == "PREFIX"
+    ]
+    known = {*declared, *v.PREFIXES}
+    used = (token.text.partition(":")[0] for token in tokens if token.kind == "name")
+    prefix = next((name for name in used if name not in known), None)
+    if prefix is None:
+        return ""
+    namespace = _ELSEWHERE.get(prefix)
+    near = "" if namespace else did_you_mean(f"{prefix}:", [f"{name}:" for name in known])
+    return (
+        f"the prefix {prefix}: is not declared{near}; the query may begin with "
+        f"PREFIX {prefix}: <{namespace or 'IRI'}>"
+    )
+
+
+def _first_word(tokens: list[Token]) -> str:
+    """The cause, where a text begins with none of the words that it may begin with."""
+    first = tokens[0] if tokens else None
+    if first is not None and first.kind == "word" and first.keyword not in _FORMS:
+        return f"it begins with {first.text!r}{did_you_mean(first.text, _FORMS)}"
+    return ""
+
+
+def _word(tokens: list[Token], terms: Callable[[], Iterable[str]]) -> str:
+    """The cause, where a word is no keyword: SPARQL has no other words."""
+    words = (token.text for token in tokens if token.keyword not in ("", *_KEYWORDS))
+    word = next((text for text in words if not text[0].isdigit()), None)
+    if word is None:
+        return ""
+    if any(token.kind == "variable" and token.text == f"?{word}" for token in tokens):
+        return f"{word!r} is neither a keyword nor a term; did you mean ?{word}?"
+    # of two terms with one name, ours
+    known = sorted(terms(), key=lambda iri: (iri.startswith(v.HERE), iri))
+    names = {v.local_name(iri): v.curie(iri) for iri in known if not v.curie(iri).startswith("<")}
+    exact = {name.lower(): text for name, text in names.items()}.get(word.lower())
+    exact = _SIGNS.get(word.upper(), exact)
+    near = f"; did you mean {exact}?" if exact else did_you_mean(word, _KEYWORDS)
+    near = near or did_you_mean(word, names)
+    forms = '; terms are prefix:name, <IRI>, ?variable or "text"'
+    return f"{word!r} is neither a keyword nor a term{near or forms}"
+
+
+def _unclosed_text(sparql: str, tokens: list[Token], reason: str, offset: int) -> str:
+    """The cause, where a string or an IRI is not closed."""
+    for token in reversed([token for token in tokens if token.start < offset]):
+        if token.kind == "other" and token.text in "\"'":
+            return f"the string that begins at {_place(sparql, token)} is not closed"
+        if token.kind == "other" and token.text == "<" and '">"' in reason:
+            return f"the IRI that begins at {_place(sparql, token)} has a space, or no >"
+    return ""
+
+
+def _unclosed(sparql: str, tokens: list[Token]) -> str:
+    """The cause, where a bracket is not closed, or closes nothing."""
+    opened: list[Token] = []
+    for token in tokens:
+        if token.kind != "mark" or token.text == ";":
+            continue
+        if token.text in _BRACKETS:
+            opened.append(token)
+        elif not opened:
+            return f"the {token.text} at {_place(sparql, token)} closes nothing"
+        elif _BRACKETS[opened[-1].text] == token.text:
+            opened.pop()
+        else:
+            break
+    if opened:
+        last = opened[-1]
+        return (
+            f"the {last.text} at {_place(sparql, last)} is not closed; "
+            f"a {_BRACKETS[last.text]} is missing"
+        )
+    return ""
+
+
+def _bare_expression(tokens: list[Token]) -> str:
+    """The cause, where SELECT has an expression without brackets and name."""
+    words = [token.keyword for token in tokens]
+    for at, word in enumerate(words[:-1]):
+        follows = words[at + 2] if words[at + 1] in ("DISTINCT", "REDUCED") else words[at + 1]
+        if word == "SELECT" and follows in _FUNCTIONS:
+            return (
+                f"an expression after SELECT needs brackets and a name: ({follows}(...) AS ?name)"
+            )
+    return ""
+
+
+def _misfit(tokens: list[Token]) -> str:
+    """The cause, where a keyword or a comma is followed by what never follows it."""
+    for token, after in pairwise(tokens):
+        word, next_text = token.keyword, after.text
+        if word in ("FILTER", "HAVING") and after.kind not in ("mark", "word", "iri", "name"):
+            return f"the condition after {token.text} needs brackets: {word}({next_text} ...)"
+        if word in ("ORDER", "GROUP") and after.keyword != "BY":
+            return f"after {token.text} comes BY: {word} BY {next_text}"
+        if word in _BLOCKS and next_text != "{":
+            return f"what follows {token.text} needs braces: {word} {{ {next_text} ... }}"
+        if word == "SELECT" and _has_comma(token.end, tokens):
+            return "variables after SELECT have spaces between them, and no commas"
+        if token.text == next_text == "=":
+            return "SPARQL compares by =, and not by =="
+    return ""
+
+
+def _has_comma(start: int, tokens: list[Token]) -> bool:
+    """Whether a comma stands between the variables that SELECT gives."""
+    depth = 0
+    for token in tokens:
+        depth += (token.text == "(") - (token.text == ")")
+        if token.start >= start and depth == 0 and token.text in (",", "{"):
+            return token.text == ","
+    return False
+
+
+def _of_variables(reason: str) -> str:
+    """The parser's sentence on a variable, such as one neither grouped nor counted."""
+    options = reason.removeprefix("expected ").removeprefix("one of ").split(", ")
+    found = (option for option in options if " variable " in option)
+    return next((option[0].lower() + option[1:] for option in found), "")
+
+
+def _stop(tokens: list[Token], offset: int) -> str:
+    """The cause, where a text ends too early, or a bracket stands where a term should be."""
+    after = next((token for token in tokens if token.start >= offset), None)
+    if not tokens:
+        return "the text is empty"
+    if after is None:
+        closed = tokens[-1].text in _BRACKETS.values()
+        return "" if closed else f"the text ends after {tokens[-1].text!r}"
+    if after.text in (*_BRACKETS.values(), ".", ";", ","):
+        return f"{after.text!r} comes too early: a term, variable or value is missing before it"
+    return ""
+
+
+def _place(sparql: str, token: Token) -> str:
+    before = sparql[: token.start]
+    return f"line {before.count(chr(10)) + 1}, column {token.start - before.rfind(chr(10))}"
+
+
+def _near(tokens: list[Token], offset: int) -> str:
+    """The last token that the parser read; what it expected there is rarely what is missing."""
+    read = [token for token in tokens if token.start < offset] or tokens
+    return f"{read[-1].text!r} does not fit here; before it, a '.', ';' or bracket may be missing"

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args
 
 from pyoxigraph import Quad, RdfFormat, parse
 
-from kg.history.replay.point_in_time import Difference
+from kg.history.point_in_time import Difference
 from kg.history.reports.comparison import Comparison, Timeline
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation

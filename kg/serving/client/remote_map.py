@@ -15,7 +15,7 @@ from typing import Never
 from numpy.typing import ArrayLike
 from pyoxigraph import NamedNode, Quad
 
-from kg.history.replay.point_in_time import Difference
+from kg.history.point_in_time import Difference
 from kg.history.reports.comparison import FAR, Comparison
 from kg.history.reports.events import HistoryEvent
 from kg.history.reports.explanation import Explanation
@@ -264,7 +264,7 @@ class RemoteOntology:
         return found
 
     def replace(self, quads: object, *, by: str | None = None, whole: bool = False) -> Never:
-        """Raises GraphError: use `kg.serving.editing.reloading.reload`."""
+        """Raises GraphError: use `kg.serving.reloading.reload`."""
         raise GraphError(
             f"the map at {self._served.where} is served: its ontology is replaced by "
             "hereabouts ontology reload"

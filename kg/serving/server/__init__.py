@@ -1,7 +1,6 @@
 """The map over HTTP: SPARQL Protocol, Graph Store Protocol, linked data, change feed."""
 
 from kg.serving.server.app import MapServer
-from kg.serving.server.http.bearer_tokens import BearerTokens
-from kg.serving.server.http.settings import Limits, Settings
+from kg.serving.server.http.settings import BearerTokens, Limits, Settings
 
 __all__ = ["BearerTokens", "Limits", "MapServer", "Settings"]

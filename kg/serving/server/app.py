@@ -26,9 +26,19 @@ from kg.serving.server.app_state import AppState, GraphChanges, Planner, Status,
 from kg.serving.server.change_broadcast import ChangeBroadcast
 from kg.serving.server.endpoints.feed_endpoints import changes, subscribe
 from kg.serving.server.endpoints.graph_store_protocol import dump, graph_store
-from kg.serving.server.endpoints.history_endpoints import diff, log, why
-from kg.serving.server.endpoints.moment_endpoints import find, state, surface, timeline
-from kg.serving.server.endpoints.page_endpoints import page_file, picture, question, questions
+from kg.serving.server.endpoints.read_endpoints import (
+    diff,
+    find,
+    log,
+    page_file,
+    picture,
+    question,
+    questions,
+    state,
+    surface,
+    timeline,
+    why,
+)
 from kg.serving.server.endpoints.sparql_protocol import sparql
 from kg.serving.server.endpoints.write_endpoints import (
     assertions,
@@ -43,12 +53,17 @@ from kg.serving.server.http.lifecycle import ServerLifecycle
 from kg.serving.server.http.middleware import RequestGuard
 from kg.serving.server.http.problems import Problem, problem_of, problem_response, without_paths
 from kg.serving.server.http.settings import Settings
-from kg.serving.server.linked_data.description import dataset_description
+from kg.serving.server.linked_data.descriptions import dataset_description
 from kg.serving.server.linked_data.memento import timegate, timemap
-from kg.serving.server.linked_data.pages import console_page, root_page
-from kg.serving.server.linked_data.resource_pages import resource, skolem, thing_at_path
+from kg.serving.server.linked_data.pages import (
+    console_page,
+    resource,
+    root_page,
+    skolem,
+    thing_at_path,
+)
 from kg.serving.server.metrics import MEDIA_TYPE, Reading
-from kg.serving.workers.isolation.confinement import Confinement
+from kg.serving.workers.isolation import Confinement
 from kg.serving.workers.pool import QueryPool
 
 _log = logging.getLogger("hereabouts.server")

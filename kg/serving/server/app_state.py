@@ -26,7 +26,7 @@ from kg.serving.server.metrics import Metrics
 from kg.serving.workers.admission import FairQueue
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import Answer
-from kg.store.write_limit import WriteLimit
+from kg.store.scheduling import WriteLimit
 
 _IS_A: Final = NamedNode(v.IS_A)
 _OBJECT: Final = NamedNode(v.OBJECT)

@@ -29,7 +29,7 @@ from kg.model.errors import (
 from kg.model.sqlite_files import connect
 from kg.rdf.sparql.vetting import has_allowed_service
 from kg.serving.workers.admission import FairQueue
-from kg.serving.workers.isolation.confinement import Confinement
+from kg.serving.workers.isolation import Confinement
 from kg.serving.workers.ontology_worker import OntologyWorker
 from kg.serving.workers.process import Answer, WorkerProcess, WorkerSet, settings_of
 from kg.serving.workers.request import QueryOptions, WorkerCall, query_call

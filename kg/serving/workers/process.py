@@ -30,7 +30,7 @@ from kg.model.errors import (
 )
 from kg.serving.workers.admission import closed
 from kg.serving.workers.evaluation import HEAD
-from kg.serving.workers.isolation.confinement import Confinement
+from kg.serving.workers.isolation import Confinement
 
 _START = """import sys; sys.path[:0] = sys.argv[2:]
 from kg.serving.workers.evaluation.evaluator import main; main()"""

@@ -144,7 +144,7 @@ def _finite(text: str) -> float:
 
 def write_report(folder: Path, report: DetectionReport) -> None:
     """Write the report into the folder of a map; raises GraphError where that fails."""
-    from kg.store.atomic_file import write_atomically
+    from kg.store.folder import write_atomically
 
     path = folder / FILE
     try:

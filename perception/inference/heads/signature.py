@@ -1,7 +1,7 @@
 """Recognition of a network's heads by names, types and shapes of its inputs and outputs.
 
 Where these fit several readings, the values of a first answer decide
-(`perception.inference.heads.readings`).
+(`perception.inference.detector`).
 """
 
 from __future__ import annotations

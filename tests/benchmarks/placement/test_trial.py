@@ -14,7 +14,7 @@ from benchmarks.placement.__main__ import main
 from benchmarks.placement.data import Sources, TrialData, load
 from benchmarks.placement.fitting import fit_prior, log_likelihood
 from benchmarks.placement.trial import run
-from kg.knowledge.placement.settings import FITTED
+from kg.knowledge.placement.belief_model import FITTED
 from kg.model.errors import InvalidFactError
 
 Shared = Callable[[str], Path]

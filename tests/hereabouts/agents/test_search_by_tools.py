@@ -33,9 +33,8 @@ from planner.execution.protocol import (
     LookAround,
     RobotPose,
 )
-from planner.simulation.houses.house import House, furnished_house
-from planner.simulation.robot.house_robot import SimulatedHouseRobot
-from planner.simulation.robot.motion import TimedPose
+from planner.simulation.house import House, furnished_house
+from planner.simulation.house_robot import SimulatedHouseRobot, TimedPose
 from tests.planner.flat import fill, thing
 
 START = TimedPose(8.4, 4.7, 0.0, 0.0)

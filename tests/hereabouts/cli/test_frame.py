@@ -11,7 +11,7 @@ import pytest
 from hereabouts.cli import main
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, open_map
-from kg.serving.publishing.publisher import merged
+from kg.serving.publishing import merged
 
 LABELS = ("cup", "chair", "couch", "tv", "book", "laptop", "clock", "vase", "bed", "toaster")
 

@@ -124,7 +124,7 @@ def test_rooms_are_taught_to_a_map_and_used_by_the_next_run(
     assert folder.stat().st_size > 0
     assert main(["map", str(kitchen), "--into", str(mapped), "--again", "--limit", "1"]) == 0
     assert "rooms taught" not in capsys.readouterr().err  # one kind alone
-    from perception.inference.taught_rooms import RoomExamples
+    from perception.inference.scene_classifier import RoomExamples
 
     examples = RoomExamples.load(mapped)
     assert examples is not None

@@ -14,7 +14,7 @@ import pytest
 from hereabouts.cli import main
 from kg.model.records import MapUpdate, RecordingRecord
 from kg.serving.opening import create_map, open_map
-from planner.simulation.robot.house_robot import DEMO_RECORDING
+from planner.simulation.house_robot import DEMO_RECORDING
 from tests.planner.point_robot import PointRobot
 from tests.planner.robots import APPLE, FAR_APPLE, command, ring
 

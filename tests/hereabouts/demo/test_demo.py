@@ -22,9 +22,8 @@ from hereabouts.demo.house_demo import (
 )
 from kg.model.errors import GraphError, MapBusyError
 from kg.serving.opening import create_map, open_map
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.house_robot import SimulatedHouseRobot
-from planner.simulation.robot.motion import TimedPose
+from planner.simulation.house import furnished_house
+from planner.simulation.house_robot import SimulatedHouseRobot, TimedPose
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from kg.model.errors import GraphError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.model.vocabulary import ASSERTIONS_GRAPH, INFERRED_GRAPH
 from kg.serving.opening import in_memory_map
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 from tests.kg.conftest import canonical
 
 NATIVE = {

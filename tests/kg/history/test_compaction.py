@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kg.history.storage import compaction
 from kg.history.storage import log as log_module
+from kg.history.storage import maintenance
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError
@@ -142,7 +142,7 @@ def _ten_objects(base: str, number: int) -> MapUpdate:
 def test_a_map_that_runs_forgets_what_is_older_than_it_is_told_to_keep(
     written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compaction, "TRIM_WITHIN", 0)  # a little at each flush
+    monkeypatch.setattr(maintenance, "TRIM_WITHIN", 0)  # a little at each flush
     with written(30) as semantic_map:
         path, now = semantic_map.store.where, set(semantic_map.engine)
         semantic_map.history.retain(0)

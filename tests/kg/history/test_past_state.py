@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 
-from kg.history.replay.point_in_time import PastStates, difference, replay
+from kg.history.point_in_time import PastStates, difference, replay
 from kg.history.storage import log as log_module
-from kg.history.storage.recovery import attach
+from kg.history.storage.maintenance import attach
 from kg.history.timestamps import duration, iso, moment
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v

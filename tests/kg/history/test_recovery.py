@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from pyoxigraph import Quad
 
-from kg.history.storage.recovery import FILE
+from kg.history.storage.maintenance import FILE
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, HistoryError
 from kg.model.records import MapUpdate

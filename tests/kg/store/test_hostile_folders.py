@@ -21,7 +21,7 @@ from kg.model.errors import GraphError, HereaboutsError, MapBusyError
 from kg.model.sqlite_files import open_sqlite
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, open_map
-from kg.store.atomic_file import write_atomically
+from kg.store.folder import write_atomically
 
 IN_CREATE = 0x100  # of inotify
 _MAGIC = bytes([0xD9, 0xD5, 0x05, 0xF9, 0x20, 0xA1, 0x63, 0xD7])

@@ -15,10 +15,10 @@ from pyoxigraph import Literal, NamedNode, Quad
 
 from benchmarks.graph.ours import resident
 from kg.model.errors import GraphError, MapBusyError, MapNotFoundError
+from kg.model.platforms import gc_frozen, trim_heap
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map, open_map
-from kg.store import flushing
-from kg.store.process_memory import gc_frozen, trim_heap
+from kg.store import scheduling
 from kg.store.transaction_quads import sequence_quad
 from kg.store.transactional import TransactionalStore
 
@@ -151,7 +151,7 @@ def test_a_closed_store_says_that_it_is_closed() -> None:
 
 
 def test_writers_flush_by_themselves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flushing, "FLUSH_EVERY", 0.01)
+    monkeypatch.setattr(scheduling, "FLUSH_EVERY", 0.01)
     flushed = threading.Event()
     flush = TransactionalStore.flush
     monkeypatch.setattr(TransactionalStore, "flush", lambda self: (flush(self), flushed.set()))

@@ -13,8 +13,8 @@ import pytest
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
 from kg.serving.opening import in_memory_map
-from kg.store import writer_priority as writer_priority
-from kg.store.writer_priority import in_pieces, writing, yield_to_writer
+from kg.store import scheduling as writer_priority
+from kg.store.scheduling import in_pieces, writing, yield_to_writer
 
 LONG = 600.0  # [s] what no test lasts
 

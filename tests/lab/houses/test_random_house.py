@@ -11,9 +11,9 @@ from lab.houses.house_changes import Carry, carries, changed_house
 from lab.houses.random_house import random_house, walls_of
 from lab.houses.small_things import MOVABLE, STANDS_ON, SURFACES
 from lab.recordings.object_truth import supporting
-from planner.simulation.houses.house import FloorGrid, House
-from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import CameraModel
+from planner.simulation.camera import CameraModel
+from planner.simulation.house import FloorGrid, House
+from planner.simulation.house_robot import TimedPose
 
 SEEDS = range(12)
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from lab.recordings.simulated_recording import KINECT
-from planner.simulation.sensing.camera import DepthSensor
+from planner.simulation.camera import DepthSensor
 
 
 def measured(

@@ -8,9 +8,9 @@ from math import pi
 import numpy as np
 
 from lab.recordings.hard_senses import CLUTTER_TAKEN_FOR, SENSES, UnevenFaults, detector_of
-from planner.simulation.houses.house import FURNISHINGS, Item
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import FURNISHINGS, Item
+from planner.simulation.sensors import SimulatedDetector
 from tests.planner.simulation.test_simulation import frame_at, one_room
 
 

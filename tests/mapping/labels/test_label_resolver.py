@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.catalogue import Catalogue, shipped_ontology
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.model.errors import LabelsError
 from mapping.labels.label_resolver import LabelMeaning, LabelTable, check_labels, load_label_table
 from mapping.mapping_options import MappingOptions

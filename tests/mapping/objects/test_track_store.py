@@ -25,8 +25,8 @@ from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.track_store import FILE, RunState, TrackStore
 from perception.frames import Detections, Frame
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house_robot import SimulatedTour
 
 FRAMES = 44
 _NO_BOX = (

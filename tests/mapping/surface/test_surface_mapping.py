@@ -22,8 +22,8 @@ from lab.houses.random_house import random_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house_robot import SimulatedTour
 
 OPTIONS = MappingOptions(occupancy=False, check_poses=False)
 FRAMES = 70
@@ -145,7 +145,7 @@ def test_without_a_surface_nothing_is_kept(tmp_path, scene, nothing):
 
 
 def test_a_full_surface_says_so_in_one_line(monkeypatch, scene, nothing):
-    monkeypatch.setattr("kg.maps.surface.voxel_grid.MAX_VOXELS", 200)
+    monkeypatch.setattr("kg.maps.surface.voxels.MAX_VOXELS", 200)
     with in_memory_map() as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
         for second in range(8):
             mapper.add(scene(1000.0 + second, True), nothing)

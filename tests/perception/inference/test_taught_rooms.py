@@ -10,11 +10,11 @@ import pytest
 from kg.model.errors import ModelError
 from lab.networks.scene_evaluation import labelled_images
 from perception.frames import SceneScores
-from perception.inference.scene_classifier import load_scene_classifier
-from perception.inference.taught_rooms import (
+from perception.inference.scene_classifier import (
     FILE,
     RoomExamples,
     TaughtSceneClassifier,
+    load_scene_classifier,
     room_examples,
 )
 from perception.sources.folders.image_files import read_colour

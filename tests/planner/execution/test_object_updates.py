@@ -17,9 +17,9 @@ from perception.frames import Detections
 from planner.execution.object_updates import DetectionUpdate, DetectionVerifier, ObjectUpdates
 from planner.execution.protocol import Detected, DetectedFrame, DetectionsMessage, RobotPose
 from planner.search.goals.targets import resolve
-from planner.simulation.houses.house import House, furnished_house
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import House, furnished_house
+from planner.simulation.sensors import SimulatedDetector
 from tests.planner.robots import APPLE, START, ring, run
 
 THROUGH_THE_DOOR = [(1.9, 7.05), (2.5, 7.1), (3.1, 7.2), (3.6, 7.3)]  # the apple is behind it

@@ -15,8 +15,8 @@ from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RecordingReco
 from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.search.goals.known_objects import known_objects
 from planner.search.goals.targets import resolve
-from planner.simulation.houses.house import House, furnished_house
-from planner.simulation.robot.house_robot import DEMO_RECORDING, START, simulated_robot
+from planner.simulation.house import House, furnished_house
+from planner.simulation.house_robot import DEMO_RECORDING, START, simulated_robot
 
 
 def _mapped(semantic_map: SemanticMap, house: House) -> None:

@@ -13,7 +13,8 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import in_memory_map
 from perception.frames import Frame
-from planner.simulation.houses.house import (
+from planner.simulation.camera import NOTHING, CameraModel, SimulatedCamera
+from planner.simulation.house import (
     FURNISHINGS,
     OBJECTS,
     FloorGrid,
@@ -25,11 +26,16 @@ from planner.simulation.houses.house import (
     Wall,
     furnished_house,
 )
-from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
-from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
-from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
-from planner.simulation.sensing.sensors import (
+from planner.simulation.house_robot import (
+    START,
+    MotionLimits,
+    SimulatedTour,
+    TimedPose,
+    drive,
+    look_around,
+)
+from planner.simulation.ray_casting import FAR, hit, rays_of
+from planner.simulation.sensors import (
     LOOKS_LIKE,
     MISTAKEN_FOR,
     DetectorFaults,

@@ -19,11 +19,10 @@ from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import plan
-from planner.simulation.houses.house import House, HouseRoom, Item, Wall
-from planner.simulation.robot.house_robot import SimulatedHouseRobot, SimulatedTour
-from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector, SimulatedSceneClassifier
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import House, HouseRoom, Item, Wall
+from planner.simulation.house_robot import SimulatedHouseRobot, SimulatedTour, TimedPose
+from planner.simulation.sensors import SimulatedDetector, SimulatedSceneClassifier
 
 OAK = (0.76, 0.58, 0.40)
 #: beside the door, so that it is not seen through it

@@ -20,7 +20,7 @@ from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
 from kg.serving.server.http.problems import Problem, sequence_at
 from kg.serving.server.http.request_checks import is_confirmed
-from kg.serving.server.linked_data.description import service_description
+from kg.serving.server.linked_data.descriptions import service_description
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import query_call
 from kg.serving.workers.updates import UpdateRequest, update_map

@@ -15,10 +15,10 @@ from typing import Final, TypeVar
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 
+from kg.model.platforms import trim_heap
 from kg.serving.server.http.problems import Problem
 from kg.serving.server.http.settings import Limits, Settings
 from kg.serving.workers.admission import FairQueue
-from kg.store.process_memory import trim_heap
 
 T = TypeVar("T")
 MAX_CLIENTS: Final = 4096  # remembered at once; one that is forgotten counts as new

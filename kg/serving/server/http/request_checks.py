@@ -16,9 +16,8 @@ from typing import Final
 from starlette.datastructures import Headers
 from starlette.requests import Request
 
-from kg.serving.server.http.bearer_tokens import unauthorised
 from kg.serving.server.http.problems import Problem
-from kg.serving.server.http.settings import ANY_ORIGIN, Settings
+from kg.serving.server.http.settings import ANY_ORIGIN, Settings, unauthorised
 from kg.store.sparql_client import CONFIRM, CONFIRMED
 
 _HOST: Final = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:@/\[\]]+)(:[0-9]{0,5})?")

@@ -20,13 +20,13 @@ from pyoxigraph import NamedNode, Quad
 from starlette.requests import Request
 from starlette.responses import Response
 
-from kg.history.replay.point_in_time import Version, first_version, state_of, version_at, versions
+from kg.history.point_in_time import Version, first_version, state_of, version_at, versions
 from kg.history.storage.log import BACKGROUND, HistoryLog
 from kg.model.errors import HistoryError
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http.bodies import query_parameters
 from kg.serving.server.http.problems import Problem, http_date, sequence_at
-from kg.serving.server.linked_data.resource_description import (
+from kg.serving.server.linked_data.descriptions import (
     ResourceDescription,
     iri_at,
     local_path,

@@ -28,7 +28,7 @@ from pyoxigraph import (
     Store,
 )
 
-from kg.history.replay.point_in_time import PastStates
+from kg.history.point_in_time import PastStates
 from kg.knowledge.ontology.declared_terms import absent_terms, known_terms
 from kg.model.errors import (
     HereaboutsError,
@@ -39,9 +39,9 @@ from kg.model.platforms import resource
 from kg.rdf.literals import XmlPieces, is_xml
 from kg.rdf.sparql import extension_functions
 from kg.rdf.sparql.order_by import with_total_order
-from kg.rdf.sparql.syntax_errors import explained
 from kg.rdf.sparql.vetting import (
     check_network_words,
+    explained,
     has_allowed_service,
     reads_chosen_graphs,
     vet,
@@ -53,8 +53,8 @@ from kg.serving.workers.evaluation.ingestion import (
     evaluate_update,
     parse_document,
 )
-from kg.serving.workers.isolation.confinement import confine
-from kg.store.disk_space import is_disk_full
+from kg.serving.workers.isolation import confine
+from kg.store.folder import is_disk_full
 
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
 CHUNK = 1 << 16
@@ -161,7 +161,7 @@ class Evaluator:
         self._send_all("application/json", body.encode(), request)
 
     def _plan_ontology(self, request: Request) -> None:
-        from kg.serving.workers.evaluation.ontology_tasks import plan_ontology  # takes a second
+        from kg.serving.workers.evaluation.ingestion import plan_ontology  # takes a second
 
         head, body = plan_ontology(self._store, request)
         self._send_all("application/n-quads", body, request, **head)
@@ -314,7 +314,7 @@ def main() -> None:
     # a confined process loads no machine code
     extension_functions.load_libraries()
     if settings.get("ontologies"):
-        from kg.serving.workers.evaluation.ontology_tasks import load_libraries  # takes a second
+        from kg.serving.workers.evaluation.ingestion import load_libraries  # takes a second
 
         load_libraries()
     _limit_process(settings["memory"])

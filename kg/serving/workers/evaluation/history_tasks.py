@@ -14,8 +14,8 @@ from typing import Any, Final
 
 from pyoxigraph import Store
 
-from kg.history.replay.map_state import Categories, present_state, state_after
-from kg.history.replay.point_in_time import PastStates, difference
+from kg.history.map_state import Categories, present_state, state_after
+from kg.history.point_in_time import PastStates, difference
 from kg.history.reports.comparison import compare, timeline
 from kg.history.reports.events import (
     comparison_text,
@@ -28,7 +28,7 @@ from kg.history.reports.explanation import explain_fact
 from kg.history.reports.prov_export import provenance
 from kg.history.storage.log import HistoryLog
 from kg.history.timestamps import iso, thing
-from kg.maps.facts.robot_and_recordings import recordings_in
+from kg.maps.facts.robot import recordings_in
 from kg.serving.client.record_codec import (
     comparison_to_json,
     difference_to_json,

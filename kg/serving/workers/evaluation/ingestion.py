@@ -1,6 +1,10 @@
 """Ingestion: updates and RDF documents of clients, evaluated and parsed in a worker.
 
 The writer receives only ground quads, as N-Quads of limited size and without triple terms.
+
+Replacements of a map's ontology, validated and compiled in a worker. The shapes, the hierarchy and
+the relations of an ontology that a client sends can take any time and memory. The worker computes
+the quads to delete and to insert; the writer receives only these.
 """
 
 from __future__ import annotations
@@ -10,15 +14,21 @@ import gc
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from pyoxigraph import Quad, RdfFormat, Store, parse, serialize
 
+from kg.knowledge.ontology.diagnostics import check_valid
+from kg.knowledge.ontology.loading import SHAPES_FILE, ontology_of
+from kg.knowledge.ontology.replacement import plan_replacement
 from kg.maps.update import execution
-from kg.maps.update.change_draft import check_triple_terms
+from kg.maps.update.change_draft import GroundUpdate, QuadChange, check_triple_terms
 from kg.model.errors import ConflictError, QueryRefusedError
+from kg.model.resources import ONTOLOGIES
 from kg.rdf.parsing import DOCUMENT_TYPE, NO_LOADER, REMOTE_CONTEXT, has_document_type
+from kg.rdf.skolem import anonymous
 from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.update_parser import with_graphs
 
@@ -86,3 +96,25 @@ def quads_of_document(request: Request) -> list[Quad]:
         raise SyntaxError(REMOTE_CONTEXT) from None
     check_triple_terms(quads)
     return quads
+
+
+def load_libraries() -> None:
+    """Import all that `plan_ontology` needs, before the process is confined."""
+    from kg.rdf.shacl import validate
+
+    validate((), ONTOLOGIES / SHAPES_FILE)  # the libraries import some modules at the first use
+
+
+def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+    """The planned replacement of the ontology in a snapshot by a document.
+
+    Raises as `ingestion.quads_of_document` and `plan_replacement`; OntologyError for an invalid
+    ontology.
+    """
+    ontology = ontology_of(anonymous(quads_of_document(request)))
+    warnings = check_valid(ontology)
+    plan = plan_replacement(store, ontology.quads, whole=request["whole"])
+    head, body = GroundUpdate((QuadChange(plan.delete, plan.insert),)).encode()
+    head |= {"kept": plan.kept, "lost": plan.lost, "unnamed": plan.unnamed}
+    head |= {"warnings": [asdict(warning) for warning in warnings]}
+    return head | {"changes": [asdict(change) for change in plan.changes]}, body

@@ -26,7 +26,7 @@ from kg.model.errors import PictureError
 from kg.model.records import FREE, UNKNOWN, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import in_memory_map
 from mapping.occupancy.mapped_floor import MappedFloor
-from planner.simulation.houses.house import furnished_house
+from planner.simulation.house import furnished_house
 
 
 def record(

@@ -12,12 +12,11 @@ import pytest
 from pyoxigraph import NamedNode, RdfFormat, Store, parse
 
 from hereabouts.cli import main
-from kg.knowledge.ontology import shipped
-from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.knowledge.ontology import catalogue
+from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue, shipped_ontology
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.knowledge.ontology.lint import check_map
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
-from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.knowledge.ontology.vocabulary_page import vocabulary_page
 from kg.knowledge.placement.rooms import RoomType, similarity
 from kg.knowledge.words.tables import word_table
@@ -32,7 +31,7 @@ def edited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the shipped ontologies, in their place."""
     folder = tmp_path / "ontologies"
     shutil.copytree(ONTOLOGIES, folder)
-    monkeypatch.setattr(shipped, "ONTOLOGIES", folder)
+    monkeypatch.setattr(catalogue, "ONTOLOGIES", folder)
     return folder
 
 

@@ -9,8 +9,13 @@ from hypothesis import strategies as st
 
 from benchmarks.placement.fitting import log_beta_binomial
 from benchmarks.placement.scores import brier, calibration_error, log_loss, rooms_visited
-from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix, posterior, posterior_belief
-from kg.knowledge.placement.settings import FITTED
+from kg.knowledge.placement.belief_model import (
+    FITTED,
+    EvidenceArrays,
+    Matrix,
+    posterior,
+    posterior_belief,
+)
 
 COUNT = st.integers(0, 400)
 

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from kg.knowledge.ontology.catalogue import Catalogue, name_key
+from kg.knowledge.ontology.catalogue import Catalogue, name_key, shipped_ontology
 from kg.knowledge.ontology.diagnostics import inspect
 from kg.knowledge.ontology.import_closure import load_with_imports
-from kg.knowledge.ontology.shipped import shipped_ontology
 from kg.knowledge.words.classes import class_iri, sense_of_label, vocabulary_turtle
 from kg.knowledge.words.meaning import Meaning, understand
 from kg.knowledge.words.tables import DATA, NAMES_VARIABLE, word_table

@@ -18,7 +18,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError, QueryError, QueryParameterError, UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map, open_map
-from kg.serving.publishing.target import PublishTarget, snapshot_of
+from kg.serving.publishing import PublishTarget, snapshot_of
 
 BASE = "https://example.org/flat/"
 WHERE = {"banana": (1.0, 1.0), "apple": (1.5, 1.0), "cup": (4.0, 1.0), "chair": (7.0, 7.0)}

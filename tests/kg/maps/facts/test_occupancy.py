@@ -18,7 +18,7 @@ from pyoxigraph import Quad, Store
 from kg.export.serialization import export_text
 from kg.knowledge.ontology.lint import check_map
 from kg.maps.facts.occupancy import decoded, encoded, iri_of, tile_of, tiles_of_rows
-from kg.maps.facts.robot_and_recordings import recording_quads, recordings_in, robot_in, robot_quads
+from kg.maps.facts.robot import recording_quads, recordings_in, robot_in, robot_quads
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, ShapeError

@@ -11,8 +11,8 @@ from pyoxigraph import Quad
 
 from hereabouts.cli import main
 from kg.history.timestamps import iso
-from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import PerceivedObjects
 from kg.model import vocabulary as v
 from kg.model.errors import (
     GraphError,

@@ -23,8 +23,8 @@ from kg.model.errors import (
 )
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map, open_map
+from kg.store.scheduling import MAX_FACTS, WriteLimit, WriterLock, check_time
 from kg.store.transactional import LOADED, TransactionalStore
-from kg.store.write_limit import MAX_FACTS, WriteLimit, WriterLock, check_time
 
 BASE = "https://example.org/maps/limits/"
 RDF = "http://www.w3.org/1999/02/22-rdf-syntax-ns#"
@@ -220,7 +220,7 @@ def test_a_limited_write_does_not_wait_forever_for_the_lock() -> None:
 def test_a_limited_write_holds_the_lock_no_longer_for_taking_it_twice(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("kg.store.write_limit.HELD", 0.02)
+    monkeypatch.setattr("kg.store.scheduling.HELD", 0.02)
     with WriteLimit(60.0).in_force(), WriterLock() as lock:
         began = time.thread_time()
         while time.thread_time() < began + 0.03:

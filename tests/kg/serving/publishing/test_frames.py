@@ -17,7 +17,7 @@ from kg.model.errors import InvalidFactError, QueryParameterError
 from kg.model.records import LookRecord, MapUpdate, PlaceRecord, RobotRecord, SearchRecord
 from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
-from kg.serving.publishing.publisher import merged
+from kg.serving.publishing import merged
 from kg.serving.server import BearerTokens, MapServer, Settings
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, see
 

@@ -23,8 +23,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import GraphError
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
-from kg.serving.publishing.publisher import Publisher
-from kg.serving.publishing.target import PublishTarget
+from kg.serving.publishing import Publisher, PublishTarget
 from kg.serving.server import MapServer, Settings
 from kg.store.sparql_backend import GRAPHS
 from tests.waiting import until
@@ -189,8 +188,8 @@ def test_a_stale_copy_is_brought_up_to_date_without_touching_others(
 def test_a_large_map_goes_in_parts_and_a_part_alone_is_no_copy(
     robots: tuple[SemanticMap, SemanticMap], url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("kg.serving.publishing.target.CHUNK", 25)
-    monkeypatch.setattr("kg.serving.publishing.target.CHUNK_OF_VIRTUOSO", 1000)
+    monkeypatch.setattr("kg.serving.publishing.CHUNK", 25)
+    monkeypatch.setattr("kg.serving.publishing.CHUNK_OF_VIRTUOSO", 1000)
     north, _ = robots
     for step in range(100):
         see(north, "cup", float(step))

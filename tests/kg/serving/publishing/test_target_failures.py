@@ -13,8 +13,7 @@ import pytest
 from hereabouts.cli import main
 from kg.model.errors import GraphError, MapNotFoundError, RemoteError
 from kg.serving.opening import create_map, in_memory_map
-from kg.serving.publishing.publisher import Publisher, merged
-from kg.serving.publishing.target import PublishTarget
+from kg.serving.publishing import Publisher, PublishTarget, merged
 from kg.serving.server import MapServer, Settings
 from tests.conftest import running_server
 from tests.kg.serving.publishing.test_publisher import NORTH, SOUTH, own, published, see, until

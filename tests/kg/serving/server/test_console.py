@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 import pytest
 
-from kg.serving.server.linked_data.resource_description import local_path
+from kg.serving.server.linked_data.descriptions import local_path
 from tests.kg.serving.server.browser_pages import HOSTILE, PATIENCE, OpenPage, faults, says
 from tests.kg.serving.server.conftest import READER
 from tests.waiting import until

@@ -18,7 +18,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, RemoteError
 from kg.model.transactions import Cause
 from kg.model.vocabulary import HERE, OWL_AXIOM, PREFIXES
-from kg.serving.editing.reloading import ontology_at, reload
+from kg.serving.reloading import ontology_at, reload
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from tests.waiting import until
 

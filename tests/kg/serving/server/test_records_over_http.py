@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 import requests
 
-from kg.maps.cache_invalidation import PerceivedObjects
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import PerceivedObjects
 from kg.model.errors import (
     ConflictError,
     GraphError,

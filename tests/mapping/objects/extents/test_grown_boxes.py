@@ -19,10 +19,10 @@ from mapping.mapping_options import MappingOptions
 from mapping.objects.extents.box_fit import BoxViews, fitted_box
 from mapping.objects.extents.surface_growth import grown_box
 from perception.frames import Detections, Frame
-from planner.simulation.houses.house import House
-from planner.simulation.robot.house_robot import SimulatedTour
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import House
+from planner.simulation.house_robot import SimulatedTour
+from planner.simulation.sensors import SimulatedDetector
 
 FOCAL, WIDTH, HEIGHT = 500.0, 640, 480
 VOXEL = 0.025

@@ -11,7 +11,7 @@ import pytest
 from onnx import TensorProto
 
 from kg.model.errors import ModelError
-from perception.inference.encoders.encoder_pair import EncoderPair, open_encoder
+from perception.inference.encoders import EncoderPair, open_encoder
 from tests.encoder_files import (
     CLIP_MEAN,
     CLIP_STD,

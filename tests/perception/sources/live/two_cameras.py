@@ -16,8 +16,8 @@ from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.ros.message_maker import MessageMaker
-from planner.simulation.houses.house import House, Item, furnished_house
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import House, Item, furnished_house
 
 AHEAD = 7.05, 8.30, 0.89  # [m] middle of the orange before the robot ...
 BEHIND = 4.40, 7.30, 0.89  # ... and of the one behind it

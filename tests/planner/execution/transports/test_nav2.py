@@ -27,8 +27,8 @@ from planner.execution.options import SearchOptions
 from planner.execution.search_loop import search
 from planner.execution.transports.navigation import Nav2Services, Nav2Topics, Navigation
 from planner.execution.transports.ros_robot import RosRobot
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.motion import TimedPose
+from planner.simulation.house import furnished_house
+from planner.simulation.house_robot import TimedPose
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 from tests.planner.nav2_house import BridgedHouseNode, Nav2HouseNode
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, running

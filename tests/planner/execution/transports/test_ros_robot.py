@@ -34,9 +34,9 @@ from planner.execution.search_loop import search
 from planner.execution.transports import navigation
 from planner.execution.transports.navigation import GoalPose, MoveBase
 from planner.execution.transports.ros_robot import RosRobot
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.robot.motion import TimedPose
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import furnished_house
+from planner.simulation.house_robot import TimedPose
 from tests.perception.sources.live.ros1_master import FakeMaster, fake_master
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, robot, running
 from tests.waiting import until

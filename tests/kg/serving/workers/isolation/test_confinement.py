@@ -20,7 +20,7 @@ from kg.model.errors import QueryError, QueryRefusedError
 from kg.serving.opening import create_map, in_memory_map
 from kg.serving.server import BearerTokens, Limits, MapServer, Settings
 from kg.serving.workers import process
-from kg.serving.workers.isolation.confinement import Confinement
+from kg.serving.workers.isolation import Confinement
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.process import WorkerProcess, settings_of
 from kg.serving.workers.request import query_call
@@ -96,7 +96,7 @@ def test_warnings_name_what_the_kernel_cannot_do() -> None:
 
 HIDE = """
 import ctypes, os
-from kg.serving.workers.isolation.confinement import hide_memory
+from kg.serving.workers.isolation import hide_memory
 if os.geteuid() == 0:
     os.setgroups([]); os.setgid(65534); os.setuid(65534)
     ctypes.CDLL(None).prctl(4, 1, 0, 0, 0)  # dumpable, as a program of this user is at its start

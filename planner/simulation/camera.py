@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Frame
-from planner.simulation.houses.house import WALL_HEIGHT, House, Solid
-from planner.simulation.sensing.ray_casting import FAR, Floats, Hits, Rays, Window, hit, rays_of
+from planner.simulation.house import WALL_HEIGHT, House, Solid
+from planner.simulation.ray_casting import FAR, Floats, Hits, Rays, Window, hit, rays_of
 
 FLOOR = -1  # `Canvas.solid` of floor and ceiling
 CELL = 0.04  # [m] of the lookup tables of the floor

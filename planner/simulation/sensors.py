@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.frames import Detections, Frame, SceneScores
-from planner.simulation.houses.house import HouseRoom
-from planner.simulation.sensing.camera import NOTHING, SimulatedCamera, TrueView
+from planner.simulation.camera import NOTHING, SimulatedCamera, TrueView
+from planner.simulation.house import HouseRoom
 
 _FILE: Final = Path(__file__).with_name("confusions.csv")
 

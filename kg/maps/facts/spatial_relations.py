@@ -1,4 +1,4 @@
-"""Facts of the spatial relations of objects: on, inside, beside.
+"""Facts of spatial relations: objects on, inside and beside others, and doors between places.
 
 Each relation is a node with its probability. If the probability is at least 0.5, the relation is a
 triple too (``?cup here:on ?table``). An object has at most one triple of on, and one of inside.
@@ -10,12 +10,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, cast
 from urllib.parse import quote
 
-from pyoxigraph import NamedNode, Quad
+from pyoxigraph import Literal, NamedNode, Quad
 
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
-from kg.model.records import Relation, RelationKind
-from kg.rdf.literals import Properties, first, iri_node, iri_order, known_iri, number_literal
+from kg.model.records import DoorRecord, Relation, RelationKind
+from kg.rdf.literals import (
+    Properties,
+    first,
+    iri_node,
+    iri_order,
+    known_iri,
+    number_literal,
+    properties_of,
+)
 from kg.rdf.quad_store import QuadStore
 
 PREDICATES: Final[Mapping[RelationKind, str]] = {
@@ -119,3 +127,39 @@ def perceived_value(relations: Iterable[Relation], kind: str) -> tuple[str, floa
     for relation in believed_relations(found):
         return relation.target, relation.probability
     return NOTHING, 1.0 - min(sum(relation.probability for relation in found), 1.0)
+
+
+def facts_of_door(door: DoorRecord) -> list[Quad]:
+    """Facts of a door.
+
+    Raises InvalidFactError for numbers that are not finite, and unless it has two places.
+    """
+    what = f"door {door.iri}"
+    if len(set(door.places)) != 2:
+        raise InvalidFactError(f"{what}: a door is between two places, got {door.places}")
+    facts: list[tuple[str, NamedNode | Literal]] = [
+        (v.RDF_TYPE.value, known_iri(v.DOOR)),
+        (v.RDFS_LABEL, Literal("door " + door.iri.rstrip("/").rpartition("/")[2])),
+        (v.X, number_literal(door.x, f"{what}: x")),
+        (v.Y, number_literal(door.y, f"{what}: y")),
+        (v.WIDTH, number_literal(door.width, f"{what}: width", minimum=0.0)),
+        *((v.BOT_INTERFACE_OF, iri_node(place, f"{what}: place")) for place in door.places),
+    ]
+    if door.marked_by:
+        facts.append((v.PROV_ATTRIBUTED_TO, iri_node(door.marked_by, f"{what}: author")))
+    node = iri_node(door.iri, "door")
+    return [Quad(node, known_iri(predicate), value, v.MAP_GRAPH) for predicate, value in facts]
+
+
+def doors_in(engine: QuadStore) -> tuple[DoorRecord, ...]:
+    """All doors between two places, by IRI; doors without a position are left out."""
+    found = []
+    for quad in engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.DOOR), v.MAP_GRAPH):
+        properties = properties_of(engine, getattr(quad.subject, "value", ""), v.MAP_GRAPH)
+        places = sorted(properties.get(v.BOT_INTERFACE_OF, ()), key=iri_order)
+        if len(places) == 2 and v.X in properties and v.Y in properties:
+            x, y, width = (float(first(properties, p, "0")) for p in (v.X, v.Y, v.WIDTH))
+            iri = getattr(quad.subject, "value", "")
+            author = first(properties, v.PROV_ATTRIBUTED_TO, "")
+            found.append(DoorRecord(iri, x, y, width, (places[0], places[1]), author))
+    return tuple(sorted(found, key=lambda door: iri_order(door.iri)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.simulation.houses.house import Solid
+from planner.simulation.house import Solid
 
 Window = tuple[slice, slice]
 Floats = NDArray[np.float32]

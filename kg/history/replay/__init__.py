@@ -1,1 +1,0 @@
-"""Replay: past states of one thing, of many, or of the whole map."""

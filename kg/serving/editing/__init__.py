@@ -1,1 +1,0 @@
-"""Editing of ontologies of maps: sources to compare, reloading, one file for an editor."""

@@ -1,1 +1,0 @@
-"""Copies of maps: mirrored live into a SPARQL server, or merged into one store in memory."""

@@ -1,1 +1,0 @@
-"""Isolation of a worker by the kernel: its system calls, files, network and privileges."""

@@ -1,1 +1,0 @@
-"""The simulated robot: how it moves, its odometry, the tour it maps by, the robot protocol."""
