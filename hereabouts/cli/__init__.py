@@ -73,7 +73,7 @@ COMMANDS = {
 }
 
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
-LAB_COMMANDS = ("evaluate", "simulate")
+LAB_COMMANDS = ("evaluate", "simulate", "thesis")
 
 #: options that name what a command writes
 _OUTPUTS = ("output", "picture", "pictures", "features", "mcap", "rerun", "review")

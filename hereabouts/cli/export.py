@@ -36,9 +36,8 @@ _MESHES: Final = {"ply": ".ply", "gltf": ".glb"}
 _OPTIONS = """
 MAP
 --format FORMAT      ttl, trig, nq, nt, jsonld or rdfxml; json, geojson; ply, gltf; mcap, rrd, bag
-                     (default: by the ending of FILE; .json is JSON-LD); the exporter of an
-                     extension, by its name; or reference: the thesis' saved_objects.json and
-                     saved_places.json, in the folder FILE
+                     (default: by the ending of FILE; .json is JSON-LD); or the exporter
+                     of an extension, by its name
 -o, --output FILE    file to write
 --at
 --no-ontology        write the map's facts without the ontology
@@ -78,9 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.at is not None:
             semantic_map = stack.enter_context(semantic_map.at(arguments.at))
         _write_beside(semantic_map, arguments)
-        if chosen == "reference":
-            note(f"wrote {_write_reference(semantic_map, output)}")
-        elif chosen in _DOCUMENTS:
+        if chosen in _DOCUMENTS:
             note(f"wrote {output}: {_write_document(semantic_map, output, chosen, arguments)}")
         elif chosen in extensions(EXPORTERS):
             note(f"wrote {output}: {_exporter(chosen).write(semantic_map, output)}")
@@ -151,7 +148,7 @@ def _chosen_format(given: str | None, output: Path) -> str:
     """The format of `--format`, or of the file's ending; raises GraphError for neither."""
     from kg.export.serialization import FORMATS, is_format
 
-    names = (*FORMATS, *_DOCUMENTS, *_MESHES, *_SCENES, "reference", *extensions(EXPORTERS))
+    names = (*FORMATS, *_DOCUMENTS, *_MESHES, *_SCENES, *extensions(EXPORTERS))
     if given is not None:
         if given not in names and not is_format(given):
             raise GraphError(
@@ -175,15 +172,6 @@ def _exporter(name: str) -> Exporter:
     from kg.export.plain_documents import Exporter
 
     return load_extension(EXPORTERS, name, Exporter)
-
-
-def _write_reference(semantic_map: SemanticMap, folder: Path) -> str:
-    from kg.export.thesis_json import export_reference_maps
-
-    _make(folder)
-    objects, places = folder / "saved_objects.json", folder / "saved_places.json"
-    export_reference_maps(semantic_map, objects, places)
-    return f"{objects} and {places}"
 
 
 def _min_existence(arguments: argparse.Namespace) -> float:

@@ -1,1 +1,1 @@
-"""Maps as files for other tools: RDF serialisations, and the thesis author's JSON."""
+"""Maps as files for other tools: RDF serialisations, GeoJSON and JSON."""

@@ -1,1 +1,1 @@
-"""Commands of the lab, added to the command line: `evaluate` and `simulate`."""
+"""Commands of the lab, added to the command line: `evaluate`, `simulate` and `thesis`."""

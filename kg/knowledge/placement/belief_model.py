@@ -56,7 +56,7 @@ class PlacementParameters:
     tau: float  # maximum strength of other buildings relative to this one [rooms]
 
 
-#: Fitted by `benchmarks.placement.fit` to 15 homes: logistic regression with a ridge penalty of
+#: Fitted by `lab.placement.fit` to 15 homes: logistic regression with a ridge penalty of
 #: 1 on all weights except the base, then kappa and tau by the Beta-binomial likelihood of each home
 #: given the statistics of the others. Kappa is the lower end of its likely range (5 to 12), since
 #: m0 fits other buildings less well.

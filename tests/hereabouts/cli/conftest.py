@@ -46,7 +46,7 @@ def imported_lab(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPat
         "--places",
         str(shared("reference/saved_places_lab.json")),
     ]
-    assert main(["import", "reference-maps", *files, "--into", str(path)]) == 0
+    assert main(["thesis", "import", *files, "--into", str(path)]) == 0
     return path
 
 

@@ -180,7 +180,7 @@ def _with_places(f: Path, places: str) -> Words:
 
 
 def _saved(f: Path, objects: str) -> Words:
-    return ["import", "reference-maps", "--objects", objects, "--into", _map(f)]
+    return ["thesis", "import", "--objects", objects, "--into", _map(f)]
 
 
 def _conceptnet(f: Path, source: str) -> Words:

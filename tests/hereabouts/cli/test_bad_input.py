@@ -138,9 +138,9 @@ def test_paths_that_are_no_map(tmp_path: Path, fails: Fails) -> None:
 
 
 def test_outputs_that_cannot_be_written(lab: Path, tmp_path: Path, fails: Fails) -> None:
-    told = fails("export", lab, "-o", tmp_path / "map.xyz")
+    told = fails("thesis", "export", lab, "-o", tmp_path / "map.xyz")
     assert all(ending in told for ending in (".jsonld", ".mcap", ".rrd", ".bag", ".geojson"))
-    assert "nodir" in fails("export", lab, "-o", tmp_path / "nodir" / "map.ttl")
+    assert "nodir" in fails("thesis", "export", lab, "-o", tmp_path / "nodir" / "map.ttl")
     assert "xyz" in fails("plot", lab, "-o", tmp_path / "map.xyz")
     assert "nodir" in fails("plot", lab, "-o", tmp_path / "nodir" / "map.png")
 
@@ -158,7 +158,7 @@ def test_saved_maps_that_are_damaged(tmp_path: Path, fails: Fails) -> None:
     ]:
         bad.write_text(text)
         into = ("--into", tmp_path / "new.map")
-        assert says in fails("import", "reference-maps", "--objects", bad, *into)
+        assert says in fails("thesis", "import", "--objects", bad, *into)
     assert not (tmp_path / "new.map").exists()
 
 
@@ -177,7 +177,7 @@ def test_unknown_networks(fails: Fails) -> None:
 def test_a_saved_map_is_not_imported_twice(lab: Path, shared: Shared, fails: Fails) -> None:
     for option, name in (("--objects", "saved_objects_lab"), ("--places", "saved_places_lab")):
         file = shared(f"reference/{name}.json")
-        assert "already" in fails("import", "reference-maps", option, file, "--into", lab)
+        assert "already" in fails("thesis", "import", option, file, "--into", lab)
 
 
 def test_pictures_that_cannot_be_saved_leave_no_map(
@@ -224,7 +224,7 @@ def test_starts_that_are_no_place(lab: Path, start: str) -> None:
 
 def test_a_reference_export_onto_a_file(lab: Path, tmp_path: Path, fails: Fails) -> None:
     (tmp_path / "taken").write_text("")
-    assert "taken" in fails("export", lab, "--format", "reference", "-o", tmp_path / "taken")
+    assert "taken" in fails("thesis", "export", lab, "-o", tmp_path / "taken")
 
 
 def test_a_negative_seed_is_wrong_usage(tmp_path: Path) -> None:

@@ -142,7 +142,7 @@ def test_the_map_leaves_as_linked_data(
     lab: Path, prints: Prints, tmp_path: Path, ending: str
 ) -> None:
     file = tmp_path / f"lab.{ending}"
-    prints("export", lab, "-o", file)
+    prints("thesis", "export", lab, "-o", file)
     quads = list(pyoxigraph.parse(path=str(file), format=FORMATS[ending]))
     chairs = {q.subject for q in quads if q.object == pyoxigraph.NamedNode(CHAIR)}
     assert len(chairs) > 10
@@ -152,9 +152,9 @@ def test_the_map_leaves_as_linked_data(
 def test_the_authors_maps_survive_save_and_reload(
     lab: Path, prints: Prints, tmp_path: Path
 ) -> None:
-    prints("export", lab, "--format", "reference", "-o", tmp_path / "saved")
+    prints("thesis", "export", lab, "-o", tmp_path / "saved")
     prints(
-        *("import", "reference-maps", "--into", tmp_path / "again.map"),
+        *("thesis", "import", "--into", tmp_path / "again.map"),
         *("--objects", tmp_path / "saved" / "saved_objects.json"),
         *("--places", tmp_path / "saved" / "saved_places.json"),
     )

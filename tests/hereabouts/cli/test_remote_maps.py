@@ -71,7 +71,7 @@ def test_a_command_that_writes_names_publish_instead(
     objects = shared("reference/saved_objects_lab.json")
     for words in (
         ("map", kitchen, "--into", sparql_server),
-        ("import", "reference-maps", "--objects", objects, "--into", sparql_server),
+        ("thesis", "import", "--objects", objects, "--into", sparql_server),
         ("assert", sparql_server, "object/1", "category", "cup"),
         ("update", sparql_server, "-e", "INSERT DATA { <object/1> rdfs:comment 'x' }"),
         ("describe", sparql_server, "--title", "mine"),

@@ -18,13 +18,13 @@ from hereabouts.display.plots.map_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.map_plot import SearchDrawing, plot_map
 from hereabouts.display.plots.palette import object_groups
 from hereabouts.display.plots.search_plot import numbered_stops
-from kg.export.thesis_json import import_reference_maps
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import Surface
 from kg.model.areas import area_of
 from kg.model.errors import PictureError
 from kg.model.records import FREE, UNKNOWN, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import in_memory_map
+from lab.maps.saved_maps import import_saved_maps
 from mapping.occupancy.mapped_floor import MappedFloor
 from planner.simulation.house import furnished_house
 
@@ -211,7 +211,7 @@ def test_the_laboratory_of_the_thesis_is_labelled(
 ) -> None:
     semantic_map = in_memory_map(title="laboratory")
     folder = shared("reference")
-    import_reference_maps(
+    import_saved_maps(
         semantic_map, folder / "saved_objects_lab.json", folder / "saved_places_lab.json"
     )
     written = texts_of(plot_map(semantic_map, tmp_path / "map.svg", least=0.0))

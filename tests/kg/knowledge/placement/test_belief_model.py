@@ -7,8 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.placement.fitting import log_beta_binomial
-from benchmarks.placement.scores import brier, calibration_error, log_loss, rooms_visited
 from kg.knowledge.placement.belief_model import (
     FITTED,
     EvidenceArrays,
@@ -16,6 +14,8 @@ from kg.knowledge.placement.belief_model import (
     posterior,
     posterior_belief,
 )
+from lab.placement.fitting import log_beta_binomial
+from lab.placement.scores import brier, calibration_error, log_loss, rooms_visited
 
 COUNT = st.integers(0, 400)
 

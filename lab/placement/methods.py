@@ -8,9 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.placement.data import TrialData
-from benchmarks.placement.fitting import Sample
-from benchmarks.placement.scores import Predictions, rooms_visited
 from kg.knowledge.placement.belief_model import (
     EvidenceArrays,
     Matrix,
@@ -20,6 +17,9 @@ from kg.knowledge.placement.belief_model import (
 )
 from kg.knowledge.placement.surveys import logit
 from kg.model import vocabulary as v
+from lab.placement.data import TrialData
+from lab.placement.fitting import Sample
+from lab.placement.scores import Predictions, rooms_visited
 
 Vector = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.placement`: how good the probabilities of places are, on real buildings."""
+"""`python -m lab.placement`: how good the probabilities of places are, on real buildings."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from hereabouts.cli.console import heading, note, print_table, progress, write_j
 from lab import command_line
 
 if TYPE_CHECKING:
-    from benchmarks.placement.trial import Result, Row
+    from lab.placement.trial import Result, Row
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark; returns its exit code."""
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.placement",
+        prog="python -m lab.placement",
         description="Leave one building out: log loss, Brier score, calibration, rooms visited "
         "until found, for the thesis' edges, ConceptNet, statistics, the model as it ships and "
         "with statistics, and after some rooms were seen.",
-        epilog="example: python -m benchmarks.placement --homes homes --s3dis rooms_objects.csv",
+        epilog="example: python -m lab.placement --homes homes --s3dis rooms_objects.csv",
     )
     parser.add_argument("--homes", required=True, metavar="DIR", help="homes, one JSON file each")
     parser.add_argument(
@@ -50,9 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Load, cross-validate, print."""
-    from benchmarks.placement.data import Sources, load
-    from benchmarks.placement.trial import run as run_trial
     from kg.knowledge.placement.belief_model import FITTED
+    from lab.placement.data import Sources, load
+    from lab.placement.trial import run as run_trial
 
     if arguments.bootstrap < 0 or arguments.seed < 0:
         arguments.usage_error("--bootstrap and --seed must be 0 or more")

@@ -9,17 +9,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.placement.data import TrialData
-from benchmarks.placement.fitting import fit
-from benchmarks.placement.methods import (
+from kg.knowledge.placement.belief_model import PlacementParameters, posterior, posterior_belief
+from lab.placement.data import TrialData
+from lab.placement.fitting import fit
+from lab.placement.methods import (
     METHODS,
     one_building,
     outcome,
     probabilities,
     with_seen,
 )
-from benchmarks.placement.scores import MEASURES, Predictions, interval, resampled
-from kg.knowledge.placement.belief_model import PlacementParameters, posterior, posterior_belief
+from lab.placement.scores import MEASURES, Predictions, interval, resampled
 
 #: numbers of rooms seen before the rest of the building is judged
 SEEN: Final = (1, 3, 5)

@@ -10,8 +10,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.placement.buildings import TrialBuilding, load_homes, load_s3dis
-from benchmarks.placement.fitting import Sample
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
@@ -20,6 +18,8 @@ from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.knowledge.placement.statistics import read_rooms, room_type_quads
 from kg.knowledge.placement.surveys import SurveyFeatures
 from kg.model import vocabulary as v
+from lab.placement.buildings import TrialBuilding, load_homes, load_s3dis
+from lab.placement.fitting import Sample
 
 _STATISTICS: Final = frozenset({v.ROOM_COUNT, v.ROOMS_WITH_OBJECT, v.STATISTICS_PLACE})
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.placement.__main__ import main
-from benchmarks.placement.data import Sources, TrialData, load
-from benchmarks.placement.fitting import fit_prior, log_likelihood
-from benchmarks.placement.trial import run
 from kg.knowledge.placement.belief_model import FITTED
 from kg.model.errors import InvalidFactError
+from lab.placement.__main__ import main
+from lab.placement.data import Sources, TrialData, load
+from lab.placement.fitting import fit_prior, log_likelihood
+from lab.placement.trial import run
 
 Shared = Callable[[str], Path]
 

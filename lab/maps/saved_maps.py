@@ -38,20 +38,20 @@ _LABELS = Path(__file__).with_name("reference_labels.csv")
 
 
 @dataclass(frozen=True, slots=True)
-class ThesisMap:
+class SavedMap:
     """Number of objects and places imported."""
 
     objects: int
     places: int
 
 
-def import_reference_maps(
+def import_saved_maps(
     semantic_map: SemanticMap,
     objects_json: Path | str | None = None,
     places_json: Path | str | None = None,
     *,
     stamp: float | None = None,
-) -> ThesisMap:
+) -> SavedMap:
     """Add saved objects and places to the map as one transaction.
 
     The files hold no times: objects were last seen at `stamp` [s], by default now. Existence is the
@@ -84,7 +84,7 @@ def import_reference_maps(
     semantic_map.apply(
         MapUpdate(objects=objects, places=places), Cause("import", note="reference maps")
     )
-    return ThesisMap(len(objects), len(places))
+    return SavedMap(len(objects), len(places))
 
 
 def _key_of_object(record: ObjectRecord) -> tuple[object, ...]:
@@ -104,12 +104,12 @@ def _check_not_imported(
         raise InvalidFactError(f"all of {path} is in this map already; another map would take it")
 
 
-def export_reference_maps(
+def export_saved_maps(
     semantic_map: SemanticMap,
     objects_json: Path | str | None = None,
     places_json: Path | str | None = None,
 ) -> None:
-    """Write objects and places in the form that `import_reference_maps` reads.
+    """Write objects and places in the form that `import_saved_maps` reads.
 
     A place is written with its bounding rectangle. A category that those networks lack keeps its
     own label, with id -1. Raises GraphError if a file cannot be written.

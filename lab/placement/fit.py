@@ -1,6 +1,6 @@
 """Fit the placement model on the development homes, and print the numbers to keep.
 
-    python -m benchmarks.placement.fit ../shared/data
+    python -m lab.placement.fit ../shared/data
 
 Deterministic. Its output belongs into `kg/knowledge/placement/belief_model.py` (FITTED). Reads
 homes/ of the folder; needs numpy only.
@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from benchmarks.placement.data import Sources, load
-from benchmarks.placement.fitting import fit, log_likelihood
 from kg.knowledge.placement.belief_model import FITTED
 from lab.command_line import parser_of
+from lab.placement.data import Sources, load
+from lab.placement.fitting import fit, log_likelihood
 
 
 def main() -> None:
     """Fit, and print how much likelier the data are than under the numbers that ship."""
-    parser = parser_of("benchmarks.placement.fit", __doc__)
+    parser = parser_of("lab.placement.fit", __doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
     data = load(Sources(folder / "homes", folder / "homes" / "hm3d_room_object_counts.csv"))
