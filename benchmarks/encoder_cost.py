@@ -1,4 +1,4 @@
-"""What an encoder costs while mapping: a network of the size of ViT-B/32, with random weights.
+"""Cost of an encoder while mapping: a network of the size of ViT-B/32, with random weights.
 
     python -m benchmarks.encoder_cost RECORDING [--turns 2] [--limit N]
 

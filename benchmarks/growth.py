@@ -1,4 +1,4 @@
-"""How the cost of a map grows: with its objects, and with the frames of its history.
+"""Growth of the cost of a map: with its objects, and with the frames of its history.
 
     python -m benchmarks.growth [--large] [--json]
 
@@ -82,7 +82,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """How a column grows from one row to another."""
+    """The growth of a column from one row to another."""
 
     column: str
     of: str  # "objects" or "frames"

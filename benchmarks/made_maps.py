@@ -64,7 +64,7 @@ def writer(semantic_map: SemanticMap) -> Iterator[tuple[list[float], dict[int, f
 
 
 def seconds(act: Callable[[], object]) -> float:
-    """How long an act takes [s]."""
+    """The time that an act takes [s]."""
     begun = time.perf_counter()
     act()
     return time.perf_counter() - begun

@@ -1,4 +1,4 @@
-"""How the live map's page copes: `python -m benchmarks.map_page [--objects N]`.
+"""Load of the live map's page: `python -m benchmarks.map_page [--objects N]`.
 
 Serves a map of N objects, opens it in headless Chromium (software rendering) and prints: seconds to
 the first picture, frames a second while dragging for five seconds (all of the map, near, where

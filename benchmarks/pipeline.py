@@ -1,4 +1,4 @@
-"""How much a mapping run overlaps its stages: `python -m benchmarks.pipeline RECORDING ...`.
+"""Overlap of the stages of a mapping run: `python -m benchmarks.pipeline RECORDING ...`.
 
 Times each stage alone (reading; the detector, opened and run on frames in memory; the rest on
 frames and detections in memory) and the whole run, in turns, so that all meet the same machine.

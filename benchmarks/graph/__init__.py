@@ -1,1 +1,1 @@
-"""How fast the graph is, measured here and now, and beside other stores on the same facts."""
+"""Speed of the graph, measured here and now, and beside other stores on the same facts."""

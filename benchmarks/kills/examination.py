@@ -20,7 +20,7 @@ from kg.serving.opening import open_map
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """How far a map is known to have come."""
+    """The last transactions that a map is known to have."""
 
     frames: int = 0
     notes: int = 0

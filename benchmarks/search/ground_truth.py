@@ -1,4 +1,4 @@
-"""Where things are hidden in a home, and what a camera makes of them: the truth of one search.
+"""The truth of one search: hidden things in a home, and the camera's view of them.
 
 All ways of searching meet the same truth and the same luck: whether a picture shows something is
 drawn by a hash of what it is and from where it is looked at, not by the order of looking.

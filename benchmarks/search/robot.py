@@ -25,7 +25,7 @@ _AHEAD: Final = 3  # cells: the camera points where the robot will be then
 
 @dataclass(frozen=True, slots=True)
 class TrialOutcome:
-    """How a search went."""
+    """The course of a search."""
 
     found: bool
     seconds: float  # until found, or given up

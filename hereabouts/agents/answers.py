@@ -41,14 +41,14 @@ class MapState(_Record):
     time: str
 
 
-class Answer(_Record):
+class ToolAnswer(_Record):
     """The fields of every answer; `listed` names the list that pages cut, "" without one."""
 
     listed: ClassVar[str] = ""
     map: MapState
 
 
-class Page(Answer):
+class Page(ToolAnswer):
     """A part of a list: `total` counts all entries, `skip` those before the page."""
 
     total: int
@@ -72,7 +72,7 @@ class Thing(_Record):
     relation: str | None = None  # on or inside the thing in the query
 
 
-class KnownThing(Thing):
+class LocatedThing(Thing):
     """An object with its whereabouts in words, and other categories that it may have.
 
     `still_there`: that it exists, and was not moved since it was last seen.
@@ -112,14 +112,14 @@ class WhereIs(Page):
     """Objects that match the query, the surest first; without any, the proof of absence."""
 
     listed: ClassVar[str] = "things"
-    things: list[KnownThing]
+    things: list[LocatedThing]
     departed: list[Departed] | None = None
     status: StatusValue | None = None  # if no thing is known, or none more probably than not
     untrusted_proof: Sentence | None = None
     untrusted_understood: Sentence | None = None  # how the word was read, if not as a category
 
 
-class PlainAnswer(Answer):
+class QuestionAnswer(ToolAnswer):
     """The answer to a plain question, and how it was understood."""
 
     kind: str
@@ -150,7 +150,7 @@ class Changed(Page):
     surface_seen: list[float]
 
 
-class PlaceStatus(_Record):
+class StatusInPlace(_Record):
     """Status in one place; shares of its area, 0..1."""
 
     place: Iri | None
@@ -173,7 +173,7 @@ class StatusAnswer(Page):
     status: StatusValue
     untrusted_target: Label
     untrusted_proof: Sentence
-    places: list[PlaceStatus]
+    places: list[StatusInPlace]
 
 
 class Step(_Record):
@@ -192,7 +192,7 @@ class WhyAnswer(Page):
     steps: list[Step]
 
 
-class Event(_Record):
+class HistoryEntry(_Record):
     """A transaction that changed the thing."""
 
     sequence: int
@@ -208,10 +208,10 @@ class HistoryAnswer(Page):
     """The transactions that changed a thing, the latest first."""
 
     listed: ClassVar[str] = "events"
-    events: list[Event]
+    events: list[HistoryEntry]
 
 
-class PictureOf(Answer):
+class PictureOf(ToolAnswer):
     """The observation that a picture shows; `box` is x0, y0, x1, y1 [px] in its frame."""
 
     thing: Iri
@@ -222,7 +222,7 @@ class PictureOf(Answer):
     time: str
 
 
-class AlikeViewOf(Answer):
+class AlikeViewOf(ToolAnswer):
     """The key view that looks most like a text: a pose to drive to, and never a fact."""
 
     x: Metres
@@ -233,14 +233,14 @@ class AlikeViewOf(Answer):
     encoder: str
 
 
-class ThingsToName(Answer):
+class ThingsToName(ToolAnswer):
     """Things in the order of the pictures that follow; those without a name come first."""
 
     things: list[Iri]
     untrusted_categories: list[Label]
 
 
-class Doorway(_Record):
+class RouteDoor(_Record):
     """A spot where a way leads from one place into another; `id` is a door that the map has."""
 
     id: Iri | None
@@ -262,7 +262,7 @@ class RouteAnswer(Page):
     end_to_goal: Metres | None = None  # from there in a straight line
     unseen_metres: Metres | None = None
     notes: list[Sentence] | None = None  # where an end is off the floor
-    doors: list[Doorway] = []  # in order
+    doors: list[RouteDoor] = []  # in order
 
 
 class Look(_Record):
@@ -286,7 +286,7 @@ class PlanAnswer(Page):
 
     listed: ClassVar[str] = "looks"
     untrusted_answer: list[Sentence]
-    known: list[KnownThing]  # matching objects of the map
+    known: list[LocatedThing]  # matching objects of the map
     present: Share | None  # probability that it is on this floor
     probability: Share | None  # that the whole plan finds it
     expected_seconds: Metres | None
@@ -309,7 +309,7 @@ class ProposedLook(_Record):
     untrusted_reasons: Reasons = Field(validation_alias="why")
 
 
-class FoundThing(_Record):
+class ReportedThing(_Record):
     """A wanted object that a look showed, and its position: metres in the map frame."""
 
     what: Annotated[str, Field(min_length=1, max_length=100, description="word of the search")]
@@ -317,7 +317,7 @@ class FoundThing(_Record):
     y: Annotated[float, Field(ge=-1e7, le=1e7, allow_inf_nan=False)]
 
 
-class SearchProgress(Answer):
+class SearchProgress(ToolAnswer):
     """The progress of a search; `search` is its name, for next_look and report_look."""
 
     search: str
@@ -384,7 +384,7 @@ class Rows(Page):
     notes: list[Sentence] = Field(default_factory=list)  # terms of the query that the map lacks
 
 
-class Written(Answer):
+class Written(ToolAnswer):
     """The assertion made or retracted; `changed` is false if nothing changed.
 
     The notes tell of values of other people that it replaced, and of what is odd.

@@ -37,7 +37,7 @@ class ChangeTools:
         return a.HistoryAnswer(
             map=state,
             events=[
-                a.Event(
+                a.HistoryEntry(
                     sequence=entry.sequence,
                     time=clock(entry.time),
                     kind=entry.cause.kind,

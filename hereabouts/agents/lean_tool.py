@@ -17,7 +17,7 @@ from mcp_types import CallToolResult, ContentBlock, TextContent, ToolAnnotations
 from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from hereabouts.agents.answers import Answer, Page
+from hereabouts.agents.answers import Page, ToolAnswer
 from hereabouts.agents.plain_values import escaped, in_one_line
 from kg.model.errors import HereaboutsError, QueryParameterError
 
@@ -90,7 +90,7 @@ MAX_CHARACTERS: Final = 5_800
 SHORT: Final = 80  # characters of each text where there is no room for whole ones
 
 
-def document_of(answer: Answer, base: str) -> dict[str, Any]:
+def document_of(answer: ToolAnswer, base: str) -> dict[str, Any]:
     """An answer as plain values: without empty fields, and with IRIs relative to `base`.
 
     A list that is too long is cut; `more` is then the `skip` of the next page. Raises
@@ -168,7 +168,7 @@ class LeanTool(Tool):
 
     @classmethod
     def of(cls, method: Method, about: str, hints: ToolAnnotations, base: str) -> Self:
-        """The tool of `method`, which returns an Answer, or one with an Image, of a map `base`."""
+        """The tool of `method`, which returns a ToolAnswer, or one with an Image, of map `base`."""
 
         def answering(**arguments: Any) -> CallToolResult:
             return _result(method(**arguments), base)
@@ -200,7 +200,7 @@ class LeanTool(Tool):
 
 def _result(found: Any, base: str) -> CallToolResult:
     answer, *images = found if isinstance(found, tuple) else (found,)
-    assert isinstance(answer, Answer)
+    assert isinstance(answer, ToolAnswer)
     document = document_of(answer, base)
     content: list[ContentBlock] = [TextContent(type="text", text=text_of(document))]
     content += [image.to_image_content() for image in images if isinstance(image, Image)]

@@ -100,7 +100,9 @@ class MapTools:
                 unnamed = unnamed_things(semantic_map)
                 return a.WhereIs(
                     map=state,
-                    things=[a.KnownThing(**thing(r).model_dump()) for r in unnamed[skip:][:limit]],
+                    things=[
+                        a.LocatedThing(**thing(r).model_dump()) for r in unnamed[skip:][:limit]
+                    ],
                     total=len(unnamed),
                     skip=skip,
                 )
@@ -145,7 +147,7 @@ class MapTools:
                 status=found.value,
                 untrusted_target=found.target,
                 untrusted_proof=found.proof,
-                places=[a.PlaceStatus.model_validate(one) for one in found.places[skip:][:20]],
+                places=[a.StatusInPlace.model_validate(one) for one in found.places[skip:][:20]],
                 total=len(found.places),
                 skip=skip,
             )
@@ -235,13 +237,13 @@ def _departed_of(semantic_map: SemanticMap, categories: Sequence[str]) -> list[a
     return [_departed(row) for row in {str(row["object"]): row for row in rows}.values()]
 
 
-def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.KnownThing:
+def one_thing(semantic_map: SemanticMap, iri: str, now: float) -> a.LocatedThing:
     """One object as an answer at `now` [s since 1970]; raises QueryParameterError for none."""
     rows = semantic_map.query("objects", least=0.0).records()
     stated = stated_categories(semantic_map).get(iri)
     for row in rows:
         if row["object"] == iri:
-            return a.KnownThing(
+            return a.LocatedThing(
                 untrusted_category_by=stated.by if stated else None,
                 untrusted_detected_as=(stated.detected_as or None) if stated else None,
                 **thing(row).model_dump(),
@@ -259,9 +261,9 @@ def _still_there(semantic_map: SemanticMap, iri: str, category: str, now: float)
     return None if one is None else one.still_there(now)
 
 
-def known_thing(one: KnownObject, now: float) -> a.KnownThing:
+def known_thing(one: KnownObject, now: float) -> a.LocatedThing:
     """An object that matches a query as an answer, at `now` [s since 1970]."""
-    return a.KnownThing(
+    return a.LocatedThing(
         id=one.iri,
         untrusted_label=one.label,
         untrusted_category=one.own or one.category,
@@ -319,8 +321,10 @@ class QuestionTools:
 
     def ask(
         self, question: Annotated[str, Field(min_length=1, max_length=MAX_LENGTH)]
-    ) -> a.PlainAnswer:
+    ) -> a.QuestionAnswer:
         """A question in sentences: "where is the cup?", "how many chairs are in the kitchen?" """
         state = self._context.state()
         found = answer_question(self._context.semantic_map, question)
-        return a.PlainAnswer(map=state, kind=found.kind, untrusted_answer=for_agents(found.lines))
+        return a.QuestionAnswer(
+            map=state, kind=found.kind, untrusted_answer=for_agents(found.lines)
+        )

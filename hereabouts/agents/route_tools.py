@@ -41,7 +41,7 @@ class RouteTools:
             str | None, Field(max_length=100, description="the corner with the plants")
         ] = None,
         skip: Skip = 0,
-    ) -> tuple[a.Answer, *tuple[Image, ...]]:
+    ) -> tuple[a.ToolAnswer, *tuple[Image, ...]]:
         """A small picture of a thing (object/17), of the "map" with names, or of the view that
         looks most `like` a text, with its pose; without both, of twelve things to name.
         """
@@ -70,7 +70,7 @@ class RouteTools:
         )
         return about, Image(data=jpeg, format="jpeg")
 
-    def _plan(self) -> tuple[a.Answer, Image]:
+    def _plan(self) -> tuple[a.ToolAnswer, Image]:
         """The map as people see it, drawn once for each state of it."""
         from hereabouts.display.plots.map_plot import map_png
 
@@ -82,7 +82,7 @@ class RouteTools:
                     "list_things tells them by place"
                 )
             self._drawn = state.sequence, map_png(semantic_map, _PIXELS)
-        return a.Answer(map=state), Image(data=self._drawn[1], format="png")
+        return a.ToolAnswer(map=state), Image(data=self._drawn[1], format="png")
 
     def _alike(self, text: str) -> tuple[a.AlikeViewOf, Image]:
         state, semantic_map = self._context.state(), self._context.semantic_map
@@ -151,7 +151,7 @@ class RouteTools:
             unseen_metres=found.unseen,
             notes=list(found.notes) or None,
             doors=[
-                a.Doorway(
+                a.RouteDoor(
                     id=None if one.door is None else one.door.iri,
                     between=[place.iri for place in one.places],
                     untrusted_into=one.places[1].label,

@@ -271,7 +271,7 @@ class SearchTools:
         self,
         search: SearchName,
         found: Annotated[
-            list[a.FoundThing], Field(max_length=20, description="empty: no wanted object")
+            list[a.ReportedThing], Field(max_length=20, description="empty: no wanted object")
         ] = [],  # noqa: B006 a default of the tool's schema, never changed
         reached: Annotated[bool, Field(description="false: the robot could not get there")] = True,
     ) -> a.SearchProgress:

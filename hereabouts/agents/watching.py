@@ -65,7 +65,7 @@ class Watching:
         answer = a.WhereIs(map=state, things=known[:20], total=len(known))
         return text_of(document_of(answer, self._context.semantic_map.base))
 
-    def _known(self, what: str) -> list[a.KnownThing]:
+    def _known(self, what: str) -> list[a.LocatedThing]:
         semantic_map = self._context.semantic_map
         if not self._context.is_thing(what):
             (target,) = resolve(semantic_map, (what,))

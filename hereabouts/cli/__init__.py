@@ -196,7 +196,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def _map_as_recording(arguments: argparse.Namespace, error: HereaboutsError) -> str:
-    """What to tell if a map was given in place of a recording."""
+    """The advice for a map that was given in place of a recording."""
     recording = str(getattr(arguments, "recording", ""))
     if not isinstance(error, RecordingError) or not (Path(recording) / "store").is_dir():
         return ""

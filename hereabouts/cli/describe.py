@@ -1,4 +1,4 @@
-"""What a map says of itself, and whether it is valid."""
+"""Description of a map: its title, licence and frame; and its validation."""
 
 from __future__ import annotations
 

@@ -236,7 +236,7 @@ def _ended(semantic_map: SemanticMap) -> int:
 
 
 def _added_to_demo(map_path: Path) -> tuple[str, int] | None:
-    """What a map holds that the demo did not put there, or "", and when the demo ended [ns].
+    """The content of a map that the demo did not write, or "", and the end of the demo [ns].
 
     None where it is no demo's map.
     """

@@ -43,7 +43,7 @@ def placement_table(
 
 @dataclass(frozen=True, slots=True)
 class _PlacedObject:
-    """What the table reads of an object."""
+    """The table reads these properties of an object."""
 
     category: str  # IRI
     place: str  # IRI

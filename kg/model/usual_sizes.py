@@ -53,7 +53,7 @@ def usual_sizes() -> Mapping[str, UsualSize]:
 
 
 def size_reason(label: str, sides: Sequence[float]) -> str:
-    """How a box of three `sides` [m] speaks for or against a name; "" where its size is unknown."""
+    """A sentence: a box of three `sides` [m] fits a name or not; "" where its size is unknown."""
     usual = usual_sizes().get(label)
     if usual is None:
         return ""

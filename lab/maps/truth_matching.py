@@ -88,7 +88,7 @@ class TruthMatcher:
 
     @property
     def counted(self) -> int:
-        """How many true objects count: all that are not ignored."""
+        """The number of true objects that count: all that are not ignored."""
         return sum(not t.ignore for t in self.truth)
 
     def match(self, mapped: Iterable[MappedObject]) -> Matching:

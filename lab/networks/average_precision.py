@@ -163,7 +163,7 @@ def _overlaps(found: Floats, true: Floats, crowd: Flags) -> Floats:
 
 
 def _matched(overlaps: Floats, crowd: Flags, aside: Flags) -> tuple[Flags, Flags]:
-    """Which detections (thresholds, n) are matched, and which of them to what does not count.
+    """Masks (thresholds, n) of the matched detections, and of those matched to ignored things.
 
     Things that count are taken first; a crowd can be taken again.
     """

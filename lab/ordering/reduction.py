@@ -34,7 +34,7 @@ class ReducedProblem:
 
     @property
     def size(self) -> int:
-        """How many places matter."""
+        """The number of places that matter."""
         return len(self.w)
 
     @property

@@ -1,4 +1,4 @@
-"""How good probabilities are: log loss, Brier score, calibration, and rooms visited until found."""
+"""Scores of probabilities: log loss, Brier score, calibration, and rooms visited until found."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def calibration_error(p: Vector, held: Vector, *, equal_mass: bool = False) -> f
 
 
 def rooms_visited(p: Vector, held: Vector) -> float:
-    """How many rooms are entered until the first that holds it, the likeliest first.
+    """The number of rooms that are entered until the first that holds it, the likeliest first.
 
     Rooms of one probability come in random order; the expectation is exact: of t such rooms of
     which h hold it, the first is the (t + 1) / (h + 1)-th. `held` must have at least one 1.

@@ -205,7 +205,7 @@ def report() -> Iterator[str]:
 
 
 def _on_the_wall(found: Sequence[Located]) -> int:
-    """How many objects are localised at least half of the way to the wall behind them."""
+    """The number of objects that are localised at least half of the way to the wall behind them."""
     return sum(
         one.errors["fd"] > (WALL - float(one.printed.position[0])) / 2
         for one in found

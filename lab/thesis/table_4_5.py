@@ -50,7 +50,7 @@ class TableRow:
 
     @property
     def ratio(self) -> float:
-        """How many times as long brute force took."""
+        """The time of brute force as a multiple of this one."""
         return self.brute.seconds / self.ontology.seconds
 
 

@@ -103,7 +103,7 @@ def _fits(
 def _seen(
     reading: Reading, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
 ) -> Seen:
-    """What a reading finds in an answer, best first: labels and boxes to the pixel."""
+    """A reading finds these in an answer, best first: labels and boxes to the pixel."""
     found = reading.head.candidates(outputs, fitted, threshold)
     names = dict(enumerate(reading.labels))
     best = np.argsort(-found.score, kind="stable")[:100]
@@ -152,7 +152,7 @@ class OnnxDetector:
 
     @property
     def resize(self) -> str:
-        """How images are resized for it."""
+        """The way in which images are resized for it."""
         return self.readings.likeliest.resize
 
     @property
@@ -321,7 +321,7 @@ def _labelled(
 
 
 def _preparation(head: Head, session: Session, card: ModelCard | None) -> tuple[str, str]:
-    """How images are resized, and their values."""
+    """The way in which images are resized, and their values."""
     if card is not None:
         return card.resize, card.values
     resize = session.metadata.get("resize", head.resize)

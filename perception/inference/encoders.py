@@ -233,7 +233,7 @@ def _parts(path: Path) -> list[Path]:
 
 
 def _folders(path: Path) -> list[Path]:
-    """Where configurations of a network are: beside it, or above a folder `onnx`."""
+    """Folders of the configuration of a network: beside it, or above a folder `onnx`."""
     return [path.parent, path.parent.parent]
 
 

@@ -1,4 +1,4 @@
-"""Which texts are plain questions, and which words name things."""
+"""Recognition of plain questions in texts, and of the words that name things."""
 
 from __future__ import annotations
 

@@ -70,7 +70,7 @@ class TopicViewer(ABC):
         self._renewed.set()
 
 
-class Publisher(Protocol):
+class TopicPublisher(Protocol):
     """A node of ROS 1 or ROS 2 that publishes topics."""
 
     def publish(self, topic: str, message: Any) -> None:
@@ -110,7 +110,7 @@ class RosViewer(TopicViewer):
     """
 
     def __init__(
-        self, publisher: Publisher, frame: str, T_map: Callable[[], Pose], *, is_ros1: bool
+        self, publisher: TopicPublisher, frame: str, T_map: Callable[[], Pose], *, is_ros1: bool
     ) -> None:
         """`T_map` gives (4, 4) of the tf frame `frame` ("" for none) to the map's, as it is now."""
         super().__init__(RosMessages(is_ros1=is_ros1, map_frame=FRAME))

@@ -143,7 +143,7 @@ class _Summary:
 
 
 def _left(added: dict[Term, list[Term]]) -> str:
-    """How a thing that loses its kind goes: it leaves, or it is removed; "" where it stays."""
+    """A thing that loses its kind leaves or is removed: the verb; "" where it stays."""
     if _DEPARTED in added.get(v.RDF_TYPE, ()):
         return "left where it stood"
     return "" if v.RDF_TYPE in added else "removed"

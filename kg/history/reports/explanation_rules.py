@@ -1,4 +1,4 @@
-"""What explains facts: the rule of each predicate, the facts of a map, and their changes.
+"""Explanation rules: each predicate's rule, the facts of a map and their changes explain a fact.
 
 A rule is a sentence on how the mappers derive a fact. Equations and sections are of the thesis that
 the reference mapper implements; its parameters are in `mapping.reference.settings`.

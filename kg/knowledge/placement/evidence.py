@@ -255,7 +255,7 @@ def searched_fraction(views: int) -> float:
 
 
 class PlacedObject(Protocol):
-    """What counts of an object, of an `ObjectRecord` for example."""
+    """An object counts by these properties; an `ObjectRecord` has them."""
 
     @property
     def category(self) -> str:

@@ -95,7 +95,7 @@ class Meaning:
 
     @property
     def note(self) -> str:
-        """How the name was understood, in one sentence; "" where it is a category's own name."""
+        """One sentence says how the name was understood; "" where it is a category's own name."""
         wider = [one for one in self.categories if not one.undetected]
         labels = listed([one.label for one in wider])
         typed = f"'{self.text}' is read as {self.word}" if self.how == "spelling" else ""

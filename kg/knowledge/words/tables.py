@@ -27,8 +27,8 @@ NAMES_VARIABLE: Final = "HEREABOUTS_WORDS"
 
 _MIN_BARE: Final = 7  # letters of a name that is known without its umlauts; tur may be anything
 
-#: How a sense relates to its categories: the same, a kind of one, perhaps a kind of one, several
-#: kinds that include them, a part of one, or none.
+#: A sense is one of its categories, a kind of one, perhaps a kind of one, several kinds that
+#: include them, a part of one, or none of these.
 Relation = Literal["same", "narrower", "may", "broader", "part", "none"]
 
 

@@ -163,7 +163,7 @@ _Part = tuple[str, str, int, float, tuple[float, float]]
 
 
 def _parts(engine: QuadStore, search: str, kind: str) -> list[tuple[_Part, Properties]]:
-    """What looks and obstacles of a search have in common, and their properties, by number."""
+    """Looks and obstacles of a search share these facts; their properties, by number."""
     found = []
     for quad in engine.quads_for_pattern(None, _PART, NamedNode(search), v.MAP_GRAPH):
         iri = text_of(quad.subject)

@@ -60,7 +60,7 @@ class WriterCause:
 
 @dataclass(frozen=True, slots=True)
 class RemoteWriter:
-    """What a remote writer has read: its last transaction of others, and its own since then."""
+    """A remote writer has read up to one transaction of others, and made its own since then."""
 
     cause: WriterCause
     seen: int | None
