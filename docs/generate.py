@@ -51,7 +51,7 @@ _PARTS: Final = (
     *("kg.maps.map_parts", "kg.maps.subscriptions"),
     *("kg.maps.facts.assertion_service", "kg.maps.facts.robot"),
 )
-SHARED: Final = 3  # commands that have an option, from which on it is described once for all
+SHARED: Final = 2  # commands that have an option, from which on it is described once for all
 _MADE: Final = "<!-- made by python docs/generate.py; edit the source, not this page -->\n"
 
 
@@ -86,14 +86,17 @@ def commands() -> str:
         for words, parser in _leaves("hereabouts", build_parser())
     ]
     counts = Counter(row for _, _, rows in leaves for row in rows)
-    shared = {row for row, count in counts.items() if count >= SHARED and row.startswith("| `--")}
+    shared = {
+        row
+        for row, count in counts.items()
+        if count >= SHARED and row.startswith(("| `--", "| `MAP`"))
+    }
     parts = [
         f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
         "stderr. Exit code 0: done; 1: an error, in one line; 2: wrong usage; `search` has more "
-        "([Map live from ROS, and search with a robot](../how-to/ros.md)). `MAP` is the folder of "
-        "a map or the address of a server.\n",
+        "([Map live from ROS, and search with a robot](../how-to/ros.md)).\n",
         "## Options of several commands\n",
-        *("| option | |\n|---|---|", *(row for row in counts if row in shared), ""),
+        *("| argument | |\n|---|---|", *(row for row in counts if row in shared), ""),
     ]
     parts += [_command(words, parser, rows, shared) for words, parser, rows in leaves]
     return "\n".join(parts)
@@ -170,12 +173,11 @@ def queries() -> str:
         parts.append(f"## {question.name}\n\n{question.summary}. A {question.answer}.\n")
         if question.parameters:
             rows = [
-                f"| `{p.name}` | {p.type} | {'' if p.default is None else p.default} "
-                f"| {_cell(p.about)} |"
+                f"- `{p.name}` ({', '.join((p.type, *([] if p.default is None else [p.default])))})"
+                f": {p.about}"
                 for p in question.parameters
             ]
-            head = ["| parameter | type | default | |", "|---|---|---|---|"]
-            parts.append("\n".join([*head, *rows, ""]))
+            parts.append("\n".join([*rows, ""]))
         parts.append(f"Columns: {', '.join(f'`{c}`' for c in question.columns)}.\n")
     return "\n".join(parts)
 

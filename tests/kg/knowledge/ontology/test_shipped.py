@@ -138,10 +138,10 @@ def test_the_page_is_up_to_date() -> None:
     text = vocabulary_page(load_ontologies().quads)
     assert PAGE.read_text() == text, "make it anew: hereabouts ontology vocabulary -o " + str(PAGE)
     for row in (
-        "| mouse | `here:Mouse` | computer mouse, mice | electronics |",
+        "| `here:Mouse` | computer mouse, mice | electronics |",
         "; `here:Kitchen` (Kueche, Küche); ",
-        "| `here:inPlace` | in place | `here:Object`; `here:UnnamedThing` | `here:Place` |",
-        "| `here:HomePlace` | home | `bot:Space` |  | Wider kind of places: a part of a home",
+        "| `here:inPlace` | `here:Object`; `here:UnnamedThing` → `here:Place` |",
+        "| `here:HomePlace` (home) | `bot:Space` | Wider kind of places: a part of a home",
     ):
         assert row in text
 
