@@ -39,18 +39,6 @@ _WORDS: Final[Mapping[Fate, str]] = {
     Fate.DOUBLE: "doubled another box of the same frame",
 }
 
-#: advice for when most detections have this fate
-_ADVICE: Final[Mapping[Fate, str]] = {
-    Fate.WEAK: "a lower --threshold maps these detections too, and more errors with them; another "
-    "--detector may give higher scores (hereabouts models list)",
-    Fate.UNKNOWN: "--labels-map gives a label its category",
-    Fate.NO_DEPTH: "the depth images may not fit the colour images, or have another scale; "
-    "--pictures DIR saves frames with their boxes",
-    Fate.NEAR: "the depth scale of the recording may be wrong (--depth-scale)",
-    Fate.FAR: "the depth scale of the recording may be wrong (--depth-scale)",
-    Fate.FORGOTTEN: "jumps of the poses may spread one thing over several places (hereabouts info)",
-}
-
 
 def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) -> int:
     """Print the fates of the detections of `category`, or of all if it is "".
@@ -63,10 +51,8 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
         report = _of_category(report, _name(semantic_map, report, category))
     if json:
         write_json(report.to_json())
-    elif category:
-        _print_category(semantic_map, report)
     else:
-        _print_all(report)
+        _print(report, len(report.things) if category else ROWS)
     return 0
 
 
@@ -126,38 +112,22 @@ def _of_category(report: DetectionReport, name: str) -> DetectionReport:
     )
 
 
-def _print_category(semantic_map: SemanticMap, report: DetectionReport) -> None:
-    ((name, of),) = report.categories.items()
-    if not of.detections:
-        write(
-            f"{printable(name)}: no detection in {report.frames} frames, not even one with a score "
-            "too low to count; another detector may find it (hereabouts models list)"
-        )
-    else:
-        write(printable("\n".join(category_lines(report, name, of, _objects(semantic_map)))))
-    _print_things(report.things, len(report.things))
-    if advice(of):
-        note(advice(of))
-
-
-def _objects(semantic_map: SemanticMap) -> dict[str, str]:
-    """The map's objects in words, by IRI."""
-    name = semantic_map.catalogue.label
-    return {
-        one.iri: f"{name(one.category)} {one.iri.rpartition('/')[2]} "
-        f"({short(one.iri)}, existence {one.existence:.2f})"
-        for one in semantic_map.objects()
-    }
-
-
-def _print_all(report: DetectionReport) -> None:
+def _print(report: DetectionReport, max_rows: int) -> None:
+    """Print the counts of detections by fate, the objects they joined, and doubted things."""
     total = sum(of.detections for of in report.categories.values())
-    write(f"{total} detections in {report.frames} frames")
-    if report.categories:
+    only = f"{printable(next(iter(report.categories)))}: " if len(report.categories) == 1 else ""
+    write(f"{only}{counted(total, 'detection')} in {report.frames} frames")
+    if not total:
+        note("not even one had a score too low to count; see hereabouts models list")
+    elif report.categories:
         print_table(*fate_table(report))
     for line in legend(report, shown_fates(report)):
         note(line)
-    _print_things(report.things, ROWS)
+    if only:
+        (of,) = report.categories.values()
+        for iri, count in list(of.objects.items())[:_OBJECTS]:
+            note(f"{count} joined {printable(short(iri))}")
+    _print_things(report.things, max_rows)
 
 
 def _print_things(things: tuple[DoubtedThing, ...], max_rows: int) -> None:
@@ -201,32 +171,6 @@ def fate_table(report: DetectionReport) -> tuple[tuple[str, ...], list[Sequence[
 def shown_fates(report: DetectionReport) -> list[Fate]:
     """The fates that any detection has."""
     return [fate for fate in _WORDS if any(of.fates.get(fate) for of in report.categories.values())]
-
-
-def category_lines(
-    report: DetectionReport, name: str, of: CategoryFates, objects: Mapping[str, str]
-) -> list[str]:
-    """Fates of the detections of one category; `objects` are those of the map, in words."""
-    lines = [f"{name}: {counted(of.detections, 'detection')} in {report.frames} frames"]
-    for fate in _WORDS:
-        if of.fates.get(fate):
-            colon = ":" * (fate is Fate.OBJECT and bool(of.objects))
-            lines.append(f"  {of.fates[fate]} {_words(report, fate)}{colon}")
-        if fate is Fate.OBJECT:
-            lines += [
-                f"    {count} joined {objects.get(iri, f'{short(iri)}, which is gone')}"
-                for iri, count in list(of.objects.items())[:_OBJECTS]
-            ]
-    if of.merged:
-        lines.append(f"  {counted(of.merged, 'thing')} merged with another one")
-    return lines
-
-
-def advice(of: CategoryFates) -> str:
-    """Advice if most detections were lost for one reason, else ""."""
-    lost = {fate: count for fate, count in of.fates.items() if fate in _ADVICE}
-    most = max(lost, key=lambda fate: lost[fate], default=None)
-    return _ADVICE[most] if most is not None and 2 * lost[most] > of.detections else ""
 
 
 def short(iri: str) -> str:
