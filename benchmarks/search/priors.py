@@ -18,7 +18,6 @@ from benchmarks.search.room_beliefs import RoomChances
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.knowledge.ontology.relations import relations
-from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.knowledge.placement.statistics import (
     RoomStatistics,
     RoomTable,
@@ -26,6 +25,7 @@ from kg.knowledge.placement.statistics import (
     room_type_quads,
     statistics_quads,
 )
+from kg.knowledge.placement.surveys import RoomType, room_types
 from kg.knowledge.placement.table import PlacementTable, table_of
 from kg.model import vocabulary as v
 

@@ -47,7 +47,7 @@ COMMANDS = {
     "find": "find",
     "search": "search",
     "status": "status",
-    "why": "why",
+    "why": "history:why",
     "log": "history:log",
     "diff": "history:diff",
     "compact": "history:compact",

@@ -15,7 +15,7 @@ from rdflib.term import Identifier
 
 from kg.model import vocabulary as v
 from kg.model.errors import ProtectedError
-from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.engine_gaps import FUNCTIONS
 from kg.rdf.sparql.lexer import has_word, insert_into_pattern
 from kg.rdf.sparql.vetting import check_nesting, check_no_service
 

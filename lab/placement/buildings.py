@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.placement.rooms import room_types
+from kg.knowledge.placement.surveys import room_types
 from kg.model.errors import InvalidFactError
 
 #: S3DIS' names of rooms and objects where they differ from ours

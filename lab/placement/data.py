@@ -14,9 +14,8 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.belief_model import EvidenceArrays, Matrix
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence, room_counts
-from kg.knowledge.placement.rooms import RoomType, room_types
 from kg.knowledge.placement.statistics import read_rooms, room_type_quads
-from kg.knowledge.placement.surveys import SurveyFeatures
+from kg.knowledge.placement.surveys import RoomType, SurveyFeatures, room_types
 from kg.model import vocabulary as v
 from lab.placement.buildings import TrialBuilding, load_homes, load_s3dis
 from lab.placement.fitting import Sample

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
-from kg.maps.query.label_languages import preferred_languages
+from kg.maps.query.parameter_resolution import preferred_languages
 from planner.questions.sentences import Gaps, Language, languages
 
 Kind = Literal[

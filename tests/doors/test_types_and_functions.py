@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from kg.model import vocabulary as v
-from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.engine_gaps import FUNCTIONS
 from tests.doors.doors import READING, UPDATING, House, RefusedError
 
 BANANA, CUP, BED = "object/1", "object/2", "object/3"

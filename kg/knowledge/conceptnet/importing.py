@@ -21,11 +21,17 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.conceptnet.api import ApiClient, ResponseCache, read_api
 from kg.knowledge.conceptnet.collecting import EdgeCollection
-from kg.knowledge.conceptnet.dump import DumpStatistics, Progress, read_dump
 from kg.knowledge.conceptnet.edges import Edge, EdgeFilter
 from kg.knowledge.conceptnet.names import TermMatcher
+from kg.knowledge.conceptnet.reading import (
+    ApiClient,
+    DumpStatistics,
+    Progress,
+    ResponseCache,
+    read_api,
+    read_dump,
+)
 from kg.knowledge.conceptnet.relate import ImportedRelation, relate
 from kg.knowledge.conceptnet.turtle import (
     ImportedFile,

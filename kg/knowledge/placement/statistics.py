@@ -16,7 +16,7 @@ from urllib.parse import quote
 from pyoxigraph import Literal, NamedNode, Quad, RdfFormat, serialize
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.placement.rooms import RoomType, room_types
+from kg.knowledge.placement.surveys import RoomType, room_types
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError, OntologyError
 from kg.model.regular_files import check_regular

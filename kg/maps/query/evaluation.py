@@ -37,9 +37,8 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryError
 from kg.rdf.literals import tsv_text
 from kg.rdf.quad_store import QuadStore
-from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.engine_gaps import FUNCTIONS, with_total_order
 from kg.rdf.sparql.lexer import has_word
-from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.vetting import check_nesting, check_no_service, check_no_update, explained
 from kg.store.scheduling import yield_to_writer
 from kg.store.sparql_client import Solutions, Triples
@@ -224,7 +223,7 @@ def evaluate(
 
     Prefixes of the vocabulary need no declaration; relative IRIs are of `base`; a FROM clause
     narrows the union. With `total_order` an ORDER BY over mixed values cannot abort the process
-    (`kg.rdf.sparql.order_by`). Raises QueryError, in one line, for a query that does not
+    (`kg.rdf.sparql.engine_gaps`). Raises QueryError, in one line, for a query that does not
     parse (with the position), writes, or reads other sources.
     """
     yield_to_writer()

@@ -16,7 +16,7 @@
 With it the loader begins the pattern with ``VALUES ?cell {...}``, the grid cells that the area
 touches, which makes the query faster and leaves its result unchanged. A ``labels`` line names the
 variables that are labels, each with its graph and its thing; a thing gets one label, however many
-it has (`kg.maps.query.label_languages`). `answer` is the cost class of a query: the cost of a
+it has (`kg.maps.query.parameter_resolution`). `answer` is the cost class of a query: the cost of a
 ``lookup`` depends on the rows it returns, not on the size of the map; a ``listing`` returns all
 things of a kind; a ``survey`` scans the map.
 """
@@ -33,7 +33,7 @@ from pathlib import Path
 from pyoxigraph import Literal, NamedNode
 
 from kg.maps.query.evaluation import Table
-from kg.maps.query.label_languages import LabelColumn, label_columns, preferred_languages
+from kg.maps.query.parameter_resolution import LabelColumn, label_columns, preferred_languages
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError, QueryParameterError, UnknownQueryError, did_you_mean
 from kg.model.regular_files import read_text

@@ -23,7 +23,7 @@ from kg.knowledge.ontology.declared_terms import known_terms
 from kg.maps.update.change_draft import GroundUpdate, QuadChange, Term
 from kg.model import vocabulary as v
 from kg.model.errors import QueryError
-from kg.rdf.sparql.extension_functions import FUNCTIONS
+from kg.rdf.sparql.engine_gaps import FUNCTIONS
 from kg.rdf.sparql.update_parser import (
     VARIABLE,
     Operation,

@@ -21,7 +21,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from kg.history.reports.comparison import FAR
-from kg.maps.query.label_languages import preferred_languages
+from kg.maps.query.parameter_resolution import preferred_languages
 from kg.maps.query.query_files import ParameterizedQuery, find_query, shipped_queries
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import MEDIA_TYPE, Surface, encoded

@@ -37,8 +37,8 @@ from kg.model.errors import (
 )
 from kg.model.platforms import resource
 from kg.rdf.literals import XmlPieces, is_xml
-from kg.rdf.sparql import extension_functions
-from kg.rdf.sparql.order_by import with_total_order
+from kg.rdf.sparql import engine_gaps
+from kg.rdf.sparql.engine_gaps import with_total_order
 from kg.rdf.sparql.vetting import (
     check_network_words,
     explained,
@@ -180,7 +180,7 @@ class Evaluator:
             with_total_order(sparql) if request.get("total_order") else sparql,
             base_iri=request["base_iri"],
             prefixes=self._settings["prefixes"],
-            custom_functions=extension_functions.FUNCTIONS,
+            custom_functions=engine_gaps.FUNCTIONS,
             **_dataset(request),
         )
         media_type = request["graph_type" if isinstance(results, QueryTriples) else "result_type"]
@@ -312,7 +312,7 @@ def main() -> None:
         return
     settings = first[1]
     # a confined process loads no machine code
-    extension_functions.load_libraries()
+    engine_gaps.load_libraries()
     if settings.get("ontologies"):
         from kg.serving.workers.evaluation.ingestion import load_libraries  # takes a second
 

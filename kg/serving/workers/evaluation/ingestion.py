@@ -29,7 +29,7 @@ from kg.model.errors import ConflictError, QueryRefusedError
 from kg.model.resources import ONTOLOGIES
 from kg.rdf.parsing import DOCUMENT_TYPE, NO_LOADER, REMOTE_CONTEXT, has_document_type
 from kg.rdf.skolem import anonymous
-from kg.rdf.sparql.order_by import with_total_order
+from kg.rdf.sparql.engine_gaps import with_total_order
 from kg.rdf.sparql.update_parser import with_graphs
 
 Request = dict[str, Any]

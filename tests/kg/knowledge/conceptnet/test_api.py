@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kg.knowledge.conceptnet.api import ApiClient, ResponseCache
 from kg.knowledge.conceptnet.importing import ConceptNetImport, import_conceptnet
 from kg.knowledge.conceptnet.names import TermMatcher, reduced
+from kg.knowledge.conceptnet.reading import ApiClient, ResponseCache
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.model import vocabulary as v

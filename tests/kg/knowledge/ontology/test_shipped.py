@@ -18,7 +18,7 @@ from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.knowledge.ontology.lint import check_map
 from kg.knowledge.ontology.loading import load_ontologies, superclasses
 from kg.knowledge.ontology.vocabulary_page import vocabulary_page
-from kg.knowledge.placement.rooms import RoomType, similarity
+from kg.knowledge.placement.surveys import RoomType, similarity
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v

@@ -13,8 +13,8 @@ from hereabouts.cli import main
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.lint import check_ontologies
 from kg.knowledge.ontology.loading import load_ontologies
-from kg.knowledge.placement.rooms import room_types
 from kg.knowledge.placement.statistics import read_rooms, statistics, write_rooms
+from kg.knowledge.placement.surveys import room_types
 from kg.model.errors import HereaboutsError, InvalidFactError
 from kg.model.resources import ONTOLOGIES
 from kg.model.vocabulary import PREFIXES

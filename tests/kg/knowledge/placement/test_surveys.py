@@ -9,9 +9,8 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.belief_model import FITTED, posterior_belief
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence
-from kg.knowledge.placement.rooms import room_types
 from kg.knowledge.placement.statistics import room_type_quads
-from kg.knowledge.placement.surveys import survey_features
+from kg.knowledge.placement.surveys import room_types, survey_features
 from kg.model import vocabulary as v
 
 ROOMS = ("garage", "utility room", "toilet")

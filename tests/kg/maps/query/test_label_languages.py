@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pyoxigraph import Literal, NamedNode, QuerySolutions, Store
 
 from kg.maps.query.evaluation import PIECE, Row, rows_of, value_of
-from kg.maps.query.label_languages import preferred_languages
+from kg.maps.query.parameter_resolution import preferred_languages
 from kg.maps.query.query_files import parse_query_file, shipped_queries
 from kg.maps.stored_map import StoredMap
 from kg.model import vocabulary as v

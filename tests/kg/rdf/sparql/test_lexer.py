@@ -14,8 +14,8 @@ from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import QueryRefusedError
+from kg.rdf.sparql.engine_gaps import with_total_order
 from kg.rdf.sparql.lexer import keywords_of, replace_tokens, substitute, tokens_of
-from kg.rdf.sparql.order_by import with_total_order
 from kg.rdf.sparql.update_parser import with_graphs
 from kg.rdf.sparql.vetting import vet
 from kg.serving.opening import in_memory_map

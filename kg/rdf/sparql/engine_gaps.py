@@ -1,4 +1,4 @@
-"""Total order of ORDER BY keys: a rewriting of queries that the engine's sort cannot evaluate.
+"""Gaps of the SPARQL engine: its sort of mixed values, and functions that it does not have.
 
 The engine compares two literals by value if possible, else by text. Over mixed values that is no
 order (9 < 10 by value, "10" < "9a" < "9" by text), and the engine's sort panics. The rewriting
@@ -8,9 +8,17 @@ comparable values are compared. SPARQL 1.1 (section 15.1) leaves the order of th
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import Final
 
+from pyoxigraph import Literal, NamedNode
+
+from kg.model import vocabulary as v
+from kg.model.areas import Area
+from kg.rdf.literals import area_of_polygon, point_of
+from kg.rdf.quad_store import Functions
 from kg.rdf.sparql.lexer import Token, tokens_of
 
 _END: Final = ("LIMIT", "OFFSET", "VALUES")
@@ -72,3 +80,38 @@ def _after_operand(tokens: list[Token], at: int) -> int:
         if depth == 0:
             return index + 1
     return 0
+
+
+def square_root(term: object) -> Literal | None:
+    """XPath's math:sqrt; unbound for a term without a square root."""
+    try:
+        return Literal(math.sqrt(float(getattr(term, "value", ""))))
+    except ValueError:
+        return None
+
+
+def within(point: object, polygon: object) -> Literal | None:
+    """GeoSPARQL's geof:sfWithin for a point and a polygon in WKT; unbound for other terms."""
+    spot = point_of(str(getattr(point, "value", "")))
+    area = _area(str(getattr(polygon, "value", "")))
+    return None if spot is None or area is None else Literal(area.contains(*spot))
+
+
+@lru_cache(maxsize=1024)
+def _area(text: str) -> Area | None:
+    try:
+        return area_of_polygon(text)
+    except ValueError:
+        return None
+
+
+def load_libraries() -> None:
+    """Import what the functions need; for processes that can load no library later."""
+    square_root(Literal(2.0))
+    within(Literal("POINT (1 1)"), Literal("POLYGON ((0 0, 4 0, 0 4, 0 0))"))
+
+
+FUNCTIONS: Final[Functions] = {
+    NamedNode(v.MATH_SQRT): square_root,
+    NamedNode(v.GEOF_SF_WITHIN): within,
+}
