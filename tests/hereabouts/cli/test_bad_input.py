@@ -138,9 +138,9 @@ def test_paths_that_are_no_map(tmp_path: Path, fails: Fails) -> None:
 
 
 def test_outputs_that_cannot_be_written(lab: Path, tmp_path: Path, fails: Fails) -> None:
-    told = fails("thesis", "export", lab, "-o", tmp_path / "map.xyz")
+    told = fails("export", lab, "-o", tmp_path / "map.xyz")
     assert all(ending in told for ending in (".jsonld", ".mcap", ".rrd", ".bag", ".geojson"))
-    assert "nodir" in fails("thesis", "export", lab, "-o", tmp_path / "nodir" / "map.ttl")
+    assert "nodir" in fails("export", lab, "-o", tmp_path / "nodir" / "map.ttl")
     assert "xyz" in fails("plot", lab, "-o", tmp_path / "map.xyz")
     assert "nodir" in fails("plot", lab, "-o", tmp_path / "nodir" / "map.png")
 

@@ -142,7 +142,7 @@ def test_the_map_leaves_as_linked_data(
     lab: Path, prints: Prints, tmp_path: Path, ending: str
 ) -> None:
     file = tmp_path / f"lab.{ending}"
-    prints("thesis", "export", lab, "-o", file)
+    prints("export", lab, "-o", file)
     quads = list(pyoxigraph.parse(path=str(file), format=FORMATS[ending]))
     chairs = {q.subject for q in quads if q.object == pyoxigraph.NamedNode(CHAIR)}
     assert len(chairs) > 10
