@@ -1,4 +1,4 @@
-"""File locks and other calls of the operating system that only some systems have.
+"""File locks, memory, and other calls of the operating system that only some systems have.
 
 Everything here works on Linux. Elsewhere a lock is exclusive where Linux shares it, and what cannot
 be asked for is left out: a map is then read by one process at a time.

@@ -1,10 +1,10 @@
-"""Recovery: brings log and store to the same state at the opening of a map.
+"""Maintenance of the log: recovery at the opening of a map, and compaction.
 
-The log is written first, so after a crash it may hold transactions that the store lacks; they are
-applied; where one cannot be read, it and later ones are set aside. The store is ahead if it was
-written without the log, or if a power cut took the end of the log; the difference is logged as one
-transaction. A store older than the floor (a restored old copy) gets the difference to the last
-state of the log.
+Recovery brings log and store to the same state. The log is written first, so after a crash it may
+hold transactions that the store lacks; they are applied; where one cannot be read, it and later
+ones are set aside. The store is ahead if it was written without the log, or if a power cut took the
+end of the log; the difference is logged as one transaction. A store older than the floor (a
+restored old copy) gets the difference to the last state of the log.
 """
 
 from __future__ import annotations

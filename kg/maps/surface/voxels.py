@@ -1,9 +1,9 @@
-"""Voxels: their keys, their records, and the surface that readers get as arrays.
+"""Voxels: keys, records, the sparse grid in memory, and the surface that readers get as arrays.
 
 A key is one integer: the voxel's chunk of 64 x 64 x 64 in its high bits, its place in the chunk in
 its low 18 bits. Voxel (0, 0, 0) has a corner in the origin of the map frame.
 
-Voxel grid: sparse chunks of voxel records in memory, changed by a few frames at a time. Each change
+The grid has sparse chunks of records and is changed by a few frames at a time. Each change
 depends on the grid and the frames alone, so that the same frames applied again after a restart make
 the same grid.
 """

@@ -1,8 +1,8 @@
-"""Ingestion: updates and RDF documents of clients, evaluated and parsed in a worker.
+"""Ingestion: updates, RDF documents and ontologies of clients, evaluated in a worker.
 
 The writer receives only ground quads, as N-Quads of limited size and without triple terms.
 
-Replacements of a map's ontology, validated and compiled in a worker. The shapes, the hierarchy and
+An ontology that replaces a map's own is validated and compiled here. The shapes, the hierarchy and
 the relations of an ontology that a client sends can take any time and memory. The worker computes
 the quads to delete and to insert; the writer receives only these.
 """
