@@ -118,14 +118,14 @@ TOKEN = "a-token-of-the-tests-0123"
 EVALUATE = """
 import json, os, socket, sys
 import pyoxigraph as ox
-from kg.serving.workers.isolation import confinement
+from kg.serving.workers import isolation
 how, uid, texts = sys.argv[1], int(sys.argv[2]), json.load(sys.stdin)
 if uid:
     os.setgroups([]); os.setgid(uid); os.setuid(uid)
 if how != "none":
-    getattr(confinement, how)()
+    getattr(isolation, how)()
 for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM):
-    print("denied", confinement.is_denied())
+    print("denied", isolation.is_denied())
 store = ox.Store()
 values = "1, true, 1.0, 'x', .5, 1e0, <urn:x>"
 store.update("INSERT DATA { GRAPH <urn:g> { <urn:s> <urn:p> " + values + " } }")
