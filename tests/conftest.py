@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -153,10 +154,66 @@ def _only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     yield
 
 
+VIRTUOSO_INI = """
+[Database]
+DatabaseFile = {work}/virtuoso.db
+ErrorLogFile = {work}/virtuoso.log
+LockFile = {work}/virtuoso.lck
+TransactionFile = {work}/virtuoso.trx
+xa_persistent_file = {work}/virtuoso.pxa
+FileExtend = 200
+TempStorage = TempDatabase
+[TempDatabase]
+DatabaseFile = {work}/temp.db
+TransactionFile = {work}/temp.trx
+[Parameters]
+ServerPort = 127.0.0.1:{sql}
+DisableUnixSocket = 1
+ServerThreads = 20
+CaseMode = 2
+NumberOfBuffers = 10000
+MaxDirtyBuffers = 6000
+MaxQueryMem = 400M
+DirsAllowed = {work}
+[HTTPServer]
+ServerPort = 127.0.0.1:{http}
+ServerThreads = 10
+MaxClientConnections = 10
+[SPARQL]
+ResultSetMaxRows = 1000000
+MaxQueryExecutionTime = 60
+"""
+
+
 def _free_port() -> int:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return int(free.getsockname()[1])
+
+
+@contextmanager
+def running_virtuoso(work: Path) -> Iterator[str]:
+    """A real Virtuoso 7 over `work`, whose endpoint anybody may write; gives its address."""
+    if shutil.which("virtuoso-t") is None or shutil.which("isql-vt") is None:
+        pytest.skip("Virtuoso is not installed: apt-get install virtuoso-opensource-7-bin")
+    work.mkdir(parents=True, exist_ok=True)
+    http, sql = _free_port(), _free_port()
+    ini = work / "virtuoso.ini"
+    ini.write_text(VIRTUOSO_INI.format(work=work, http=http, sql=sql), encoding="utf-8")
+    # a query that its compiler cannot cope with takes all the memory there is
+    command = "ulimit -v 4000000; exec virtuoso-t +foreground +configfile virtuoso.ini"
+    with (
+        (work / "out.log").open("wb") as out,
+        subprocess.Popen(["bash", "-c", command], cwd=work, stdout=out, stderr=out) as server,
+    ):
+        try:
+            assert _answers(http, server), (work / "out.log").read_text(errors="replace")
+            grant = 'exec=grant SPARQL_UPDATE to "SPARQL";'
+            client = ["isql-vt", f"127.0.0.1:{sql}", "dba", "dba", grant]
+            subprocess.run(client, check=True, stdout=subprocess.DEVNULL, timeout=60)
+            yield f"http://127.0.0.1:{http}"
+        finally:
+            server.kill()
 
 
 def _main(program: str) -> Callable[[list[str]], int]:

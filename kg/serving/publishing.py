@@ -36,6 +36,7 @@ from kg.store.sparql_backend import SparqlBackend, graph_blocks
 from kg.store.sparql_client import Solutions
 from kg.store.transactional import TransactionalStore
 from kg.store.type_inference import complete_types, inferred_changes
+from kg.store.virtuoso import MAX_QUADS
 
 DUMP_WITHIN: Final = 600.0  # [s] to read a served map
 MAX_DUMP: Final = 8 << 30  # [bytes]
@@ -68,6 +69,7 @@ def _stored(semantic_map: SemanticMap) -> Iterable[Quad]:
 
 
 CHUNK: Final = 20_000  # quads of one request; a transaction of fewer is one update
+CHUNK_OF_VIRTUOSO: Final = 10 * MAX_QUADS
 
 _SEQUENCE: Final = NamedNode(v.SEQUENCE)
 _PART: Final = NamedNode(v.DCT_HAS_PART)
@@ -155,7 +157,7 @@ class PublishTarget:
         if len(answer.rows) < int(count["n"].value):
             raise RemoteError(
                 f"{self.where} gives {len(answer.rows)} of {count['n'].value} rows; raise the "
-                "largest number of rows it answers with"
+                "largest number of rows it answers with (Virtuoso: ResultSetMaxRows)"
             )
         for row in answer.rows:
             yield Quad(row["s"], row["p"], row["o"], row["g"])
@@ -176,12 +178,13 @@ class PublishTarget:
     ) -> None:
         insert = tuple(insert)
         steps = [("DELETE", tuple(delete)), ("INSERT", (*_parts(base, insert), *insert))]
+        chunk = CHUNK_OF_VIRTUOSO if self._endpoint.virtuoso else CHUNK
         operations: list[str] = []
         waiting = 0
         for verb, quads in steps:
-            for start in range(0, len(quads), CHUNK):
-                part = quads[start : start + CHUNK]
-                if waiting + len(part) > CHUNK:
+            for start in range(0, len(quads), chunk):
+                part = quads[start : start + chunk]
+                if waiting + len(part) > chunk:
                     self._endpoint.update(";\n".join(operations))
                     operations, waiting = [], 0
                 operations.append(_operation(verb, part))

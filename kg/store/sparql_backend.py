@@ -105,7 +105,9 @@ class SparqlBackend:
         """
         declared = _prologue(query, prefixes or {}, base_iri)
         united = use_default_graph_as_union and not has_word(query, "from")
-        text = f"{declared} {_ROOT.sub(_newton, query)}"
+        # Virtuoso nests the steps of Newton's method and doubles the expression with each
+        root = r"BIND(bif:sqrt(\1) AS \2)" if self.endpoint.virtuoso else _newton
+        text = f"{declared} {_ROOT.sub(root, query)}"
         try:
             return self.endpoint.ask(text, self._union if united else ())
         except SyntaxError as error:

@@ -33,6 +33,7 @@ from kg.model.errors import (
     UnreachableError,
 )
 from kg.store.credentials import HINT
+from kg.store.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 if TYPE_CHECKING:
     import requests  # imported by requests only: maps in folders do not need it
@@ -47,12 +48,11 @@ _CHUNK = 1 << 16
 
 _RESULTS = "application/sparql-results+json"
 _TRIPLES = "application/n-triples"
-_ACCEPT: Final = f"{_RESULTS}, {_TRIPLES}"
 #: (query path, update path), relative to the address
 _LAYOUTS: Final[tuple[tuple[str, str], ...]] = (
     ("/query", "/update"),  # Oxigraph, Fuseki
     ("", "/statements"),  # RDF4J, GraphDB: .../repositories/NAME
-    ("/sparql", "/sparql"),  # hereabouts serve
+    ("/sparql", "/sparql"),  # hereabouts serve, Virtuoso
     ("", ""),  # the address is the endpoint itself
 )
 
@@ -101,6 +101,7 @@ class SparqlClient:
         self.query_url = query_url
         self.update_url = update_url
         self._always = tuple(always)  # parameters of each query
+        self.virtuoso = False  # until the first answer
         self.min_sequence = 0  # oldest transaction accepted in answers of a `hereabouts serve`
         from kg.store.http_session import HttpSession
 
@@ -150,7 +151,8 @@ class SparqlClient:
             RemoteError: any other failure, a truncated answer included.
         """
         form = [("query", query), *self._always, *parameters]
-        reply = self._post(self.query_url, form, _ACCEPT)
+        reply = self._post(self.query_url, form, self._accept(query))
+        self.virtuoso = is_virtuoso(reply.headers.get("server"))
         kind = reply.headers.get("content-type", "").split(";")[0].strip()
         try:
             return self._read(reply.content, kind)
@@ -177,7 +179,8 @@ class SparqlClient:
 
         deadline, body = time.monotonic() + seconds, bytearray()
         form = [("query", query), *self._always, *parameters]
-        with self._post(self.query_url, form, _ACCEPT, seconds, stream=True) as reply:
+        accept = self._accept(query)
+        with self._post(self.query_url, form, accept, seconds, stream=True) as reply:
             try:
                 for chunk in reply.iter_content(_CHUNK):
                     body += chunk
@@ -192,6 +195,11 @@ class SparqlClient:
             except requests.RequestException as error:
                 raise QueryTimeoutError(self._too_late(seconds)) from error
             media_type = reply.headers.get("content-type", "").split(";")[0].strip()
+        if self.virtuoso and media_type == _RESULTS:
+            try:
+                return media_type, readable(bytes(body))
+            except ValueError as error:
+                raise RemoteError(self._cut_short()) from error
         return media_type, bytes(body)
 
     def update(self, update: str) -> None:
@@ -207,11 +215,18 @@ class SparqlClient:
 
     def _read(self, body: bytes, kind: str) -> Answer:
         if kind == _TRIPLES:
-            return Triples(tuple(q.triple for q in parse(body, format=RdfFormat.N_TRIPLES)))
+            found = (quad.triple for quad in parse(body, format=RdfFormat.N_TRIPLES))
+            return Triples(tuple(map(plain, found) if self.virtuoso else found))
+        body = readable(body) if self.virtuoso else body
         answer = parse_query_results(body, format=QueryResultsFormat.JSON)
         if isinstance(answer, QueryBoolean):
             return answer
         return Solutions(tuple(answer.variables), tuple(answer))
+
+    def _accept(self, query: str) -> str:
+        if not self.virtuoso:
+            return f"{_RESULTS}, {_TRIPLES}"
+        return _TRIPLES if gives_triples(query) else _RESULTS
 
     def _post(
         self,
@@ -225,6 +240,7 @@ class SparqlClient:
     ) -> requests.Response:
         import requests
 
+        # every server accepts a form; Virtuoso 7.2 never replies to a query as the body
         accepted = {SEQUENCE: str(self.min_sequence)} if self.min_sequence else {}
         try:
             reply = self._http.send(
@@ -253,7 +269,7 @@ class SparqlClient:
     def _raise_refusal(self, reply: requests.Response) -> None:
         problem = _problem(reply)
         text = str(problem.get("detail", reply.text))
-        detail = " ".join(text.split())[:300]
+        detail = (complaint(text) if self.virtuoso else " ".join(text.split()))[:300]
         if reply.status_code == 400:
             raise SyntaxError(detail)
         if reply.status_code in (401, 403):

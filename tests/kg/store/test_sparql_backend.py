@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import socket
 import threading
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
+from pyoxigraph import BlankNode, Literal, QueryResultsFormat, parse_query_results
 
 from kg.export.serialization import export_text
 from kg.maps.semantic_map import SemanticMap
+from kg.model import vocabulary as v
 from kg.model.errors import GraphError, MapNotFoundError, QueryError, RemoteError, UnreachableError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 from kg.serving.opening import create_map, in_memory_map, open_map, open_or_create_map
 from kg.store.sparql_backend import SparqlBackend
 from kg.store.sparql_client import SparqlClient
-from tests.conftest import publish, running_server
+from kg.store.virtuoso import complaint, gives_triples, readable
+from tests.conftest import publish, running_server, running_virtuoso
 
 BASE = "https://example.org/house/"
 
@@ -52,13 +56,13 @@ def fill(semantic_map: SemanticMap) -> None:
     semantic_map.apply(MapUpdate(objects=moved[1:], removed=(moved[0].iri,), places=(second,)))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", params=[running_server, running_virtuoso])
 def filled(
-    tmp_path_factory: pytest.TempPathFactory,
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[tuple[SemanticMap, SemanticMap]]:
     """The same map published on a server and in memory."""
     with (
-        running_server(tmp_path_factory.mktemp("server")) as address,
+        request.param(tmp_path_factory.mktemp("server")) as address,
         in_memory_map(title="house", base=BASE) as local,
     ):
         fill(local)
@@ -220,3 +224,38 @@ def chatty() -> Iterator[str]:
 def test_a_web_page_is_no_map(chatty: str) -> None:
     with pytest.raises(RemoteError, match="does not speak SPARQL"):
         open_map(chatty)
+
+
+def cell(value: str, kind: str) -> dict[str, str]:
+    return {"type": "typed-literal", "datatype": v.XSD + kind, "value": value}
+
+
+def test_results_are_read_as_they_were_written() -> None:
+    row = {
+        "d": cell("1000000000", "double"),
+        "small": cell("1e-07", "double"),
+        "b": cell("1", "boolean"),
+        "n": {"type": "bnode", "value": "nodeID://b10001"},
+        "i": cell("3", "integer"),
+        "l": {"type": "literal", "xml:lang": "en", "value": "nodeID://b10001"},
+    }
+    told = {"head": {"link": [], "vars": [*row]}, "results": {"bindings": [row]}}
+    body = readable(json.dumps(told).encode())
+    (found,) = parse_query_results(body, format=QueryResultsFormat.JSON)
+    assert [found[name] for name in row] == [
+        *(Literal(1e9), Literal(1e-7), Literal(True), BlankNode("b10001")),
+        *(Literal(3), Literal("nodeID://b10001", language="en")),
+    ]
+
+
+def test_only_construct_and_describe_give_triples() -> None:
+    assert gives_triples('PREFIX x: <http://select/> # ask\nCONSTRUCT { ?s ?p "select" } WHERE {}')
+    assert gives_triples("DESCRIBE <urn:select>")
+    assert not gives_triples("BASE <urn:construct> SELECT ?describe {}")
+    assert not gives_triples("ASK { ?s ?p 'describe' }")
+
+
+def test_a_complaint_names_the_line_and_not_the_query() -> None:
+    said = "Virtuoso 37000 Error SP030: SPARQL compiler, line 2: syntax error\n\nSPARQL query:\nASK"
+    assert complaint(said) == "error at 2:1: syntax error"
+    assert complaint("Virtuoso 42000 Error SR186:  no permission").endswith("SR186: no permission")

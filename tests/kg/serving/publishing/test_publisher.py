@@ -57,6 +57,9 @@ def published(url: str) -> set[Quad]:
         return own(mirror.engine)
 
 
+both = pytest.mark.parametrize("url", ["oxigraph", "virtuoso"], indirect=True)
+
+
 @pytest.fixture
 def robots() -> Iterator[tuple[SemanticMap, SemanticMap]]:
     with (
@@ -124,6 +127,7 @@ def test_two_robots_that_map_are_one_question(
         assert any(a.startswith(NORTH) and b.startswith(SOUTH) for a, b in joined)
 
 
+@both
 def test_edits_corrections_and_restorations_are_mirrored(
     live: list[Publisher], robots: tuple[SemanticMap, SemanticMap], url: str
 ) -> None:
@@ -180,10 +184,12 @@ def test_a_stale_copy_is_brought_up_to_date_without_touching_others(
     target.close()
 
 
+@both
 def test_a_large_map_goes_in_parts_and_a_part_alone_is_no_copy(
     robots: tuple[SemanticMap, SemanticMap], url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("kg.serving.publishing.CHUNK", 25)
+    monkeypatch.setattr("kg.serving.publishing.CHUNK_OF_VIRTUOSO", 1000)
     north, _ = robots
     for step in range(100):
         see(north, "cup", float(step))
