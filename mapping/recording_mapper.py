@@ -18,6 +18,7 @@ from mapping.mapping_options import DEFAULT_OPTIONS, MappingOptions
 from mapping.runs.progress_report import FrameReport, MappingReport
 from mapping.runs.resumption import resumed
 from perception.frames import (
+    NO_DETECTIONS,
     Detections,
     Detector,
     Frame,
@@ -155,7 +156,7 @@ class _Run:
         with closing(read_ahead(self.read(start), self.ahead)) as frames:
             for frame, read in frames:
                 before = time.perf_counter()
-                detections = self.detector.detect(frame)
+                detections = NO_DETECTIONS if frame.blank else self.detector.detect(frame)
                 yield _DetectedFrame(frame, detections, read, time.perf_counter() - before)
 
     def map(self, index: int, detected: _DetectedFrame) -> tuple[FrameReport, SceneScores | None]:
@@ -165,7 +166,7 @@ class _Run:
         timer.count("read", detected.read)
         timer.count("detect", detected.detect)
         place, scores = None, None
-        if self.scene is not None:
+        if self.scene is not None and not frame.blank:
             place = self.mapper.viewed_place(frame)
             if place is not None:
                 with timer.stage("scene"):

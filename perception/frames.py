@@ -55,6 +55,11 @@ class Frame:
         if self.depth.dtype.kind == "f":
             object.__setattr__(self, "depth", without_constants(self.depth, self.K))
 
+    @property
+    def blank(self) -> bool:
+        """Whether it shows nothing, in colour and in depth, as where its image cannot be read."""
+        return not self.rgb.any() and not np.isfinite(self.depth).any()
+
 
 @dataclass(frozen=True, slots=True)
 class Detections:
@@ -361,3 +366,6 @@ class Recording(Protocol):
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
         """Frames from index `start` on; raises RecordingError at the first unreadable one."""
+
+
+NO_DETECTIONS: Final = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())

@@ -163,6 +163,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; the entry point of the console script."""
     if argv is None:
         atexit.register(gc.freeze)  # the last collection of a process takes 40 ms and frees nothing
+        # our matrices are small: numpy's further threads take a core to wait, and save no time
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     words = (sys.argv[1:] if argv is None else argv) or ["--help"]
     arguments = argparse.Namespace()
     try:

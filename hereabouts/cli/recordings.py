@@ -43,7 +43,7 @@ def info(arguments: argparse.Namespace) -> int:
     example: hereabouts info kitchen.bag --color-topic /head/rgb/image_raw
     """
     from perception.sources.bags import bag
-    from perception.sources.recording import format_of
+    from perception.sources.formats import format_of
 
     path = Path(arguments.recording)
     options = replace(recording_options(arguments, arguments.recording), check=False)

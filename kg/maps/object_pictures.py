@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import zlib
 from itertools import zip_longest
 from pathlib import Path
@@ -47,7 +48,8 @@ class ObjectPictures:
 
     def has(self, record: ObjectRecord) -> bool:
         """Whether the best observation of `record` has a picture."""
-        return self._path(record) in self.views_of(record.iri)
+        path = self._path(record)
+        return path is not None and _is_picture(path)
 
     def views_of(self, iri: str) -> list[Path]:
         """Files with views of an object, the latest first; up to `MAX_VIEWS`."""
@@ -130,7 +132,7 @@ class ObjectPictures:
         found = [
             (-path.stat().st_mtime_ns, path.name, path)
             for path in self._folder.glob(f"{number}-*.jpg")
-            if _NAME.fullmatch(path.name) and path.is_file() and not path.is_symlink()
+            if _NAME.fullmatch(path.name) and _is_picture(path)
         ]
         return [path for _, _, path in sorted(found)]
 
@@ -140,3 +142,11 @@ class ObjectPictures:
             return None
         key = zlib.crc32(f"{shown.recording}/{shown.frame}".encode())
         return self._folder / f"{number[1]}-{key:08x}.jpg"
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether `path` is a regular file, and no link to one."""
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False

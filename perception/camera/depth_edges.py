@@ -94,7 +94,7 @@ def colour_fit(
     move with the camera, and images without any contrast. None where there are too few edges, or
     the images differ in shape.
     """
-    images = [(rgb, depth) for rgb, depth in images if rgb.std() > BLANK]
+    images = [(rgb, depth) for rgb, depth in images if _spread(rgb) > BLANK]
     points = [_depth_edges(depth).astype(np.intp) for _, depth in images]
     gradients = [np.minimum(_gradient(rgb), STRONG) for rgb, _ in images]
     nearest = [_nearest(depth) for _, depth in images]
@@ -133,7 +133,7 @@ class ColourJudge:
     def add(self, name: str, rgb: NDArray[np.uint8], depth: NDArray[np.float32]) -> None:
         """Judge a frame by its name, colour (H, W, 3) and depth (H, W) [m]."""
         points = _depth_edges(depth).astype(np.intp)
-        if len(points) < MIN_JUDGED or rgb.std() <= BLANK:
+        if len(points) < MIN_JUDGED or _spread(rgb) <= BLANK:
             return
         gradient = np.minimum(_gradient(rgb), STRONG)
         own, best, (right, down) = _moved_strength(gradient, points)
@@ -203,6 +203,11 @@ def _small(shape: tuple[int, ...]) -> tuple[int, int]:
     return WIDTH, max(1, round(shape[0] * WIDTH / shape[1]))
 
 
+def _spread(rgb: NDArray[np.uint8]) -> float:
+    """Standard deviation of the grey levels."""
+    return float(cv2.meanStdDev(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))[1].item())
+
+
 def _gradient(rgb: NDArray[np.uint8]) -> Image:
     """Strength of the edges of colour, mean 1."""
     small = cv2.resize(rgb, _small(rgb.shape), interpolation=cv2.INTER_AREA)
@@ -210,7 +215,7 @@ def _gradient(rgb: NDArray[np.uint8]) -> Image:
     grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), BLUR), np.float32)
     across = cv2.Sobel(grey, cv2.CV_32F, 1, 0)
     along = cv2.Sobel(grey, cv2.CV_32F, 0, 1)
-    strength = np.minimum(np.hypot(across, along), 200.0)
+    strength = np.minimum(cv2.magnitude(across, along), np.float32(200.0))
     return np.asarray(strength / max(float(strength.mean()), 1e-6), np.float32)
 
 

@@ -135,6 +135,7 @@ def skew(p: Floats) -> Floats:
 
 
 Pose = NDArray[np.float64]  # (4, 4)
+LOST: Final = np.full((4, 4), np.nan)  # the pose of a frame in which tracking was lost
 
 BODY_FROM_CAMERA = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -178,7 +179,7 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
     if T.shape != (4, 4):
         raise RecordingError(f"{where}: a pose is a 4x4 matrix (16 numbers), got {T.size} numbers")
     if not np.isfinite(T).all():
-        raise RecordingError(f"{where}: the pose is not finite (lost tracking?); drop that frame")
+        raise RecordingError(f"{where}: the pose is not finite")
     if np.abs(T[3] - (0, 0, 0, 1)).max() > RIGID_TOLERANCE:
         by_columns = np.abs(T[:, 3] - (0, 0, 0, 1)).max() <= RIGID_TOLERANCE
         raise RecordingError(
@@ -204,13 +205,13 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
 def read_pose(path: Path) -> Pose:
     """The one pose a file holds as 16 numbers, row by row."""
     numbers = all_numbers(path)
-    return checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, str(path))
+    return listed_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, str(path))
 
 
-def read_found_pose(path: Path) -> Pose | None:
-    """The pose of a file as of `read_pose`; None where it is not finite: tracking was lost."""
-    numbers = all_numbers(path)
-    return read_pose(path) if numbers.size != 16 or np.isfinite(numbers).all() else None
+def listed_pose(T: NDArray[np.float64], where: str) -> Pose:
+    """A pose of a list as of `checked_pose`; all nan where tracking was lost: it is not finite."""
+    lost = T.shape == (4, 4) and not np.isfinite(T).all()
+    return LOST if lost else checked_pose(T, where)
 
 
 def read_pose_rows(path: Path) -> list[Pose]:
@@ -227,11 +228,13 @@ def read_pose_rows(path: Path) -> list[Pose]:
     for where, words in lines:
         numbers = np.array(floats(words, where))
         if numbers.size == 7:
-            poses.append(pose_from_quaternion(numbers[:3], numbers[3:], where))
+            lost = not np.isfinite(numbers).all()
+            T = LOST if lost else pose_from_quaternion(numbers[:3], numbers[3:], where)
+            poses.append(T)
             continue
         if numbers.size == 12:
             numbers = np.append(numbers, (0, 0, 0, 1))
-        poses.append(checked_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
+        poses.append(listed_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
     return poses
 
 
@@ -247,7 +250,7 @@ def read_pose_log(path: Path) -> dict[int, Pose]:
                 f"{where}: a trajectory log repeats a key line and four rows of a 4x4 pose"
             )
         T = np.array([x for at, words in block for x in floats(words, at)])
-        poses[int(key[0])] = checked_pose(T.reshape(4, 4) if T.size == 16 else T, where)
+        poses[int(key[0])] = listed_pose(T.reshape(4, 4) if T.size == 16 else T, where)
     return poses
 
 
@@ -377,7 +380,7 @@ def read_trajectory(path: Path) -> Trajectory:
             raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
         numbers = numbers[:8]
         if not np.isfinite(numbers).all():
-            raise RecordingError(f"{where}: the pose is not finite")
+            continue  # tracking was lost
         pose_from_quaternion(np.array(numbers[1:4]), np.array(numbers[4:]), where)
         table.append(numbers)
     if not table:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.frames import Detections, Frame
+from perception.frames import NO_DETECTIONS, Detections, Frame
 from perception.inference.class_labels import COCO_IDS, NO_OBJECT, is_object, labels_for
 from perception.inference.heads.candidates import Head, MaskGrid, suppress
 from perception.inference.heads.listed import ListHead, QueryHead
@@ -128,8 +128,6 @@ _HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1 ...
 _FAR: Final = 1e6  # [px] from which a coordinate is no number at all
 _PERCENT: Final = 100.0  # ... and percent, or values before the sigmoid, are up to here
 
-_NOTHING: Final = Detections(np.zeros((0, 4), np.float32), np.zeros(0, np.float32), ())
-
 
 @dataclass(frozen=True, slots=True)
 class OnnxDetector:
@@ -186,7 +184,7 @@ class OnnxDetector:
 
         try:
             if not self.readings.decide(answer_of, self.threshold):
-                return _NOTHING
+                return NO_DETECTIONS
             return self._decoded(*answer_of(self.readings.likeliest), shape)
         except ModelError as error:
             if str(error).startswith(self.session.path.name):

@@ -5,6 +5,7 @@ Two streams are associated by their stamps.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,9 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics
 
+DAMAGED_SHARE: Final = 0.1  # of a recording's frames that may be damaged
+TOLD: Final = 3  # damaged frames that are named
+_log = logging.getLogger(__name__)
 TOLERANCE: Final = 0.02  # [s] within which two stamps are taken for one moment
 
 
@@ -98,6 +102,31 @@ class RecordingListing:
     no_camera: str = ""  # reason why there is no camera, and a remedy
     #: poses (4, 4) of the camera in other frames that the entries may be poses of, by option
     other_frames: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class DamagedImages:
+    """Frames of a recording whose images cannot be read: they show nothing, and are told once."""
+
+    recording: str = ""
+    frames: int = 0  # of the recording
+    causes: dict[str, RecordingError] = field(default_factory=dict)  # by the frame's id
+    told: set[str] = field(default_factory=set)  # ids
+
+    def add(self, frame: str, cause: RecordingError) -> None:
+        """Count a frame; raises its cause where too many are damaged."""
+        self.causes.setdefault(frame, cause)
+        if (count := len(self.causes)) > DAMAGED_SHARE * self.frames:
+            more = f"; {count} of {self.frames} frames are damaged" if count > 1 else ""
+            raise RecordingError(f"{cause}{more}")
+
+    def tell(self, frame: str) -> None:
+        """Warn of a frame, where it is one of the first."""
+        if frame not in self.told and len(self.told) <= TOLD:
+            self.told.add(frame)
+            more = len(self.told) > TOLD
+            what = "more frames are" if more else f"{self.causes[frame]}; the frame is"
+            _log.warning("%s: %s left out", self.recording, what)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,14 +6,13 @@ import functools
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError, did_you_mean
-from kg.model.extensions import RECORDINGS, load_extensions
 from perception.camera.gravity_alignment import (
     clear_turns,
     gravity_aligned_transform,
@@ -45,43 +44,16 @@ from perception.sources.estimated_poses import (
     wants_estimate,
     with_estimated_poses,
 )
-from perception.sources.folders import (
-    numbered_images,
-    record3d,
-    rtabmap_database,
-    seven_scenes,
-    stray_scanner,
-    transforms_json,
-    tum,
-)
-from perception.sources.folders.exports import EXPORTS
-from perception.sources.folders.unread import hint_of
+from perception.sources.folders.image_files import with_poses
+from perception.sources.formats import format_of
 from perception.sources.intrinsics_check import check_intrinsics
-from perception.sources.listing import Format, FrameEntry, RecordingListing
+from perception.sources.listing import DamagedImages, FrameEntry, RecordingListing
 from perception.sources.recording_options import (
     DEFAULT_OPTIONS,
     RecordingOptions,
     with_trajectory,
 )
 
-#: Tried in this order when the format is not named, before those of extensions.
-FORMATS: tuple[Format, ...] = (
-    seven_scenes.FORMAT,
-    *EXPORTS,
-    tum.FORMAT,
-    numbered_images.TRAJECTORY_LOG,
-    numbered_images.HOLOLENS,
-    numbered_images.POSE_FILES,
-    numbered_images.REPLICA,
-    stray_scanner.FORMAT,
-    record3d.FORMAT,
-    rtabmap_database.FORMAT,
-    transforms_json.TRANSFORMS,
-    transforms_json.POLYCAM,
-    bag.FORMAT,
-    numbered_images.IMAGES,
-)
-_NAMED = 5  # recordings of a folder that a message names
 _log = logging.getLogger(__name__)
 LATEST = 1e11  # [s] of a stamp, in the year 5138
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
@@ -103,6 +75,7 @@ class FolderRecording:
     turns: int = 0  # quarters, counter-clockwise, that images are turned by; poses are turned too
     estimate: TrackingReport | None = None  # of poses that were estimated from the images
     no_return: tuple[Constant, ...] = ()  # depths that mean that nothing was measured
+    damaged: DamagedImages = field(default_factory=DamagedImages)
 
     def placed(self, T_map_world: NDArray[np.float64]) -> FolderRecording:
         """The same recording by the transform (4, 4)."""
@@ -118,13 +91,24 @@ class FolderRecording:
         return len(self.listing.entries)
 
     def frames(self, start: int = 0) -> Iterator[Frame]:
-        """Frames from index `start` on; raises RecordingError at the first unreadable one."""
-        for entry in self.listing.entries[start:]:
-            yield self.decoded(entry)
+        """Frames from index `start` on, as of `frame`."""
+        return map(self.frame, range(start, len(self)))
 
     def frame(self, index: int) -> Frame:
-        """Frame of that index."""
-        return self.decoded(self.listing.entries[index])
+        """Frame of that index: black and without depth where an image cannot be read.
+
+        Raises RecordingError where too many cannot.
+        """
+        entry = self.listing.entries[index]
+        if entry.id not in self.damaged.causes:
+            try:
+                return self.decoded(entry)
+            except RecordingError as error:
+                self.damaged.add(entry.id, error)
+        self.damaged.tell(entry.id)
+        width, height = self.rectifier.camera.size
+        blank = np.zeros((height, width, 3), np.uint8)
+        return self._frame(entry, blank, np.full((height, width), np.nan, np.float32))
 
     def decoded(self, entry: FrameEntry) -> Frame:
         """The frame of an entry by this recording's camera; raises RecordingError."""
@@ -135,10 +119,16 @@ class FolderRecording:
                 f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, the first image "
                 f"{camera.width}x{camera.height}"
             )
+        return self._frame(entry, self.rectifier.colour(rgb), self._depth(entry))
+
+    def _frame(
+        self, entry: FrameEntry, rgb: NDArray[np.uint8], depth: NDArray[np.float32]
+    ) -> Frame:
+        camera = self.rectifier.camera
         return Frame(
             id=entry.id,
-            rgb=turned_image(self.rectifier.colour(rgb), self.turns),
-            depth=turned_image(self._depth(entry), self.turns),
+            rgb=turned_image(rgb, self.turns),
+            depth=turned_image(depth, self.turns),
             K=(turned_camera(camera, self.turns) if self.turns else camera).K,
             T_map_cam=self.T_map_world @ entry.T_world_cam,
             stamp=entry.stamp + self.start_time,
@@ -206,11 +196,9 @@ def open_recording(
         rectifier=_rectifier(listing, folder),
         depth_scale=_depth_scale(listing, o.depth_scale),
         start_time=begin if relative else 0.0,
+        damaged=DamagedImages(o.name or _name(folder), len(entries)),
     )
-    for entry in entries:  # the head and tail of every file
-        entry.colour.check()
-        entry.depth.check()
-    recording.frame(0)
+    _check_images(recording)
     apart = listing.depth_camera
     seen_by = recording.rectifier.camera if apart is None else apart.intrinsics
     known = no_return_of(recording.name, listing, seen_by, recording.depth_scale, tell=o.check)
@@ -232,6 +220,17 @@ def open_recording(
         _warn_of_sides(recording)
     recording = _upright(recording, o)
     return replace(recording, T_map_world=T, gravity_aligned=o.up is None)
+
+
+def _check_images(recording: FolderRecording) -> None:
+    """Check the head and tail of every file, and the first frame; raises RecordingError."""
+    for entry in recording.listing.entries:
+        try:
+            entry.colour.check()
+            entry.depth.check()
+        except RecordingError as error:
+            recording.damaged.add(entry.id, error)
+    recording.decoded(recording.listing.entries[0])
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:
@@ -289,7 +288,12 @@ def _listing(
 ) -> RecordingListing:
     """Listing of the selected frames, with the camera and the poses that the options give."""
     selection = options.selection.reached if estimating else options.selection
-    entries = selection.of(listing.entries, str(path))
+    entries = listing.entries
+    if options.poses is None:
+        entries = with_poses(entries, lambda entry: entry.T_world_cam, path)
+        if not entries:
+            raise RecordingError(f"{path}: no frame has a pose: all are not finite")
+    entries = selection.of(entries, str(path))
     if options.poses is not None:
         entries = with_trajectory(entries, options.poses)
     camera, given = listing.camera, options.intrinsics
@@ -328,50 +332,6 @@ def _convention(name: str) -> Callable[[Pose], Pose]:
             + did_you_mean(name, CONVENTIONS)
         )
     return CONVENTIONS[name]
-
-
-def all_formats() -> Iterator[Format]:
-    """The formats of `FORMATS`, then those of extensions, which are imported when reached."""
-    yield from FORMATS
-    yield from load_extensions(RECORDINGS, Format)
-
-
-def format_of(path: Path, name: str = "auto") -> Format:
-    """Format of a recording by its files, or by name; raises RecordingError for no recording."""
-    if name != "auto" and name not in (names := [known.name for known in all_formats()]):
-        raise RecordingError(
-            f"unknown recording format {name!r}{did_you_mean(name, names)}; known are auto, "
-            f"{_known_formats()}"
-        )
-    if not path.exists():
-        raise RecordingError(f"recording {path} does not exist")
-    if path.is_dir() and not any(path.iterdir()):
-        raise RecordingError(f"recording {path} is empty; known formats are {_known_formats()}")
-    for candidate in all_formats():
-        if name in ("auto", candidate.name):
-            named = name == candidate.name and path.is_dir()
-            if named or candidate.matches(path):
-                return candidate
-    hint = _nested(path) or hint_of(path)
-    raise RecordingError(
-        f"{path} is no recording of a known format"
-        + (f"; {hint}" if hint else f"; known are {_known_formats()}")
-    )
-
-
-def _known_formats() -> str:
-    return "; ".join(f"{known.name} ({known.looks_for})" for known in all_formats())
-
-
-def _nested(folder: Path) -> str:
-    """A hint where recordings lie in a folder."""
-    inner = sorted(folder.iterdir()) if folder.is_dir() else []
-    found = [p for p in inner if any(known.matches(p) for known in all_formats())]
-    if len(found) > 1:
-        names = ", ".join(p.name for p in found[:_NAMED]) + ", ..." * (len(found) > _NAMED)
-        return f"it holds {len(found)} recordings, {names}: name one, such as {found[0]}"
-    kind = "folder" if found and found[0].is_dir() else "file"
-    return f"its {kind} {found[0].name} is one: open {found[0]}" if found else ""
 
 
 @functools.lru_cache(maxsize=4)

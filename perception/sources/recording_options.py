@@ -74,7 +74,7 @@ class RecordingOptions:
     """Options of `open_recording`; None leaves a value to the recording itself.
 
     Attributes:
-        format: name of one of `perception.sources.recording.all_formats`, or "auto".
+        format: name of one of `perception.sources.formats.all_formats`, or "auto".
         name: name of the recording in a map; by default that of its folder or file.
         T_map_world: (4, 4) takes the recording's world to the map frame. Without it the world is
             turned upright (`perception.camera.gravity_alignment`).

@@ -30,8 +30,8 @@ from perception.camera.intrinsics import (
 from perception.camera.poses import (
     CONVENTIONS,
     Pose,
-    checked_pose,
-    read_found_pose,
+    listed_pose,
+    read_pose,
     read_trajectory,
 )
 from perception.sources.folders.image_files import (
@@ -130,19 +130,16 @@ def _pose_of_bop(card: dict[str, Any], where: str) -> Pose:
     T = np.eye(4)
     T[:3, :3] = np.array(card["cam_R_w2c"], np.float64).reshape(3, 3)
     T[:3, 3] = np.array(card["cam_t_w2c"], np.float64) / MILLIMETRES
-    return CONVENTIONS["world-to-camera"](checked_pose(T, where))
+    return CONVENTIONS["world-to-camera"](listed_pose(T, where))
 
 
 def _read_posed_images(folder: Path, streams: Streams) -> RecordingListing:
-    """All images that have depth and a finite pose; raises RecordingError where none has."""
+    """All images that have depth and a pose."""
     entries = []
     for path in _posed(folder):
-        T = read_found_pose(path.with_suffix(".txt"))
-        if T is not None:
-            depth, stamp = path.with_suffix(".png"), stamp_of_number(int(path.stem))
-            entries.append(entry_of(path, depth, T, stamp))
-    if not entries:
-        raise RecordingError(f"{folder}: no image has a pose")
+        T = read_pose(path.with_suffix(".txt"))
+        depth, stamp = path.with_suffix(".png"), stamp_of_number(int(path.stem))
+        entries.append(entry_of(path, depth, T, stamp))
     file = first_file(folder, "intrinsic.txt")
     camera = find_intrinsics(folder) if file is None else load_intrinsics(file)
     return RecordingListing(tuple(entries), camera, MILLIMETRES)

@@ -130,9 +130,13 @@ def entry_of(colour: Path, depth: Path, T_world_cam: Pose, stamp: float) -> Fram
 def with_poses(
     entries: Sequence[FrameEntry], pose_of: Callable[[FrameEntry], Pose | None], folder: Path
 ) -> tuple[FrameEntry, ...]:
-    """The entries that have a pose (4, 4), with it; a line tells of the others."""
+    """The entries that have a finite pose (4, 4), with it; a line tells of the others."""
     found = [(entry, pose_of(entry)) for entry in entries]
-    posed = tuple(replace(entry, T_world_cam=T) for entry, T in found if T is not None)
+    posed = tuple(
+        replace(entry, T_world_cam=T)
+        for entry, T in found
+        if T is not None and np.isfinite(T).all()
+    )
     if 0 < len(posed) < len(entries):
         lost = len(entries) - len(posed)
         _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(entries))
@@ -167,7 +171,8 @@ def turned_upright(listing: RecordingListing, up: NDArray[np.float64]) -> Record
 
     Its camera has no distortion, and images of known size.
     """
-    turns = int(upright_turns([e.T_world_cam for e in listing.entries], up).argmax())
+    poses = (e.T_world_cam for e in listing.entries)
+    turns = int(upright_turns([T for T in poses if np.isfinite(T).all()], up).argmax())
     entries = tuple(
         replace(
             e,

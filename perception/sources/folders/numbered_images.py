@@ -27,7 +27,7 @@ import numpy as np
 
 from kg.model.errors import RecordingError
 from perception.camera.intrinsics import find_intrinsics
-from perception.camera.poses import Pose, read_found_pose, read_pose_log, read_pose_rows
+from perception.camera.poses import Pose, read_pose, read_pose_log, read_pose_rows
 from perception.number_tables import in_seconds
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
@@ -129,7 +129,7 @@ def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
         files = {path.stem: numbers[number] for number, path in ids.items() if number in numbers}
 
     def pose_of(entry: FrameEntry) -> Pose | None:
-        return read_found_pose(files[entry.id]) if entry.id in files else None
+        return read_pose(files[entry.id]) if entry.id in files else None
 
     posed = with_poses(alone.entries, pose_of, folder)
     if not posed:

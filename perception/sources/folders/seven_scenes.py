@@ -22,7 +22,7 @@ from perception.camera.intrinsics import (
     intrinsics_from_matrix,
     load_intrinsics,
 )
-from perception.camera.poses import read_found_pose, read_pose
+from perception.camera.poses import read_pose
 from perception.number_tables import floats, rows
 from perception.sources.folders.image_files import entry_of
 from perception.sources.listing import (
@@ -73,10 +73,7 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     for path in sorted(colours, key=lambda p: _number(stems[p], p)):
         stem = stems[path]
         _require(folder, stem, depth, pose if posed else depth)
-        T = read_found_pose(folder / (stem + pose)) if posed else np.eye(4)
-        if T is None and info is not None:
-            continue
-        T = read_pose(folder / (stem + pose)) if T is None else T
+        T = read_pose(folder / (stem + pose)) if posed else np.eye(4)
         stamp = stamp_of_number(_number(stem, path))
         entries.append(entry_of(path, folder / (stem + depth), T @ T_depth_colour, stamp))
     if info is not None:
@@ -117,8 +114,6 @@ def _by_info(
         width, height = (int(numbers(f"m_{which.lower()}{x}", 1)[0]) for x in ("Width", "Height"))
         return replace(intrinsics_from_matrix(K, str(info)), width=width, height=height)
 
-    if not entries:
-        raise RecordingError(f"{folder}: no frame has a pose")
     scale = numbers("m_depthShift", 1)[0]
     colour, depth = camera("Color"), camera("Depth")
     apart = None if np.allclose(colour.K, depth.K) else DepthCamera(depth, np.eye(4))

@@ -131,8 +131,10 @@ def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
                     [_cell(row, "frame", where), _cell(row, "timestamp", where)], where
                 )
                 pose = np.array(floats([_cell(row, name, where) for name in _POSE], where))
-                if not (np.isfinite([number, stamp, *pose]).all() and number >= 0):
-                    raise RecordingError(f"{where}: the pose is not finite")
+                if not (np.isfinite([number, stamp]).all() and number >= 0):
+                    raise RecordingError(f"{where}: frame and timestamp are finite numbers")
+                if not np.isfinite(pose).all():
+                    continue  # tracking was lost
                 found[int(number)] = stamp, pose_from_quaternion(pose[:3], pose[3:], where)
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error

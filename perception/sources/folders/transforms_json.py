@@ -18,7 +18,7 @@ import numpy as np
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
 from perception.camera.intrinsics import Intrinsics
-from perception.camera.poses import CONVENTIONS, Pose, checked_pose
+from perception.camera.poses import CONVENTIONS, Pose, listed_pose
 from perception.number_tables import json_object
 from perception.sources.folders.image_files import (
     COLOUR_SUFFIXES,
@@ -149,7 +149,7 @@ def _matrix(rows: Any, where: str) -> Pose:
         raise RecordingError(f"{where}: transform_matrix is no matrix of numbers") from None
     if T.shape == (3, 4):
         T = np.vstack([T, [0, 0, 0, 1]])
-    return CONVENTIONS["opengl"](checked_pose(T, where))
+    return CONVENTIONS["opengl"](listed_pose(T, where))
 
 
 def _rows(card: Mapping[str, Any], where: str) -> Pose:

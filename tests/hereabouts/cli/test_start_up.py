@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -61,3 +62,23 @@ def test_questions_to_a_map_in_a_folder_load_the_engine_alone(tmp_path: Path) ->
         ("log", str(path), iri),
     ):
         assert not loaded(*words) & HEAVY
+
+
+def threads(path: Path, **settings: str) -> int:
+    """Threads of a process that has asked the map at `path` and imported numpy."""
+    program = (
+        "import os, sys; from hereabouts.cli import main; main();"
+        "import numpy; print(len(os.listdir('/proc/self/task')), file=sys.stderr)"
+    )
+    given = {name: text for name, text in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    command = [sys.executable, "-c", program, "ask", str(path), "objects"]
+    done = subprocess.run(command, env=given | settings, capture_output=True, text=True, check=True)
+    return int(done.stderr.split()[-1])
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="Linux lists threads there")
+def test_a_command_starts_no_threads_for_small_matrices_unless_told(tmp_path: Path) -> None:
+    create_map(tmp_path / "home.map").close()
+    assert threads(tmp_path / "home.map", OPENBLAS_NUM_THREADS="2") == 1 + threads(
+        tmp_path / "home.map"
+    )

@@ -126,3 +126,42 @@ def test_damaged_recordings_are_read_or_refused_in_one_line(
             refused += 1
         file.write_bytes(content)
     assert DAMAGES // 4 < refused <= DAMAGES
+
+
+def cut(image: Path) -> None:
+    image.write_bytes(image.read_bytes()[:-20])
+
+
+def shrink(image: Path) -> None:
+    cv2.imwrite(str(image), cv2.imread(str(image), cv2.IMREAD_UNCHANGED)[::2, ::2])
+
+
+def empty(image: Path) -> None:
+    image.write_bytes(b"")
+
+
+@pytest.mark.parametrize("kind", ["hololens", "seven_scenes", "trajectory_log", "tum"])
+def test_frames_with_damaged_images_show_nothing_where_they_are_few(
+    hololens: Callable[..., Path], tmp_path: Path, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    whole = open_recording(hololens(), OPTIONS)
+    folder = tmp_path / "written"
+    folder.mkdir()
+    entries = tuple(
+        replace(whole.listing.entries[n % FRAMES], id=str(n), stamp=float(n)) for n in range(30)
+    )
+    FORMATS[kind](replace(whole, listing=replace(whole.listing, entries=entries)), folder)
+    images = sorted(p for p in folder.rglob("*.*") if p.suffix in (".jpg", ".png"))
+    colour = [path for path in images if cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim == 3]
+    damaged_ones = {colour[4]: cut, colour[9]: shrink, colour[14]: empty}
+    for image, damage in damaged_ones.items():
+        damage(image)
+    frames = list(open_recording(folder, OPTIONS).frames())
+    assert len(frames) == len(entries)
+    dark = [n for n, frame in enumerate(frames) if not frame.rgb.any()]
+    assert len(dark) == len(damaged_ones)
+    assert not any(np.isfinite(frames[n].depth).any() for n in dark)
+    assert all(caplog.text.count(image.name) == 1 for image in damaged_ones)
+    empty(colour[20])  # more than a tenth
+    with pytest.raises(RecordingError, match="4 of 30 frames are damaged"):
+        list(open_recording(folder, OPTIONS).frames())

@@ -119,7 +119,11 @@ def _playlist(path: Path) -> None:
         ("rgb.mp4", _playlist, "is no MP4 or MOV video"),
         ("odometry.csv", lambda p: p.write_text(HEADER), "no depth image has a pose"),
         ("odometry.csv", lambda p: p.write_text(HEADER + "1, 0, 1, 2\n"), "no value of 'z'"),
-        ("odometry.csv", lambda p: p.write_text(HEADER + "1,0,nan,0,0,0,0,0,1\n"), "not finite"),
+        (
+            "odometry.csv",
+            lambda p: p.write_text(HEADER + "1,nan,0,0,0,0,0,0,1\n"),
+            "finite numbers",
+        ),
         ("odometry.csv", lambda p: p.write_text(HEADER + "1,0,0,0,0,0,0,0,9\n"), "length 1"),
         ("odometry.csv", lambda p: p.write_bytes(b"\xff\xfe\x00"), "comma-separated"),
         ("camera_matrix.csv", lambda p: p.write_text("1, 2\n"), "9 numbers"),
