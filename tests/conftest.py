@@ -16,7 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import HealthCheck, settings
+
+# the commands that tests start are compiled once, not at each start, and so are the tests
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# nothing that is collected becomes garbage, and there is much of it
+gc.disable()
+from hypothesis import HealthCheck, settings  # noqa: E402
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -30,18 +36,14 @@ settings.register_profile("same", derandomize=True, deadline=None, suppress_heal
 settings.register_profile("explore", deadline=None, suppress_health_check=_PATIENT)
 settings.load_profile("explore" if os.environ.get("HEREABOUTS_EXPLORE") else "same")
 
-# the commands that tests start are compiled once, not at each start
-sys.dont_write_bytecode = False
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
 
 
 def pytest_collection_finish() -> None:
-    """Leave what every test shares out of garbage collections: there is much of it."""
-    gc.collect()
+    """Leave what every test shares out of garbage collections."""
     gc.freeze()
+    gc.enable()
 
 
 def shared_path(relative: str) -> Path:
