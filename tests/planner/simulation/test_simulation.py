@@ -27,7 +27,7 @@ from planner.simulation.houses.house import (
 )
 from planner.simulation.robot.house_robot import START, SimulatedTour
 from planner.simulation.robot.motion import MotionLimits, TimedPose, drive, look_around
-from planner.simulation.sensing.camera import NOTHING, CameraModel, SimulatedCamera
+from planner.simulation.sensing.camera import NOTHING, CameraModel, DepthSensor, SimulatedCamera
 from planner.simulation.sensing.ray_casting import FAR, hit, rays_of
 from planner.simulation.sensing.sensors import (
     LOOKS_LIKE,
@@ -365,3 +365,10 @@ def test_a_tour_can_be_read_again_from_any_frame(tour: SimulatedTour) -> None:
     assert list(tour.frames(len(tour))) == []
     with pytest.raises(RecordingError, match="not 9999"):
         next(tour.frames(9999))
+
+
+def test_a_depth_sensor_has_a_range():
+    depth = np.array([[0.3, 0.7, 3.0, 5.8, 6.5]], np.float32)
+    always, rng = np.ones(depth.shape, np.bool_), np.random.default_rng(0)
+    measured = DepthSensor(0.5, 6.0).measure(depth, np.ones_like(depth), always, rng)
+    assert np.isnan(measured).tolist() == [[True, False, False, False, True]]
