@@ -9,7 +9,6 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -23,6 +22,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # nothing that is collected becomes garbage, and there is much of it
 gc.disable()
 from hypothesis import HealthCheck, settings  # noqa: E402
+
+from tests.waiting import listens  # noqa: E402
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -112,24 +113,12 @@ def running_server(folder: Path, *options: str, port: int | None = None) -> Iter
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as server:
             try:
-                if _answers(int(at.rpartition(":")[2]), server):
+                if listens(int(at.rpartition(":")[2]), server):
                     yield f"http://{at}"
                     return
             finally:
                 server.kill()
     raise AssertionError("the oxigraph server did not start")
-
-
-def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
-    """Whether the server accepts connections; False where it ended instead."""
-    for _ in range(1200):
-        with socket.socket() as attempt:
-            if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                return server.poll() is None
-        if server.poll() is not None:
-            return False
-        time.sleep(0.05)
-    raise AssertionError("the oxigraph server did not answer within a minute")
 
 
 @pytest.fixture
@@ -231,7 +220,7 @@ def running_virtuoso(work: Path) -> Iterator[str]:
         subprocess.Popen(["bash", "-c", command], cwd=work, stdout=out, stderr=out) as server,
     ):
         try:
-            assert _answers(http, server), (work / "out.log").read_text(errors="replace")
+            assert listens(http, server), (work / "out.log").read_text(errors="replace")
             grant = 'exec=grant SPARQL_UPDATE to "SPARQL";'
             client = ["isql-vt", f"127.0.0.1:{sql}", "dba", "dba", grant]
             subprocess.run(client, check=True, stdout=subprocess.DEVNULL, timeout=60)
