@@ -40,26 +40,10 @@ def folder(shared: Callable[[str], Path], tmp_path_factory: pytest.TempPathFacto
 def mapped(prints: Prints, recording: Path, into: Path) -> set[str]:
     # floor is dated by the minute, and the recording has no clock; the last bits of a product of
     # matrices depend on how many threads compute it
-    words = (
-        "map",
-        recording,
-        "--no-check",
-        "--limit",
-        MAPPED,
-        "--into",
-        into,
-        "--base",
-        BASE,
-        "--json",
-    )
+    words = ["map", recording, "--no-check", "--limit", MAPPED, "--into", into, "--base", BASE]
+    words += ["--json", "--started", "2026-11-22T10:00:00Z", "--detector", "nanodet_g_416"]
     made = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "hereabouts.cli",
-            *map(str, words),
-            *("--started", "2026-11-22T10:00:00Z", "--detector", "nanodet_g_416"),
-        ],
+        [sys.executable, "-m", "hereabouts.cli", *map(str, words)],
         env=os.environ | {"OMP_NUM_THREADS": "1"},
         stdout=subprocess.PIPE,
         check=True,

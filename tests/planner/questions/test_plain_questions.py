@@ -186,7 +186,7 @@ def test_a_place_that_is_called_house_is_no_whole_house() -> None:
         )
         semantic_map.apply(MapUpdate(places=(house, shed)))
         semantic_map.apply(MapUpdate(objects=(thing(semantic_map, "cup", 5.0, 1.0, 1),)))
-        assert told(semantic_map, "how many cups are in the house?") == "cup: 0 in House"
+        assert told(semantic_map, "how many cups are in house?") == "cup: 0 in House"
         assert told(semantic_map, "how many cups are in the flat?") == "cup: 1"
 
 
