@@ -9,14 +9,21 @@ import shutil
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from hypothesis import HealthCheck, settings
+
+# the commands that tests start are compiled once, not at each start, and so are the tests
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# nothing that is collected becomes garbage, and there is much of it
+gc.disable()
+from hypothesis import HealthCheck, settings  # noqa: E402
+
+from tests.waiting import listens  # noqa: E402
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -30,18 +37,36 @@ settings.register_profile("same", derandomize=True, deadline=None, suppress_heal
 settings.register_profile("explore", deadline=None, suppress_health_check=_PATIENT)
 settings.load_profile("explore" if os.environ.get("HEREABOUTS_EXPLORE") else "same")
 
-# the commands that tests start are compiled once, not at each start
-sys.dont_write_bytecode = False
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
 
 
+#: modules that take longest, as measured: begun first, so that no processor is idle at the end
+LONGEST = (
+    "tests/kg/serving/server/test_ontology_over_http.py",
+    "tests/hereabouts/cli/test_served_maps.py",
+    "tests/hereabouts/cli/test_evaluate.py",
+    "tests/hereabouts/cli/test_find.py",
+    "tests/hereabouts/cli/test_bags.py",
+    "tests/kg/serving/server/test_records_over_http.py",
+    "tests/kg/serving/server/test_past_over_http.py",
+    "tests/hereabouts/cli/test_hostile_ontology.py",
+    "tests/hereabouts/cli/test_labels.py",
+    "tests/hereabouts/cli/test_killed.py",
+    "tests/kg/serving/server/test_map_page.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest modules first; the tests of a module stay in their order."""
+    place = {name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
+
+
 def pytest_collection_finish() -> None:
-    """Leave what every test shares out of garbage collections: there is much of it."""
-    gc.collect()
+    """Leave what every test shares out of garbage collections."""
     gc.freeze()
+    gc.enable()
 
 
 def shared_path(relative: str) -> Path:
@@ -88,24 +113,12 @@ def running_server(folder: Path, *options: str, port: int | None = None) -> Iter
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         ) as server:
             try:
-                if _answers(int(at.rpartition(":")[2]), server):
+                if listens(int(at.rpartition(":")[2]), server):
                     yield f"http://{at}"
                     return
             finally:
                 server.kill()
     raise AssertionError("the oxigraph server did not start")
-
-
-def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
-    """Whether the server accepts connections; False where it ended instead."""
-    for _ in range(1200):
-        with socket.socket() as attempt:
-            if attempt.connect_ex(("127.0.0.1", port)) == 0:
-                return server.poll() is None
-        if server.poll() is not None:
-            return False
-        time.sleep(0.05)
-    raise AssertionError("the oxigraph server did not answer within a minute")
 
 
 @pytest.fixture
@@ -207,7 +220,7 @@ def running_virtuoso(work: Path) -> Iterator[str]:
         subprocess.Popen(["bash", "-c", command], cwd=work, stdout=out, stderr=out) as server,
     ):
         try:
-            assert _answers(http, server), (work / "out.log").read_text(errors="replace")
+            assert listens(http, server), (work / "out.log").read_text(errors="replace")
             grant = 'exec=grant SPARQL_UPDATE to "SPARQL";'
             client = ["isql-vt", f"127.0.0.1:{sql}", "dba", "dba", grant]
             subprocess.run(client, check=True, stdout=subprocess.DEVNULL, timeout=60)

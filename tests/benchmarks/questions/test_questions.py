@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.questions.asking import INTERFACES, ask, differing
-from benchmarks.questions.blind import BlindAnswers
-from benchmarks.questions.generator import questions_of
-from benchmarks.questions.graph_maps import true
-from benchmarks.questions.house_drives import Doubtful, HouseFacts
 from benchmarks.questions.plain_map import PlainMap
 from benchmarks.questions.question_file import FAMILIES, Question, load_questions, save_questions
 from benchmarks.questions.scoring import score
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
+
+if TYPE_CHECKING:  # it imports pictures and agents, which collection need not wait for
+    from benchmarks.questions.house_drives import HouseFacts
 
 
 def question(family: str, answer: Any, **more: Any) -> Question:
@@ -104,6 +102,8 @@ def flat(*, cup_at: float, vase: bool) -> dict[str, Any]:
 
 @pytest.fixture
 def facts() -> HouseFacts:
+    from benchmarks.questions.house_drives import Doubtful, HouseFacts
+
     now = flat(cup_at=2.0, vase=False)
     return HouseFacts(
         number="7",
@@ -149,6 +149,8 @@ def test_plain_maps_answer_each_family(facts: HouseFacts) -> None:
 
 
 def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFacts) -> None:
+    from benchmarks.questions.generator import questions_of
+
     asked = questions_of(facts, 4)
     assert asked == questions_of(facts, 4)
     families = {one.family for one in asked}
@@ -167,6 +169,10 @@ def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFa
 
 
 def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
+    from benchmarks.questions.asking import INTERFACES, ask, differing
+    from benchmarks.questions.generator import questions_of
+    from benchmarks.questions.graph_maps import true
+
     asked, of_truth = questions_of(facts, 3), true(facts.before, facts.now)
     with of_truth.semantic_map:
         found = ask("true", of_truth, asked)
@@ -176,6 +182,9 @@ def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
 
 
 def test_without_a_map_the_other_houses_answers_are_given(facts: HouseFacts) -> None:
+    from benchmarks.questions.blind import BlindAnswers
+    from benchmarks.questions.generator import questions_of
+
     cup = {"category": "cup"}
     others = [
         Question(str(n), house, "count", "?", cup, answer)
@@ -189,6 +198,8 @@ def test_without_a_map_the_other_houses_answers_are_given(facts: HouseFacts) -> 
 
 
 def test_answers_of_others_are_scored_from_files(tmp_path: Path, facts, prints, fails) -> None:
+    from benchmarks.questions.generator import questions_of
+
     asked = questions_of(facts, 3)
     save_questions(tmp_path, asked, {"7": {}})
     assert load_questions(tmp_path) == [*map(_as_read, asked)]

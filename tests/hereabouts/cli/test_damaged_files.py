@@ -17,18 +17,27 @@ from mapping.key_views.view_store import stored_views
 FILES = ("tracks.sqlite", "views.sqlite", "looks.npz", "detections.json", "surface.sqlite")
 
 
-@pytest.fixture
-def mapped(kitchen_map: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def with_looks(kitchen_map: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The map of the kitchen with looks of its objects."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    path = shutil.copytree(kitchen_map, tmp_path / "a.map")
+    folder = tmp_path_factory.mktemp("looks")
+    path = shutil.copytree(kitchen_map, folder / "a.map")
     empty_logs(path)
     before = sorted(path.iterdir())
-    assert main(["find", str(path), "wallet"]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(folder))
+        assert main(["find", str(path), "wallet"]) == 0
     assert sorted(path.iterdir()) == before  # a reader computes them, and keeps them elsewhere
-    shutil.copyfile(tmp_path / "cache" / "hereabouts" / "looks.npz", path / "looks.npz")
+    shutil.copyfile(folder / "hereabouts" / "looks.npz", path / "looks.npz")
     assert all((path / name).is_file() for name in FILES)
     return path
+
+
+@pytest.fixture
+def mapped(with_looks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it that a test may damage."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return shutil.copytree(with_looks, tmp_path / "a.map")
 
 
 def empty_logs(folder: Path) -> None:
@@ -116,7 +125,7 @@ def test_commands_that_need_a_damaged_file_say_so_in_one_line_and_go_on(
     assert said("find", mapped, "wallet") == []
     (mapped / "views.sqlite").write_bytes(b"")
     assert stored_views(mapped, 1 << 40) == []
-    tracks, views = sorted(said("map", kitchen, "--into", mapped, "--again"))
+    tracks, views = sorted(said("map", kitchen, "--no-check", "--into", mapped, "--again"))
     assert f"{mapped / 'tracks.sqlite'} (file is not a database): mapping goes on" in tracks
     assert f"{mapped / 'views.sqlite'} (it is empty): recordings are not recognised" in views
     assert any("detections.json" in record.getMessage() for record in caplog.records)

@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[3]
 Prints = Callable[..., str]
 
 
-FRAMES = 40
+FRAMES = 20
 
 
 def _first_frames(source: Path, folder: Path) -> Path:
@@ -36,7 +36,7 @@ def _first_frames(source: Path, folder: Path) -> Path:
 
 
 def _start(recording: Path, into: Path) -> subprocess.Popen[bytes]:
-    words = ["map", str(recording), "--into", str(into), "--json"]
+    words = ["map", str(recording), "--no-check", "--into", str(into), "--json"]
     return subprocess.Popen(
         [sys.executable, "-m", "hereabouts.cli", *words],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -84,7 +84,7 @@ def test_killed_twice_then_finished(
         assert prints("check", into) == ""
     assert 0 < before < FRAMES  # each run was killed after it had written something
 
-    report = json.loads(prints("map", recording, "--into", into, "--json"))
+    report = json.loads(prints("map", recording, "--no-check", "--into", into, "--json"))
     assert report["skipped"] == before
     assert report["frames"] == FRAMES - before
     assert _frames_applied(into) == FRAMES

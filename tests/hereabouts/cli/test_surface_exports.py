@@ -6,11 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
-from mcap.reader import make_reader
-from rerun.chunk import RrdReader
-from rosbags.rosbag1 import Reader
-from rosbags.typesys import Stores, get_typestore
 
 from hereabouts.cli import main
 from kg.maps.surface.voxels import Surface
@@ -28,6 +23,8 @@ def furnished(kitchen_map: Path) -> tuple[Path, Surface, list[str]]:
 
 
 def test_ply_opens_as_coloured_points(furnished, tmp_path):
+    import trimesh
+
     path, surface, names = furnished
     assert main(["export", str(path), "-o", str(tmp_path / "k.ply"), "--all"]) == 0
     cloud = trimesh.load(tmp_path / "k.ply")
@@ -40,6 +37,8 @@ def test_ply_opens_as_coloured_points(furnished, tmp_path):
 
 
 def test_gltf_opens_with_the_surface_and_named_boxes(furnished, tmp_path):
+    import trimesh
+
     path, surface, names = furnished
     words = ["export", str(path), "--format", "gltf", "-o", str(tmp_path / "k.glb"), "--all"]
     assert main(words) == 0
@@ -62,6 +61,11 @@ def test_a_map_without_a_surface_or_objects_is_written_too(lab, tmp_path):
 
 
 def test_viewers_get_the_surface_as_a_point_cloud(furnished, tmp_path):
+    from mcap.reader import make_reader
+    from rerun.chunk import RrdReader
+    from rosbags.rosbag1 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
     path, surface, _ = furnished
     for name in ("k.mcap", "k.bag", "k.rrd"):
         assert main(["export", str(path), "-o", str(tmp_path / name)]) == 0

@@ -67,3 +67,16 @@ def test_what_other_graphs_say_of_a_thing_is_not_told(told: Told) -> None:
 def test_a_thing_that_is_removed_and_comes_again_has_its_position_told(told: Told) -> None:
     first, gone, again = told((1.0, 0.9, CUP), None, (1.0, 0.9, CUP))
     assert gone == ["removed"] and again == first
+
+
+def test_a_move_counts_beyond_twice_the_uncertainty_of_both_positions() -> None:
+    def cup(number: int, x: float) -> ObjectRecord:
+        iri, at = f"{semantic_map.base}object/{number}", np.array([x, 2.0, 0.5])
+        return ObjectRecord(iri, CUP, at, 2.7, 0.9, 3, 1.0, 1.0, deviation=0.2)
+
+    with in_memory_map() as semantic_map:
+        for moved in (0.0, 0.6):  # [m]; both deviations together are 0.28 m
+            cups = cup(1, 1.0 + moved), cup(2, 1.0 - 0.8 * moved)
+            semantic_map.apply(MapUpdate(objects=cups))
+        (change,) = semantic_map.history.compare(semantic_map.sequence - 1).changes
+        assert (change.kind, change.iri) == ("moved", "object/1")

@@ -21,7 +21,7 @@ from kg.model.errors import GraphError, HereaboutsError, MapBusyError
 from kg.model.sqlite_files import open_sqlite
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, open_map
-from kg.store.folder import write_atomically
+from kg.store.folder import announce, write_atomically
 
 IN_CREATE = 0x100  # of inotify
 _MAGIC = bytes([0xD9, 0xD5, 0x05, 0xF9, 0x20, 0xA1, 0x63, 0xD7])
@@ -258,3 +258,11 @@ def test_no_output_is_written_into_a_map(path: Path) -> None:
             save_picture(Figure(), output)
         assert main(["export", str(path), "-o", str(output), "--format", "turtle"]) == 1
     assert files(path) == before
+
+
+def test_a_lock_with_a_second_name_is_not_written_to(path: Path, tmp_path: Path) -> None:
+    (path / "lock").write_text("mine")
+    os.link(path / "lock", tmp_path / "thesis.tex")
+    with pytest.raises(OSError, match="second name"):
+        announce(path, "http://127.0.0.1:1/")
+    assert (tmp_path / "thesis.tex").read_text() == "mine"

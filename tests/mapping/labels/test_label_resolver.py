@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kg.knowledge.ontology.catalogue import Catalogue, shipped_ontology
-from kg.knowledge.ontology.loading import load_ontologies
+from kg.knowledge.ontology.catalogue import shipped_ontology
 from kg.model.errors import LabelsError
 from mapping.labels.label_resolver import LabelMeaning, LabelTable, check_labels, load_label_table
 from mapping.mapping_options import MappingOptions
@@ -17,9 +16,9 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.recording_mapper import map_recording
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import SceneScores
+from tests.shipped_ontology import CATALOGUE as SHIPPED
 
 SETTINGS = ReferenceSettings(stride=1, unknown_labels="provisional")
-SHIPPED = Catalogue.from_quads(load_ontologies().quads)
 MIDDLE = (30.0, 22.0, 34.0, 26.0)
 OPEN_IMAGES = {  # names of Open Images' boxes for categories of COCO
     "Man": "person",

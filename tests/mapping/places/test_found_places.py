@@ -123,6 +123,18 @@ def test_two_places_that_people_named_stay_two(home):
     assert place_at(home, 9.0).label == "south wing"
 
 
+def test_an_outline_that_hardly_changes_is_not_written_again(home):
+    home.apply(floor(6.0))
+    find_places(home)
+    before = place_at(home, 9.0)
+    home.apply(floor(6.0, until=12.05))
+    find_places(home)
+    assert place_at(home, 9.0).area == before.area
+    home.apply(floor(6.0, until=12.5))
+    find_places(home)
+    assert place_at(home, 9.0).area != before.area
+
+
 def test_given_places_stay_as_they_are(home):
     given = PlaceRecord("http://m/place/7", "hall", 0, 1, 0, 1).with_area(
         area_of([[(0, 0), (6, 0), (6, 5), (0, 5)]])

@@ -12,6 +12,7 @@ from lab.networks.scene_evaluation import labelled_images
 from perception.frames import SceneScores
 from perception.inference.scene_classifier import (
     FILE,
+    MAX_EXAMPLES,
     RoomExamples,
     TaughtSceneClassifier,
     load_scene_classifier,
@@ -136,3 +137,14 @@ def test_features_of_another_network_by_that_name_are_refused():
     )  # fmt: skip
     with pytest.raises(ModelError, match="3 features"):
         TaughtSceneClassifier(network, other).classify_image(np.zeros((64, 64, 3), np.uint8))
+
+
+def test_the_examples_of_all_places_together_have_a_limit():
+    def examples(place: str, n: int) -> RoomExamples:
+        zeros = np.zeros((n, 2), np.float32)
+        return RoomExamples("net", zeros, zeros, ("kitchen",) * n, (place,) * n)
+
+    first = examples("a", MAX_EXAMPLES - 1)
+    assert len(first.with_place(examples("b", 1)).label) == MAX_EXAMPLES
+    with pytest.raises(ModelError, match="fewer images would work"):
+        first.with_place(examples("b", 2))

@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from rosbags import rosbag1, rosbag2
 
 from perception.camera.poses import quaternion_from_pose
+from perception.sources.listing import Streams
+from perception.sources.recording import FolderRecording, open_recording
+from perception.sources.recording_options import RecordingOptions
 from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import message_types, serialised
 from tests.perception.conftest import SIZE, K, look_at, room_depth
@@ -176,3 +179,14 @@ def robot_bag(
             made.image("/cam/depth/image_raw", stamp + 0.005, millimetres, "16UC1", "lens")
 
     return recorded(path, add, **options)
+
+
+def opened(path: Path, **streams: Any) -> FolderRecording:
+    return open_recording(path, RecordingOptions(check=False, up="z", streams=Streams(**streams)))
+
+
+def same_poses(read: FolderRecording) -> bool:
+    return all(
+        np.allclose(frame.T_map_cam, view.T, atol=0.03)
+        for frame, view in zip(read.frames(), VIEWS, strict=True)
+    )

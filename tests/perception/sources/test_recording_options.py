@@ -45,3 +45,12 @@ def test_times_come_first_then_key_frames_then_every_nth_then_the_limit():
 def test_nothing_selected_says_how_long_the_recording_is():
     with pytest.raises(RecordingError, match=r"no frames selected; its 3 frames last 0.20 s"):
         Selection(start=5.0).of([entry(n) for n in range(3)], "room")
+
+
+@pytest.mark.parametrize(("every", "limit"), [(1, 1), (1, 4), (3, 1), (3, 4)])
+def test_what_is_reached_ends_with_the_last_frame_that_is_selected(every, limit):
+    entries = [entry(n) for n in range(20)]
+    selection = Selection(every=every, limit=limit)
+    reached = selection.reached.of(entries, "room")
+    assert reached[-1] == selection.of(entries, "room")[-1]
+    assert selection.thinned.of(reached, "room") == selection.of(entries, "room")

@@ -19,7 +19,7 @@ from hereabouts.cli import main
 from kg.history.timestamps import moment
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError, UnknownCategoryError, UnknownQueryError
-from kg.model.records import MapUpdate
+from kg.model.records import MapUpdate, PlaceRecord
 from kg.serving.opening import create_map, in_memory_map, open_map
 from planner.questions.answers import answer_box, answer_question
 from planner.questions.moments import past, since
@@ -176,6 +176,18 @@ def test_a_thing_seen_just_now_is_there() -> None:
         (seen,) = [one for one in semantic_map.objects() if one.category.endswith("Banana")]
         (line,) = answer_question(semantic_map, "is there a banana", seen.last_seen + 5).lines
         assert line.startswith("Yes, probably in the kitchen: banana 1 was seen there")
+
+
+def test_a_place_that_is_called_house_is_no_whole_house() -> None:
+    with in_memory_map() as semantic_map:
+        house, shed = (
+            PlaceRecord(semantic_map.place_iri(n), label, 4.0 * n, 4.0 * n + 4, 0, 3, 5)
+            for n, label in enumerate(("House", "Shed"))
+        )
+        semantic_map.apply(MapUpdate(places=(house, shed)))
+        semantic_map.apply(MapUpdate(objects=(thing(semantic_map, "cup", 5.0, 1.0, 1),)))
+        assert told(semantic_map, "how many cups are in house?") == "cup: 0 in House"
+        assert told(semantic_map, "how many cups are in the flat?") == "cup: 1"
 
 
 def test_doubted_things_are_listed_where_none_is_present() -> None:

@@ -13,7 +13,7 @@ from kg.knowledge.ontology.catalogue import Catalogue
 from kg.model.errors import LayoutError, RecordingError
 from kg.serving.opening import in_memory_map
 from perception.frames import Frame
-from planner.simulation.camera import NOTHING, CameraModel, SimulatedCamera
+from planner.simulation.camera import NOTHING, CameraModel, DepthSensor, SimulatedCamera
 from planner.simulation.house import (
     FURNISHINGS,
     OBJECTS,
@@ -371,3 +371,10 @@ def test_a_tour_can_be_read_again_from_any_frame(tour: SimulatedTour) -> None:
     assert list(tour.frames(len(tour))) == []
     with pytest.raises(RecordingError, match="not 9999"):
         next(tour.frames(9999))
+
+
+def test_a_depth_sensor_has_a_range():
+    depth = np.array([[0.3, 0.7, 3.0, 5.8, 6.5]], np.float32)
+    always, rng = np.ones(depth.shape, np.bool_), np.random.default_rng(0)
+    measured = DepthSensor(0.5, 6.0).measure(depth, np.ones_like(depth), always, rng)
+    assert np.isnan(measured).tolist() == [[True, False, False, False, True]]

@@ -21,7 +21,7 @@ from typing import Any
 from pyoxigraph import Quad, RdfFormat, Store, parse, serialize
 
 from kg.knowledge.ontology.diagnostics import check_valid
-from kg.knowledge.ontology.loading import SHAPES_FILE, ontology_of
+from kg.knowledge.ontology.loading import SHAPES_FILE, check_limits, ontology_of
 from kg.knowledge.ontology.replacement import plan_replacement
 from kg.maps.update import execution
 from kg.maps.update.change_draft import GroundUpdate, QuadChange, check_triple_terms
@@ -112,6 +112,7 @@ def plan_ontology(store: Store, request: dict[str, Any]) -> tuple[dict[str, Any]
     ontology.
     """
     ontology = ontology_of(anonymous(quads_of_document(request)))
+    check_limits(ontology.quads)  # at once: to validate a large one takes a minute
     warnings = check_valid(ontology)
     plan = plan_replacement(store, ontology.quads, whole=request["whole"])
     head, body = GroundUpdate((QuadChange(plan.delete, plan.insert),)).encode()

@@ -7,12 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hereabouts.demo.house_demo import ground_truth
 from hereabouts.display.plots.drawing import Stop, draw_floor, draw_surface
-from hereabouts.display.plots.label_placement import WallsBelow, place_labels, wall_cells
+from hereabouts.display.plots.label_placement import (
+    WallsBelow,
+    overlapping,
+    place_labels,
+    wall_cells,
+)
 from hereabouts.display.plots.layout import Extent, Listing, ListItem, Sheet
 from hereabouts.display.plots.map_labels import NamedPlace, write_place_names
 from hereabouts.display.plots.map_plot import SearchDrawing, plot_map
@@ -366,3 +372,13 @@ def test_the_surface_is_drawn_from_above_without_the_ceiling() -> None:
     assert image.get_extent() == pytest.approx([0.0, 0.3, 1.0, 1.1])
     pixels = np.round(255 * np.asarray(image.get_array())).astype(int)
     assert pixels.tolist() == [[[200, 100, 0, 255], [0, 0, 0, 0], [0, 0, 250, 255]]]
+
+
+def test_boxes_overlap_where_they_share_an_area() -> None:
+    rng = np.random.default_rng(0)
+    low = rng.integers(0, 8, (60, 2))
+    boxes = np.hstack([low, low + rng.integers(1, 4, (60, 2))]).astype(np.float64)
+    shapes = [shapely.box(*box) for box in boxes]
+    shared = [any(one.intersection(other).area for other in shapes[50:]) for one in shapes[:50]]
+    assert overlapping(boxes[:50], boxes[50:]).tolist() == shared
+    assert 0 < sum(shared) < 50

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from io import BytesIO
 
 import numpy as np
@@ -34,3 +35,13 @@ def test_a_turned_table_is_turned_in_ply(kitchen: SemanticMap) -> None:
     high = cloud.vertices[cloud.vertices[:, 2] < 0.5]  # the edges of the table, not the cup
     drawn = shapely.MultiPoint(high[:, :2]).convex_hull
     assert drawn.symmetric_difference(footprint(kitchen)).area < 1e-4
+
+
+def test_the_bounds_of_gltf_are_those_of_its_numbers(kitchen: SemanticMap) -> None:
+    data = scene_as_glb(SceneReader(kitchen).read())
+    head = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    bounded = [one for one in head["accessors"] if "min" in one]
+    assert bounded
+    for one in bounded:
+        assert np.less_equal(one["min"], one["max"]).all()
+    assert any(np.less(one["min"], one["max"]).all() for one in bounded)

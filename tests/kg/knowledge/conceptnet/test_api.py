@@ -17,10 +17,9 @@ from hypothesis import strategies as st
 from kg.knowledge.conceptnet.importing import ConceptNetImport, import_conceptnet
 from kg.knowledge.conceptnet.names import TermMatcher, reduced
 from kg.knowledge.conceptnet.reading import ApiClient, ResponseCache
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.loading import load_ontologies
 from kg.model import vocabulary as v
 from kg.model.errors import ConceptNetError
+from tests.shipped_ontology import CATALOGUE
 
 Serve = Callable[[list[dict[str, Any]]], Any]
 AsEdge = Callable[..., dict[str, Any]]
@@ -186,7 +185,6 @@ def test_no_address_and_no_file_is_one_line() -> None:
         ApiClient("ftp://example.org")
 
 
-CATALOGUE = Catalogue.from_quads(load_ontologies().quads)
 NAMES = TermMatcher(CATALOGUE)
 
 

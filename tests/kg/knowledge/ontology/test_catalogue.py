@@ -17,16 +17,14 @@ from pyoxigraph import NamedNode, Quad, RdfFormat, parse
 from kg.export.serialization import export_text
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.ontology.lint import check_map, check_quads
-from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.ontology.provisional_classes import clean, provisional_iri
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord
 from kg.serving.opening import in_memory_map
+from tests.shipped_ontology import CATALOGUE, QUADS
 
-QUADS = load_ontologies().quads
-CATALOGUE = Catalogue.from_quads(QUADS)
 Shared = Callable[[str], Path]
 
 
@@ -188,7 +186,7 @@ def test_the_history_says_which_network_it_was(home: SemanticMap) -> None:
 def test_a_reloaded_ontology_keeps_what_the_map_speaks_of_and_no_more(home: SemanticMap) -> None:
     made = home.ontology.learn(["teawhisk", "samovar"], "object", model=MODEL)
     stand(home, made["teawhisk"])
-    home.ontology.replace(load_ontologies().quads)
+    home.ontology.replace(QUADS)
     assert home.catalogue.by_iri(made["teawhisk"]) is not None
     assert home.catalogue.by_iri(made["samovar"]) is None
     assert len(home.objects("teawhisk")) == 1

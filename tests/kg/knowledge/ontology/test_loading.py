@@ -16,17 +16,15 @@ import pytest
 import rdflib
 from pyoxigraph import NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.loading import compile_commonsense, load_ontologies, superclasses
 from kg.knowledge.ontology.reasoning import inconsistent_classes, load_world
 from kg.knowledge.ontology.relations import relations
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError
 from kg.model.resources import ONTOLOGIES
+from tests.shipped_ontology import CATALOGUE, QUADS
 
 Shared = Callable[[str], Path]
-QUADS = load_ontologies().quads
-CATALOGUE = Catalogue.from_quads(QUADS)
 EDGES = relations(QUADS)
 
 

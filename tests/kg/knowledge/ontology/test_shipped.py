@@ -16,7 +16,7 @@ from kg.knowledge.ontology import catalogue
 from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue, shipped_ontology
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.knowledge.ontology.lint import check_map
-from kg.knowledge.ontology.loading import load_ontologies, superclasses
+from kg.knowledge.ontology.loading import superclasses
 from kg.knowledge.ontology.vocabulary_page import vocabulary_page
 from kg.knowledge.placement.surveys import RoomType, similarity
 from kg.knowledge.words.tables import word_table
@@ -24,6 +24,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.resources import ONTOLOGIES
 from kg.serving.opening import in_memory_map
+from tests.shipped_ontology import CATALOGUE, QUADS
 
 
 @pytest.fixture
@@ -135,7 +136,7 @@ PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "vocabulary.
 
 
 def test_the_page_is_up_to_date() -> None:
-    text = vocabulary_page(load_ontologies().quads)
+    text = vocabulary_page(QUADS)
     assert PAGE.read_text() == text, "make it anew: hereabouts ontology vocabulary -o " + str(PAGE)
     for row in (
         "| `here:Mouse` | computer mouse, mice | electronics |",
@@ -146,8 +147,6 @@ def test_the_page_is_up_to_date() -> None:
         assert row in text
 
 
-QUADS = load_ontologies().quads
-CATALOGUE = Catalogue.from_quads(QUADS)
 ABOVE = superclasses(QUADS)
 SKOS = v.PREFIXES["skos"]
 WORDNET = "http://purl.org/vocabularies/princeton/wn30/synset-{}-noun-{}"

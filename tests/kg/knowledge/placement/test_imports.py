@@ -10,7 +10,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hereabouts.cli import main
-from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.ontology.lint import check_ontologies
 from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.statistics import read_rooms, statistics, write_rooms
@@ -18,9 +17,9 @@ from kg.knowledge.placement.surveys import room_types
 from kg.model.errors import HereaboutsError, InvalidFactError
 from kg.model.resources import ONTOLOGIES
 from kg.model.vocabulary import PREFIXES
+from tests.shipped_ontology import CATALOGUE
 
 Shared = Callable[[str], Path]
-CATALOGUE = Catalogue.from_quads(load_ontologies().quads)
 HEAD = "room,n_rooms,object,rooms_with_object\n"
 
 

@@ -6,18 +6,17 @@ import numpy as np
 import pytest
 
 from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.placement.belief_model import FITTED, posterior_belief
 from kg.knowledge.placement.evidence import PlacementEvidence, placement_evidence
 from kg.knowledge.placement.statistics import room_type_quads
 from kg.knowledge.placement.surveys import room_types, survey_features
 from kg.model import vocabulary as v
+from tests.shipped_ontology import CATALOGUE as SHIPPED
+from tests.shipped_ontology import QUADS
 
 ROOMS = ("garage", "utility room", "toilet")
 
 
-QUADS = load_ontologies().quads
-SHIPPED = Catalogue.from_quads(QUADS)
 ADDED = {kind for name in ROOMS for kind in room_types(name, SHIPPED) if kind.below}
 ALL = (*QUADS, *room_type_quads(ADDED))
 

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.loading import load_ontologies
 from kg.knowledge.ontology.relations import mark_of
 from kg.knowledge.placement.statistics import (
     SHIPPED,
@@ -25,9 +23,8 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import OntologyError, UnknownCategoryError
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
+from tests.shipped_ontology import CATALOGUE, QUADS
 
-QUADS = load_ontologies().quads
-CATALOGUE = Catalogue.from_quads(QUADS)
 TABLE = table_of(QUADS)
 HOMES = """room,n_rooms,object,rooms_with_object
 kitchen,100,oven,80

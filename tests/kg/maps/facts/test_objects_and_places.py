@@ -11,15 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pyoxigraph import Store
 
-from kg.knowledge.ontology.catalogue import Catalogue
-from kg.knowledge.ontology.loading import load_ontologies
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import Evidence, ObjectRecord, PlaceRecord, PlaceViews
+from tests.shipped_ontology import CATALOGUE
 
 BASE = "http://example.org/lab/"
-FACTS = RecordCodec(BASE, Catalogue.from_quads(load_ontologies().quads))
+FACTS = RecordCodec(BASE, CATALOGUE)
 CATEGORIES = FACTS.catalogue.categories
 THINGS = [category.iri for category in CATEGORIES if category.kind == "object"]
 ROOMS = [category.iri for category in CATEGORIES if category.kind == "place"]

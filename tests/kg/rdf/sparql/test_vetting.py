@@ -75,6 +75,7 @@ def test_an_allowed_endpoint_may_be_named_and_no_other_beside_it() -> None:
     refused("BASE <http://evil/> SELECT * {SERVICE <http:/> {}}", (good,))
     swallowed = f'SELECT * {{BIND("service <http://ok/> #" AS ?x) SERVICE {EVIL}\n{{?s ?p ?o}}}}'
     refused(swallowed, (good,))
+    refused('SELECT * {?s ?p "a"@service}', (good,))  # may be a keyword to the engine
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from kg.knowledge.ontology.diagnostics import check_valid, inspect
 from kg.knowledge.ontology.diff import changes
 from kg.knowledge.ontology.import_closure import load_with_imports
 from kg.knowledge.ontology.lint import check_map
-from kg.knowledge.ontology.loading import compile_commonsense, load_ontologies
+from kg.knowledge.ontology.loading import compile_commonsense
 from kg.knowledge.ontology.reasoning import load_world, world_quads
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
@@ -22,6 +22,7 @@ from kg.model.errors import OntologyError
 from kg.rdf.skolem import anonymous, named
 from kg.serving.opening import create_map, in_memory_map
 from kg.store.transactional import TransactionalStore
+from tests.shipped_ontology import QUADS as SHIPPED
 
 PREFIXES = "".join(
     f"@prefix {name}: <{v.PREFIXES[name]}> .\n"
@@ -37,7 +38,6 @@ MUG = """here:Mug a owl:Class ; rdfs:subClassOf here:Cup ; rdfs:label "mug" ;
     owl:annotatedTarget here:Office ; here:probability 0.6e0 ; dct:source "us" .
 """
 ONTOLOGIES = v.CORE_ONTOLOGY.rpartition("/")[0]
-SHIPPED = load_ontologies().quads
 BY_HAND = """INSERT DATA { GRAPH graph:commonsense {
     <https://w3id.org/hereabouts/relation/locatedAt/Cup/HomeOffice> a here:LocatedAtRelation ;
         here:relationSubject here:Cup ; here:relationTarget here:HomeOffice ;

@@ -59,15 +59,13 @@ def printed(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[str, st
     return out, err
 
 
-@pytest.mark.parametrize("ending", ["owl", "ttl"])
 def test_a_session_in_protege_is_seen_in_a_running_server_and_after_a_restart(
-    ending: str,
     folder: Path,
     on_disk: Callable[[Path], AbstractContextManager[Served]],
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    file = folder.with_name(f"edited.{ending}")
+    file = folder.with_name("edited.owl")
     with open_map(folder, read_only=True) as semantic_map:
         export_ontology(semantic_map, file)
     done = subprocess.run(

@@ -9,7 +9,6 @@ import shutil
 import socket
 import ssl
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +18,7 @@ import requests
 
 from kg.serving.server import Limits
 from tests.kg.serving.server.conftest import PATIENCE
+from tests.waiting import listens
 
 if TYPE_CHECKING:
     from tests.kg.serving.server.conftest import Served
@@ -79,12 +79,7 @@ def proxied(serve: Callable[..., Served], certificate: Path, tmp_path: Path) -> 
     words = [NGINX, "-e", str(tmp_path / "errors"), "-p", str(tmp_path), "-c", str(config)]
     with subprocess.Popen(words) as nginx:
         try:
-            for _ in range(600):
-                assert nginx.poll() is None, (tmp_path / "errors").read_text()
-                with socket.socket() as probe:
-                    if probe.connect_ex(("127.0.0.1", port)) == 0:
-                        break
-                time.sleep(0.1)
+            assert listens(port, nginx), (tmp_path / "errors").read_text()
             yield port
         finally:
             nginx.terminate()

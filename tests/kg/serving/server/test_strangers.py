@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
@@ -110,16 +110,13 @@ def answers_in_the_end(served: Served) -> bool:
 HEAD = b"GET /health HTTP/1.1\r\nHost: localhost\r\n"
 
 
-@pytest.mark.parametrize("sent", [b"", b"GET /hea", HEAD, HEAD + b"X-A: " + b"a" * 1000])
-def test_half_a_head_is_hung_up_on(serve: Callable[..., Served], sent: bytes) -> None:
+def test_half_a_head_is_hung_up_on_and_one_sent_byte_by_byte(serve: Callable[..., Served]) -> None:
     served = serve(limits=Limits(idle_seconds=0.5))
-    with connect(served, sent) as client:
-        assert whole_answer(client) == b""
+    parts = b"", b"GET /hea", HEAD, HEAD + b"X-A: " + b"a" * 1000
+    with ExitStack() as clients:
+        for client in [clients.enter_context(connect(served, part)) for part in parts]:
+            assert whole_answer(client) == b""
     assert answers_in_the_end(served)
-
-
-def test_a_head_sent_byte_by_byte_is_hung_up_on(serve: Callable[..., Served]) -> None:
-    served = serve(limits=Limits(idle_seconds=0.5))
     client = connect(served)
     with pytest.raises((BrokenPipeError, ConnectionResetError)):
         for byte in (HEAD + b"X-Slow: " + b"s" * 4000).decode():
@@ -127,6 +124,15 @@ def test_a_head_sent_byte_by_byte_is_hung_up_on(serve: Callable[..., Served]) ->
             time.sleep(0.02)
     client.close()
     assert answers_in_the_end(served)
+
+
+def test_a_body_that_is_told_to_be_too_long_is_refused_before_it_comes(
+    serve: Callable[..., Served],
+) -> None:
+    served = serve(limits=Limits(body=1000, body_seconds=5))
+    head = b"POST /sparql HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1001\r\n"
+    with connect(served, head + b"Content-Type: application/sparql-query\r\n\r\nASK") as client:
+        assert whole_answer(client).startswith(b"HTTP/1.1 413 ")
 
 
 def test_half_a_body_is_refused_in_time(serve: Callable[..., Served]) -> None:

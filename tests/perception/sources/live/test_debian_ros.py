@@ -17,6 +17,7 @@ from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.stream import FrameStream
 from perception.sources.recording import FolderRecording
 from tests.perception.sources.live.debian_ros import free_port, started
+from tests.waiting import listens
 
 if not (shutil.which("rosmaster") and shutil.which("rosbag")):
     pytest.skip("no ROS 1 here: apt-get install ros-core python3-rosbag", allow_module_level=True)
@@ -36,8 +37,8 @@ def test_a_bag_that_rosbag_plays_becomes_frames(room: FolderRecording, tmp_path:
     master = Ros1Master("127.0.0.1", port)
     thread = threading.Thread(target=master.run, args=(made, ended), daemon=True)
     with ExitStack() as stack:
-        stack.enter_context(started(environment, "rosmaster", "--core", "-p", str(port)))
-        time.sleep(2)
+        core = stack.enter_context(started(environment, "rosmaster", "--core", "-p", str(port)))
+        assert listens(port, core)
         thread.start()
         stack.callback(thread.join, 10)
         stack.callback(ended.set)

@@ -9,7 +9,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.model.records import Evidence, MapUpdate, ObjectRecord, PlaceRecord
 from planner.freespace.planning_map import number
+from planner.search.goals.candidate_queries import existence_of
 from planner.search.goals.search_goals import Goal, derive_goals, explain_none, resolve_target
+from planner.settings import BeliefSettings
 
 SEEN = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC).timestamp()
 
@@ -185,3 +187,10 @@ def test_no_goals_are_explained_by_what_map_and_ontology_lack(semantic_map: Sema
     assert "kitchen" in said
     assert "1 of its 2 places are explored" in said
     assert "banana" in explain_none(semantic_map, "apple")
+
+
+@pytest.mark.parametrize(("existence", "surer"), [(0.49, 0.49), (0.5, 0.9), (0.95, 0.95)])
+def test_what_a_search_found_is_surer_where_it_is_present(existence, surer):
+    row = {"existence": existence, "foundBy": "search/1", "own": None}
+    assert existence_of(row, BeliefSettings()) == surer
+    assert existence_of(row | {"foundBy": None}, BeliefSettings()) == existence
