@@ -36,6 +36,7 @@ async function ask(label = "") {
   if (!IN_SPARQL.test(text)) return askInWords(text.trim());
   status("asking …");
   if (!label) byId("said").replaceChildren();
+  byId("console").classList.toggle("in-words", byId("said").childElementCount > 0);
   editor.unmark();
   history.replaceState(null, "", `#query=${encodeURIComponent(text)}`);
   try {

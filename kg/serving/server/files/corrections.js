@@ -141,19 +141,13 @@ export class Corrections {
     event.preventDefault();
     useToken(byId("token").value.trim());
     byId("token").value = "";
-    if (hasToken() && !await this._isGood()) {
+    this._author = hasToken() ? (await read("/health").catch(() => ({}))).author || "" : ""; // a private map refuses a wrong token
+    if (hasToken() && !this._author) {
       useToken("");
       status("this token may not write to this map");
     } else status(hasToken() ? "corrections are open until the page is left" : "");
     this.offer();
     this._done();
-  }
-
-  /** Whether the server knows the author of the token; a private map refuses a wrong one. */
-  async _isGood() {
-    const { author } = await read("/health").catch(() => ({}));
-    this._author = author || "";
-    return this._author !== "";
   }
 
   _assert(iri, property, value) {

@@ -180,10 +180,15 @@ export class MapData extends EventTarget {
     return one ? this.nameOf(one) : this.pathOf(iri);
   }
 
-  /** A place in a sentence: "in the kitchen", "in place 3 (bedroom)". */
+  /** A thing or place in a sentence: "the kitchen", "place 3 (bedroom)". */
+  theNameOf(one) {
+    const name = this.nameOf(one);
+    return /^(?!the )\p{Ll}\D*$/u.test(name) ? `the ${name}` : name;
+  }
+
+  /** A place in a sentence: "in the kitchen". */
   inPlace(place) {
-    const isKind = place.title && place.title !== place.label && !place.title.startsWith(place.label);
-    return `in ${isKind ? "the " : ""}${this.nameOf(place)}`;
+    return `in ${this.theNameOf(place)}`;
   }
 
   /** Where an object is and how sure that is: "in the kitchen, 80 % sure". */

@@ -38,6 +38,12 @@ export function reveal(id, isShown) {
   byId(id).classList.toggle("hidden", !isShown);
 }
 
+/** Questions as buttons that ask them. */
+export function examplesOf(questions) {
+  const ask = (text) => { byId("wanted").value = text; byId("find").requestSubmit(); };
+  return Object.assign(element("p", "", ...questions.map((text) => button(text, () => ask(text)))), { className: "examples" });
+}
+
 export function option(value, text) {
   const made = element("option", text);
   made.value = value;

@@ -10,6 +10,7 @@ const data = new MapData(base);
 const view = new MapView(byId("canvas"), data, (one) => one.existence >= 0.5 || one.iri === iri);
 const go = (other) => { if (other && other !== iri) location.href = `/${data.pathOf(other)}`; };
 view.onPick = go;
+if (document.referrer === `${location.origin}/`) byId("back").addEventListener("click", (event) => { event.preventDefault(); history.back(); }); // as it was left
 
 try {
   await data.load();
@@ -18,6 +19,7 @@ try {
   view.highlights.iris.add(iri);
   view.fit();
   const one = data.thingAt(iri);
+  byId("title").textContent = data.nameAt(iri);
   if (one) view.goTo(one.x, one.y, Math.max(view.scale, SCALE));
   new ThingPanel(data, go).show(iri, 0.5);
 } catch (error) {
