@@ -119,7 +119,7 @@ export class Corrections {
     const { kind, other, things, clicked, points } = this._edit, moved = kind === "move" ? this._data.thingAt(things[0]) : null;
     this._view.sketch = { points: moved ? [[moved.x, moved.y]] : clicked, cursor: null, isArea: kind === "draw" };
     this._view.draw();
-    status(`${other && things.length < 2 ? other : points} (${clicked.length} points so far; Escape stops)`);
+    status(`${other && things.length < 2 ? other : points} (${clicked.length || "no"} ${clicked.length === 1 ? "point" : "points"} so far; Escape stops)`);
   }
 
   _finish() {

@@ -47,9 +47,7 @@ function factsOf(lines) {
 }
 
 /** A time of the map as seconds since 1970. */
-export function seconds(time) {
-  return Date.parse(time) / 1000;
-}
+export const seconds = (time) => Date.parse(time) / 1000;
 
 export class MapData extends EventTarget {
   constructor(base) {

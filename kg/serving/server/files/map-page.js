@@ -126,10 +126,7 @@ function showMeasured(points) {
 }
 
 /** Cut walls at a height [m] above the floor; null: where it suits. */
-function cut(height) {
-  view.height = height;
-  refresh();
-}
+const cut = (height) => { view.height = height; refresh(); };
 
 function showTransaction({ sequence, cause }) {
   byId("sequence").textContent = sequence;

@@ -293,9 +293,7 @@ export class MapScene {
 }
 
 /** [px] of a dot. */
-export function radiusAt(scale) {
-  return Math.min(Math.max(scale / 14, 3.5), 7);
-}
+export const radiusAt = (scale) => Math.min(Math.max(scale / 14, 3.5), 7);
 
 function linesOf(sides, colours, depthTest) {
   const geometry = new THREE.BufferGeometry();
@@ -310,9 +308,7 @@ function withinBox({ x, y, z = 0, dx = SMALL, dy = SMALL, dz = SMALL, yaw = 0 })
   return (px, py, pz) => Math.abs(pz - z) < h && Math.abs((px - x) * c + (py - y) * s) < a && Math.abs((py - y) * c - (px - x) * s) < b;
 }
 
-function mixed(value, pale) {
-  return Math.round(FADED * 2 * value + (1 - FADED * 2) * 255 * pale);
-}
+const mixed = (value, pale) => Math.round(FADED * 2 * value + (1 - FADED * 2) * 255 * pale);
 
 const painter = drawing(1, 1); // that reads colours
 

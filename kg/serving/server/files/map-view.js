@@ -275,6 +275,8 @@ export class MapView {
   _calm() {
     if (this.camera.isHeld) { this._rest = setTimeout(() => this._calm(), REST); return; }
     this.isMoving = false;
+    cancelAnimationFrame(this._waiting); // on a busy machine the quick drawing would come last
+    this._waiting = 0;
     this._renderNow({ smooth: true });
   }
 

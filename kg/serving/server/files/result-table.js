@@ -35,9 +35,7 @@ function compared(a, b, sign) {
   return sign * (isNumeric(a) && isNumeric(b) ? Number(a.value) - Number(b.value) : a.value.localeCompare(b.value, "en", { numeric: true }));
 }
 
-function sizeOf(term) {
-  return isNumeric(term) ? Math.abs(Number(term.value)) : 0;
-}
+const sizeOf = (term) => (isNumeric(term) ? Math.abs(Number(term.value)) : 0);
 
 /** A cell; with a bar for its number where the table is sorted by its column, whose greatest number is `top`. */
 function cellOf(term, base, prefixes, top) {

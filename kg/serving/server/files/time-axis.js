@@ -53,7 +53,7 @@ export class TimeAxis {
     byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
     byId("earlier").addEventListener("click", () => this._step(-1));
     byId("later").addEventListener("click", () => this._step(1));
-    byId("now").addEventListener("click", () => this.show(null));
+    byId("now").addEventListener("click", () => { this._input.focus(); this.show(null); });
     new ResizeObserver(() => this._draw()).observe(byId("marks"));
     data.addEventListener("changed", () => this._label());
   }

@@ -397,6 +397,16 @@ def test_the_page_of_an_object_has_its_place_reasons_and_history(open_page: Open
     says(page, "#about h2", "cup 1")
 
 
+def test_the_page_of_a_thing_follows_what_happens_to_it(own: Served, open_page: OpenPage) -> None:
+    page = open_page("object/1", own)
+    says(page, "#about-history", "appeared")
+    own.map.assertions.add(f"{own.map.base}object/1", "label", "the blue mug", by="ann")
+    says(page, "h1", "the blue mug")
+    own.map.apply(MapUpdate(removed=(f"{own.map.base}object/1",)))
+    says(page, "#status", "no longer in the map")
+    assert "in the kitchen" in page.inner_text("#about dl")
+
+
 def test_times_of_the_last_view_differ_for_all_kinds_of_colour_vision(open_page: OpenPage) -> None:
     page = open_page()
     schemes = page.evaluate("import('/files/surface.js').then((module) => module.VIEWED)")

@@ -184,7 +184,7 @@ READ: dict[str, list[tuple[Any, ...] | dict[str, str]]] = {
         ("ask", "#wanted", "flurb the gronk"),
         {"#plan": "These would work"},
         ("click", "#plan .examples button >> text=which rooms"),
-        {"#plan h2": "kitchen"},
+        {"#plan": "the kitchen"},
     ],
     "copy the IRI of a thing": [
         ("click_at", *CUP),
