@@ -4,7 +4,7 @@ import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
 import { clock } from "/files/time-axis.js";
 
-const MAX_STEPS = 12, MAX_THINGS = 30; // that are listed
+const MAX_STEPS = 12, MAX_THINGS = 30, MANY = 3000; // that are listed; with more in the map a plan takes long
 const SURE = 0.5; // existence of the things that are ringed, beside the best one
 const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+\)/g; // told otherwise on the page
 const MOMENT = /\b\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?Z?/g; // of UTC
@@ -37,7 +37,7 @@ export class AnswerPanel {
     const { signal } = this._asked = new AbortController();
     this._show(null); // an old answer is none to this question
     if (!wanted) return;
-    this._say("planning …");
+    this._say(this._data.objects.size > MANY ? "planning; among so many things this takes up to a minute …" : "planning …");
     try {
       const { about = [], known = [], steps = [], understood = [], ...rest } = await read(`/find?object=${encodeURIComponent(wanted)}`, { signal });
       this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });

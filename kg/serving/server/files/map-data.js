@@ -181,7 +181,7 @@ export class MapData extends EventTarget {
   /** A thing or place in a sentence: "the kitchen", "place 3 (bedroom)". */
   theNameOf(one) {
     const name = this.nameOf(one);
-    return /^(?!the )\p{Ll}\D*$/u.test(name) ? `the ${name}` : name;
+    return /^(?!the )\p{Ll}[^\d(]*$/u.test(name) ? `the ${name}` : name;
   }
 
   /** A place in a sentence: "in the kitchen". */

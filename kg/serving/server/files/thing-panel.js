@@ -51,7 +51,7 @@ export class ThingPanel {
 
   /** Questions that this map can answer, as buttons. */
   _examples() {
-    const [thing] = [...this._data.objects.values()].filter(({ existence }) => existence >= this._least), room = [...this._data.places.values()].find((one) => !/\d/.test(this._data.nameOf(one)));
+    const [thing] = [...this._data.objects.values()].filter(({ existence }) => existence >= this._least), room = [...this._data.places.values()].find((one) => !/[\d(]/.test(this._data.nameOf(one)));
     const questions = [thing && `where is the ${this._data.labelOf(thing.class)}?`, room && `what is in ${this._data.theNameOf(room)}?`, "what changed?"];
     return examplesOf(thing ? questions.filter(Boolean) : []);
   }
