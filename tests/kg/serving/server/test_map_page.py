@@ -369,6 +369,7 @@ def test_an_empty_map_says_what_to_do(open_page: OpenPage) -> None:
         page = open_page(of=server)
         says(page, "#empty", "hereabouts map")
         assert page.is_visible("#empty")
+        assert not page.is_visible("#edit"), "nobody may edit"
         page.close()
 
 
