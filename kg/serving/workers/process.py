@@ -45,7 +45,7 @@ _READ = 1 << 20
 _NICE = 5  # so that the writer has priority on a busy machine
 START_WITHIN = 60.0  # [s]
 REPORTS = b"TV"  # kinds of requests whose work follows from the map alone
-REPORT_PATIENCE = 12  # times their processor time that they may take on a busy machine
+REPORT_PATIENCE = 6  # times their processor time that they may take on a busy machine
 
 
 @dataclass(frozen=True, slots=True)
