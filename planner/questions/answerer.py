@@ -317,7 +317,8 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
         asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
-        asked += [f"when did you last see the {other}?", f"how many {kind}s are there?"]
+        several = f"{kind}{'es' if kind.endswith(('s', 'x', 'z', 'ch', 'sh')) else 's'}"
+        asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
         if room := _room(semantic_map, place):
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
     if semantic_map.places():

@@ -245,7 +245,10 @@ def _spans(times: list[float]) -> tuple[tuple[float, float], ...]:
 
 
 def _marks(log: HistoryLog, base: str, there: Collection[str]) -> list[Mark]:
-    """A mark for each transaction in which an object came or went, or that a person made."""
+    """A mark for each transaction in which an object came or went, or that a person made.
+
+    Looks of a search have the name of a robot, and are no edits.
+    """
     start = f"<{base}object/"
     rows = log.db.execute(
         "SELECT text, (SELECT min(sequence) FROM touched WHERE subject = id AND sequence > :floor),"
@@ -259,12 +262,14 @@ def _marks(log: HistoryLog, base: str, there: Collection[str]) -> list[Mark]:
         if "/" not in text[len(start) :] and first is not None:  # no belief or relation
             objects.update({first} if iri in there else {first, last})
     commits = log.db.execute(
-        "SELECT sequence, time, by FROM commits WHERE sequence > ? ORDER BY sequence", (log.floor,)
+        "SELECT sequence, time, by IS NOT NULL AND kind != 'search' FROM commits "
+        "WHERE sequence > ? ORDER BY sequence",
+        (log.floor,),
     )
     return [
-        Mark(sequence, time, objects[sequence], int(by is not None))
-        for sequence, time, by in commits
-        if objects[sequence] or by is not None
+        Mark(sequence, time, objects[sequence], edits)
+        for sequence, time, edits in commits
+        if objects[sequence] or edits
     ]
 
 

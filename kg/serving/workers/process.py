@@ -44,6 +44,8 @@ _PATHS = list(
 _READ = 1 << 20
 _NICE = 5  # so that the writer has priority on a busy machine
 START_WITHIN = 60.0  # [s]
+REPORTS = b"TV"  # kinds of requests whose work follows from the map alone
+REPORT_PATIENCE = 6  # times their processor time that they may take on a busy machine
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,8 @@ class WorkerProcess:
     def ask(self, request: dict[str, Any], timeout: float, kind: bytes = b"Q") -> Answer:
         """The answer to a request (kinds: see `kg.serving.workers.evaluation`).
 
-        `timeout` [s] begins when the process is ready.
+        `timeout` [s] begins when the process is ready. Reports, whose work follows from the map
+        alone, may wait `REPORT_PATIENCE` times as long for a busy processor.
 
         Raises QueryTimeoutError, QueryTooLargeError, QueryError or HistoryError; the process is
         dead after a timeout or a crash, and accepts requests again after any other error.
@@ -131,8 +134,9 @@ class WorkerProcess:
     def stream(self, request: dict[str, Any], timeout: float, kind: bytes) -> Iterator[bytes]:
         """The parts of an answer as they arrive; raises as `ask`, also between parts."""
         self.wait_ready()
-        deadline = time.monotonic() + timeout
-        self._send(kind, request | {"timeout": timeout}, deadline)
+        within = timeout * (REPORT_PATIENCE if kind in REPORTS else 1)
+        deadline = time.monotonic() + within
+        self._send(kind, request | {"timeout": timeout, "within": within}, deadline)
         while True:
             kind, payload = self._message(deadline)
             if kind == b"D":

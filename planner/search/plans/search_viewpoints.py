@@ -81,6 +81,7 @@ def search_viewpoints(
     In a building of more than MAX_ROOMS rooms, or MAX_FLOOR floor, only some rooms get viewpoints:
     those with most of `weight` (c,) for the time that it takes to drive there from `start` (2,) [m]
     and to look around, and as many with free floor: a room full of tables is seen from others.
+    Of one room that is larger than MAX_FLOOR the part around the most probable cell gets them.
     """
     space = planning_map.space
     inside = space.inside()
@@ -92,8 +93,15 @@ def search_viewpoints(
         ranked = np.argsort(-mass / _seconds(space, size, start), kind="stable")
         with_floor = ranked[np.isin(ranked, space.room[space.free])]
         best = np.union1d(_first(ranked, size), _first(with_floor, size))
-        space = space.without(inside[~np.isin(room_of[inside], best)])
+        kept = _around(space, inside[np.isin(room_of[inside], best)], int(cells[weight.argmax()]))
+        space = space.without(np.setdiff1d(inside, kept))
     return covering_viewpoints(space, sensor.far, near=sensor.near, covers=covers, besides=besides)
+
+
+def _around(space: FreeSpace, cells: Cells, middle: int) -> Cells:
+    """Those of `cells` that are nearest to a cell, at most MAX_FLOOR of them."""
+    off = np.hypot(*(space.centres(cells) - space.centres(middle)).T)
+    return cells[np.argsort(off, kind="stable")[: int(MAX_FLOOR / space.cell**2)]]
 
 
 def _seconds(space: FreeSpace, size: Floats, start: ArrayLike | None) -> Floats:

@@ -34,7 +34,7 @@ from planner.search.plans.search_viewpoints import search_viewpoints
 from planner.search.plans.view_plan import plan
 from planner.search.viewpoints.candidate_views import Sensor
 from planner.search.viewpoints.covering_viewpoints import covering_viewpoints
-from planner.settings import BELIEF, MAX_ROOMS
+from planner.settings import BELIEF, MAX_FLOOR, MAX_ROOMS
 
 SIDE = 64
 CELL = 0.05
@@ -303,6 +303,19 @@ def test_many_rooms_of_tables_are_looked_at_from_where_one_can_stand(tables: int
         for c in visible_cells(space, int(viewpoint), 4.6)[0]
     }
     assert tables - 1 in seen, "tables beside the floor are seen from it"
+
+
+def test_of_a_hall_the_part_around_the_thing_is_looked_at() -> None:
+    side = 400  # cells, 80 m
+    space = FreeSpace(np.zeros(2), 0.2, np.zeros((side, side), np.int32))
+    cells = space.inside()
+    weight = np.zeros(len(cells))
+    weight[space.nearest((60.0, 20.0))] = 1.0
+    plan_of = PlanningMap(space, ("hall",), ("hall",))
+    viewpoints = search_viewpoints(plan_of, cells, weight, Sensor(), covers=1)
+    off = np.hypot(*(space.centres(viewpoints) - (60.0, 20.0)).T)
+    assert len(viewpoints)
+    assert off.max() <= np.sqrt(MAX_FLOOR / np.pi) + 1
 
 
 @pytest.mark.parametrize(("y", "through"), [(1.1, True), (3.5, False)])

@@ -1,14 +1,18 @@
 // The answer to a question: sentences with links, the things that it is about, and where to look for what is sought.
-import { button, byId, element, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
+import { button, byId, element, examplesOf, linkButton, named, percent, reveal, sureness } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 import { pictureOf } from "/files/thing-panel.js";
+import { clock } from "/files/time-axis.js";
 
-const MAX_STEPS = 12, MAX_THINGS = 30; // that are listed
-const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+\)/g; // told otherwise on the page
+const MAX_STEPS = 12, MAX_THINGS = 30, MANY = 3000; // that are listed; with more in the map a plan takes long
+const SURE = 0.5; // existence of the things that are ringed, beside the best one
+const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+(?:, in the same room [\d.]+)?\)/g; // told otherwise on the page
+const MOMENT = /\b\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?Z?/g; // of UTC
+const EXAMPLES = /^(.+); questions.* that are: (.+)$/s; // of a refusal
 const HEAD = /^(.{3,70}?): (?=\D)(.+)$/s;
 
 /** A line of an answer without what the page tells otherwise. */
-export const cleaned = (line) => line.replace(COMMAND, "").replace(CHANCE, "");
+export const cleaned = (line) => line.replace(COMMAND, "").replace(CHANCE, "").replace(MOMENT, (time) => clock(`${time.replace("Z", "")}Z`));
 
 export class AnswerPanel {
   /** `found(iri)` goes to what was found, `choose(iri)` selects a thing, `asked()` brings the panel to the front. */
@@ -33,7 +37,7 @@ export class AnswerPanel {
     const { signal } = this._asked = new AbortController();
     this._show(null); // an old answer is none to this question
     if (!wanted) return;
-    this._say("planning …");
+    this._say(this._data.objects.size > MANY ? "planning; among so many things this takes up to a minute …" : "planning …");
     try {
       const { about = [], known = [], steps = [], understood = [], ...rest } = await read(`/find?object=${encodeURIComponent(wanted)}`, { signal });
       this._show({ ...rest, known, steps, understood, about: about.map((one) => ({ ...one, iri: this._data.fullOf(one.iri) })) });
@@ -44,7 +48,8 @@ export class AnswerPanel {
   }
 
   _say(text) {
-    byId("plan").replaceChildren(element("p", text));
+    const [, reason, questions] = EXAMPLES.exec(text) ?? [null, text, ""];
+    byId("plan").replaceChildren(element("p", reason), ...(questions ? [element("p", "These would work:"), examplesOf(questions.split(" / "))] : []));
     this._toFront();
   }
 
@@ -60,7 +65,7 @@ export class AnswerPanel {
   _draw() {
     const answer = this._data.past === null ? this._answer : null;
     this._view.plan = this._isWay ? answer : null;
-    const iris = answer ? [...answer.known, ...answer.about].map((one) => one.iri) : [];
+    const iris = answer ? [...answer.known.slice(0, 1), ...[...answer.known, ...answer.about].filter(({ iri }) => !(this._data.thingAt(iri)?.existence < SURE))].map((one) => one.iri) : [];
     this._view.highlights = { iris: new Set(iris), points: [], rings: [] };
     reveal("plan", this._data.past === null);
     this._view.draw();
@@ -88,7 +93,12 @@ export class AnswerPanel {
     const names = about.filter(({ name }) => name).sort((a, b) => b.name.length - a.name.length);
     const texts = names.map(({ name }) => name.replace(/[\\^$.*+?()[\]{}|/-]/g, "\\$&")).join("|");
     const pattern = new RegExp(`(?<![\\p{L}\\p{N}])(${texts})(?![\\p{L}\\p{N}])`, "gu");
-    return names.length ? line.split(pattern).map((part, n) => (n % 2 ? this._link(names.find(({ name }) => name === part).iri, part) : part)) : [line];
+    return names.length ? line.split(pattern).flatMap((part, n, parts) => (n % 2 ? [this._article(part, parts[n - 1]), this._link(names.find(({ name }) => name === part).iri, part)] : [part])) : [line];
+  }
+
+  /** The article of a name in a sentence: "the remote" for "remote 17", whose number is hidden. */
+  _article(name, before) {
+    return !/^\p{Ll}.* \d+$/u.test(name) || /\b(the|an?)\s$/i.test(before) ? "" : before ? "the " : "The ";
   }
 
   _link(iri, text) {
@@ -98,14 +108,15 @@ export class AnswerPanel {
 
   /** What the answer is about and its sentences do not name. */
   _things({ about, known }) {
-    const told = new Set(about.filter(({ name }) => name).map(({ iri }) => iri));
+    const told = new Set(about.filter(({ name }) => name).map(({ iri }) => iri)), [room, ...others] = [...told].filter((iri) => this._data.places.has(iri));
     const iris = [...new Set([...known, ...about].map(({ iri }) => iri))].filter((iri) => !told.has(iri) && this._data.has(iri));
     const more = iris.length > MAX_THINGS ? [element("li", `and ${iris.length - MAX_THINGS} more`)] : [];
-    return element("ul", "", ...iris.slice(0, MAX_THINGS).map((iri) => this._entry(iri)), ...more);
+    return element("ul", "", ...iris.slice(0, MAX_THINGS).map((iri) => this._entry(iri, others.length ? "" : room)), ...more);
   }
 
-  _entry(iri) {
-    const one = this._data.thingAt(iri), told = element("span", one ? ` ${this._data.whereabouts(one)}` : "");
+  /** A thing with its place, unless that is the only one that the sentences tell. */
+  _entry(iri, room) {
+    const one = this._data.thingAt(iri), isKnown = one?.place === room, told = element("span", one ? ` ${isKnown ? `${percent(one.existence)} sure` : this._data.whereabouts(one)}` : "");
     told.className = "dim";
     return element("li", "", this._link(iri, ""), told);
   }

@@ -36,6 +36,7 @@ async function ask(label = "") {
   if (!IN_SPARQL.test(text)) return askInWords(text.trim());
   status("asking …");
   if (!label) byId("said").replaceChildren();
+  byId("console").classList.toggle("in-words", byId("said").childElementCount > 0);
   editor.unmark();
   history.replaceState(null, "", `#query=${encodeURIComponent(text)}`);
   try {
@@ -85,9 +86,7 @@ function listBefore() {
   reveal("asked-before", before.length > 0);
 }
 
-function post(text, accept) {
-  return request("/sparql", { method: "POST", type: "application/sparql-query", accept, body: text });
-}
+const post = (text, accept) => request("/sparql", { method: "POST", type: "application/sparql-query", accept, body: text });
 
 /** Show why there is no answer, and mark the position of the error in the query. */
 function refuse(message) {

@@ -119,7 +119,7 @@ export class Corrections {
     const { kind, other, things, clicked, points } = this._edit, moved = kind === "move" ? this._data.thingAt(things[0]) : null;
     this._view.sketch = { points: moved ? [[moved.x, moved.y]] : clicked, cursor: null, isArea: kind === "draw" };
     this._view.draw();
-    status(`${other && things.length < 2 ? other : points} (${clicked.length} points so far; Escape stops)`);
+    status(`${other && things.length < 2 ? other : points} (${clicked.length || "no"} ${clicked.length === 1 ? "point" : "points"} so far; Escape stops)`);
   }
 
   _finish() {
@@ -141,19 +141,13 @@ export class Corrections {
     event.preventDefault();
     useToken(byId("token").value.trim());
     byId("token").value = "";
-    if (hasToken() && !await this._isGood()) {
+    this._author = hasToken() ? (await read("/health").catch(() => ({}))).author || "" : ""; // a private map refuses a wrong token
+    if (hasToken() && !this._author) {
       useToken("");
       status("this token may not write to this map");
     } else status(hasToken() ? "corrections are open until the page is left" : "");
     this.offer();
     this._done();
-  }
-
-  /** Whether the server knows the author of the token; a private map refuses a wrong one. */
-  async _isGood() {
-    const { author } = await read("/health").catch(() => ({}));
-    this._author = author || "";
-    return this._author !== "";
   }
 
   _assert(iri, property, value) {

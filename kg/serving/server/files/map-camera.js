@@ -116,21 +116,31 @@ export class MapCamera {
     });
   }
 
-  /** Show all of a map between two corners [m], from the floor to `high` [m] above it. */
-  fit(bounds, ground, high) {
+  /** Show all of a map between two corners [m], from the floor to `high` [m] above it; in three dimensions its points, or these corners. */
+  fit(bounds, ground, high, points = []) {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
     const wide = (this.width - 2 * this._aside) / (xmax - xmin + 0.4), tall = (this.height - 2 * MARGIN) / (ymax - ymin + 0.4);
     const middle = { x: (xmin + xmax) / 2, y: (ymin + ymax) / 2, z: ground + (this.isFlat ? 0 : high / 2) };
     this.look({ ...middle, ...SOUTH, scale: Math.min(wide, tall, 250) });
     if (this.isFlat) return;
-    const corners = [xmin, xmax].flatMap((x) => [ymin, ymax].flatMap((y) => [[x, y, ground], [x, y, ground + high]]));
+    const outer = points.length ? points : [[xmin, ymin], [xmin, ymax], [xmax, ymin], [xmax, ymax]];
+    const corners = outer.flatMap(([x, y]) => [[x, y, ground], [x, y, ground + high]]);
     const fits = (scale) => {
       this.look({ scale });
-      return corners.every((corner) => this._isOnScreen(this.project(...corner)));
+      this._centre(corners);
+      return corners.map((corner) => this.project(...corner)).every((spot) => spot && spot[0] > this._aside && spot[1] > MARGIN && spot[0] < this.width - this._aside && spot[1] < this.height - MARGIN);
     };
     let { scale } = this.state;
     scale *= 2;
     while (scale > MIN_SCALE && !fits(scale)) scale *= 0.95;
+  }
+
+  /** Bring what is between points [m] into the middle of the canvas, in three dimensions from the south. */
+  _centre(points) {
+    const spots = points.map((point) => this.project(...point)), { x, y, scale, polar } = this.state;
+    if (spots.some((spot) => !spot)) return;
+    const [u, v] = [0, 1].map((k) => (Math.min(...spots.map((spot) => spot[k])) + Math.max(...spots.map((spot) => spot[k]))) / 2);
+    this.look({ x: x + (u - this.width / 2) / scale, y: y - (v - this.height / 2) / scale / Math.cos(polar) });
   }
 
   zoom(factor) {
@@ -170,10 +180,6 @@ export class MapCamera {
   /** Pixels a metre at a distance [m] in three dimensions. */
   _scaleAt(distance) {
     return this.height / (2 * Math.tan(FIELD / 2) * distance);
-  }
-
-  _isOnScreen(point) {
-    return point && point[0] > this._aside && point[1] > MARGIN && point[0] < this.width - this._aside && point[1] < this.height - MARGIN;
   }
 
   _apply() {

@@ -47,9 +47,7 @@ function factsOf(lines) {
 }
 
 /** A time of the map as seconds since 1970. */
-export function seconds(time) {
-  return Date.parse(time) / 1000;
-}
+export const seconds = (time) => Date.parse(time) / 1000;
 
 export class MapData extends EventTarget {
   constructor(base) {
@@ -180,10 +178,15 @@ export class MapData extends EventTarget {
     return one ? this.nameOf(one) : this.pathOf(iri);
   }
 
-  /** A place in a sentence: "in the kitchen", "in place 3 (bedroom)". */
+  /** A thing or place in a sentence: "the kitchen", "place 3 (bedroom)". */
+  theNameOf(one) {
+    const name = this.nameOf(one);
+    return /^(?!the )\p{Ll}[^\d(]*$/u.test(name) ? `the ${name}` : name;
+  }
+
+  /** A place in a sentence: "in the kitchen". */
   inPlace(place) {
-    const isKind = place.title && place.title !== place.label && !place.title.startsWith(place.label);
-    return `in ${isKind ? "the " : ""}${this.nameOf(place)}`;
+    return `in ${this.theNameOf(place)}`;
   }
 
   /** Where an object is and how sure that is: "in the kitchen, 80 % sure". */

@@ -1,6 +1,5 @@
 // The page of the live map: its parts, the selected thing, and the address of that thing.
 import { AnswerPanel } from "/files/answer-panel.js";
-import { ChangePanel } from "/files/change-panel.js";
 import { Corrections } from "/files/corrections.js";
 import { MapData } from "/files/map-data.js";
 import { MapView } from "/files/map-view.js";
@@ -9,7 +8,7 @@ import { PageAddress, readAddress } from "/files/page-address.js";
 import { all, byId, reveal, status } from "/files/page-elements.js";
 import { enter } from "/files/server.js";
 import { ThingPanel } from "/files/thing-panel.js";
-import { TimeAxis } from "/files/time-axis.js";
+import { ChangePanel, TimeAxis } from "/files/time-axis.js";
 
 const data = new MapData(await enter(byId("map")));
 const list = new ObjectList(data, goTo, refresh);
@@ -127,10 +126,7 @@ function showMeasured(points) {
 }
 
 /** Cut walls at a height [m] above the floor; null: where it suits. */
-function cut(height) {
-  view.height = height;
-  refresh();
-}
+const cut = (height) => { view.height = height; refresh(); };
 
 function showTransaction({ sequence, cause }) {
   byId("sequence").textContent = sequence;

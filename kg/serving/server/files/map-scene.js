@@ -10,6 +10,7 @@ const BELOW = 0.06; // [m] from the floor of a surface down to the picture of th
 const LIFTED = 0.02; // [m] of the picture of a surface above the floor and places
 const GROUND = -2; // drawing order of the floor; places come next, then the things on the floor
 const FADED = 0.12; // of what is not in focus
+const STRIDE = 2654435761; // a prime: steps of it meet all of so many numbers, and few of them spread wide
 const AROUND = 0.08; // [m] around a box in focus that keeps its colour
 const WIDER = 2.6; // sides of the square of a voxel in three dimensions: three.js leaves out the field of view of 45 degrees
 const LOW = 0.25; // [m] above the floor of what never fades
@@ -136,7 +137,7 @@ export class MapScene {
   /** Voxels as squares that face the camera, in such an order that any first part of them shows all the room. */
   _voxels({ points, size }, colours) {
     const count = points.length / 3, places = new Float32Array(points.length), tones = new Uint32Array(count), [left, low] = this._view.camera.origin;
-    const given = new Uint32Array(colours.buffer), stride = strideOf(count);
+    const given = new Uint32Array(colours.buffer), stride = STRIDE % count || 1;
     for (let n = 0, from = 0; n < count; n++, from = (from + stride) % count) {
       places[3 * n] = points[3 * from] - left;
       places[3 * n + 1] = points[3 * from + 1] - low;
@@ -292,9 +293,7 @@ export class MapScene {
 }
 
 /** [px] of a dot. */
-export function radiusAt(scale) {
-  return Math.min(Math.max(scale / 14, 3.5), 7);
-}
+export const radiusAt = (scale) => Math.min(Math.max(scale / 14, 3.5), 7);
 
 function linesOf(sides, colours, depthTest) {
   const geometry = new THREE.BufferGeometry();
@@ -309,17 +308,7 @@ function withinBox({ x, y, z = 0, dx = SMALL, dy = SMALL, dz = SMALL, yaw = 0 })
   return (px, py, pz) => Math.abs(pz - z) < h && Math.abs((px - x) * c + (py - y) * s) < a && Math.abs((py - y) * c - (px - x) * s) < b;
 }
 
-/** A step that meets all of so many numbers, and few of them spread wide. */
-function strideOf(count) {
-  const common = (a, b) => (b ? common(b, a % b) : a);
-  let stride = Math.max(Math.round(0.618 * count), 1);
-  while (common(stride, count) > 1) stride++;
-  return stride;
-}
-
-function mixed(value, pale) {
-  return Math.round(FADED * 2 * value + (1 - FADED * 2) * 255 * pale);
-}
+const mixed = (value, pale) => Math.round(FADED * 2 * value + (1 - FADED * 2) * 255 * pale);
 
 const painter = drawing(1, 1); // that reads colours
 

@@ -98,7 +98,7 @@ export class MapView {
     const [[xmin, ymin], [xmax, ymax]] = bounds;
     if (!this._wasFitted) this.camera.origin = [(xmin + xmax) / 2, (ymin + ymax) / 2];
     this._wasFitted = true;
-    this.camera.fit(bounds, this.data.ground(), HIGH);
+    this.camera.fit(bounds, this.data.ground(), HIGH, [...this.data.places.values()].flatMap(({ rings }) => rings[0]));
     this.isFitted = true;
     this.onMove();
     this.draw();
@@ -113,8 +113,7 @@ export class MapView {
     }
     for (const one of this.data.objects.values()) if (this.shown(one)) points.push([one.x, one.y]);
     if (!points.length) return null;
-    const [[xmin, xmax], [ymin, ymax]] = [boundsOf(points, 0), boundsOf(points, 1)];
-    return [[xmin, ymin], [xmax, ymax]];
+    return [Math.min, Math.max].map((outer) => [0, 1].map((k) => points.reduce((most, point) => outer(most, point[k]), points[0][k])));
   }
 
   /** Centre a point [m], as far as the flat map has something there; without `z`, on the floor. */
@@ -276,6 +275,8 @@ export class MapView {
   _calm() {
     if (this.camera.isHeld) { this._rest = setTimeout(() => this._calm(), REST); return; }
     this.isMoving = false;
+    cancelAnimationFrame(this._waiting); // on a busy machine the quick drawing would come last
+    this._waiting = 0;
     this._renderNow({ smooth: true });
   }
 
@@ -314,8 +315,4 @@ export class MapView {
     this._version = this.data.version;
     this.scene.update();
   }
-}
-
-function boundsOf(points, axis) {
-  return points.reduce(([low, high], point) => [Math.min(low, point[axis]), Math.max(high, point[axis])], [Infinity, -Infinity]);
 }

@@ -14,6 +14,7 @@ const TRIED = 1500; // objects for which space for a name is searched; fewer whi
 const CONFIDENT = { flat: 2.45, solid: 2.8 }; // deviations within which a position lies with 95 %, in two and three dimensions
 const TEXT = "system-ui, sans-serif";
 const MANY = 300; // things without a name that are not drawn while the map moves
+const LEGIBLE = 18; // [px/m] from which on one of many objects has its name
 const CLOSE = 170; // [px/m] at and above which an object has its picture
 const MAX_PICTURES = { shown: 12, kept: 300 };
 const SIDES = [44, 110], WIDE = 0.3; // [px] of a picture, at least and at most; [m] within these limits
@@ -272,13 +273,20 @@ export class MarkLayer {
     const view = this._view, title = view.data.nameOf(place);
     for (const name of new Set([title, title.replace(/ \(.*\)$/, "")])) {
       const width = this._widthOf(name, "600 13px"), middle = [(place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2];
-      const spots = view.isFlat ? [...spotsIn(view, place, width)] : [this._at(middle)].filter(Boolean);
+      const spots = view.isFlat ? [...spotsIn(view, place, width)] : this._beside(this._at(middle), width);
       const spot = spots.find(([u, v]) => this._taken.take(u - width / 2 - 2, v - 12, width + 4, 16));
       if (!spot) continue;
       this._c.font = `600 13px ${TEXT}`;
       drawText(this._c, view, name, spot[0] - width / 2, spot[1], view.faint);
       return;
     }
+  }
+
+  /** The first of some spots [u, v] in three dimensions whose text of a width [px] would cross no ring. */
+  _beside(middle, width) {
+    const { highlights, selected, data } = this._view, rings = [...highlights.iris, selected].map((iri) => data.thingAt(iri)).map((one) => one && this._at([one.x, one.y, one.z])).filter(Boolean);
+    const isFree = ([u, v]) => rings.every(([x, y]) => Math.abs(x - u) > width / 2 + RADIUS || Math.abs(y + 4 - v) > 8 + RADIUS);
+    return middle ? [0, 28, -28, 56, -56].map((down) => [middle[0], middle[1] + down]).filter(isFree) : [];
   }
 
   /** Names and pictures of objects where there is room: the selected one first, then the surest or the nearest.
@@ -296,6 +304,7 @@ export class MarkLayer {
     this._names = [];
     return this._each(found.slice(0, TRIED), ({ one, spot: [u, v, scale] }) => {
       const isChosen = one.iri === selected;
+      if (!isChosen && scale < LEGIBLE && view.drawn.length > MANY) return;
       if (this._names.length >= most || (!isChosen && (!layers.labels || inFocus))) return;
       const font = isChosen ? "700 13px" : "12px", text = view.data.partsOf(one)[0].slice(0, 40), width = this._widthOf(text, font), far = 2 + radiusAt(scale);
       const spots = isFlat ? [[far, 4], [-far - width, 4], [-width / 2, -10], [-width / 2, 20]] : [[-width / 2, -7]];

@@ -43,7 +43,8 @@ export class ObjectList {
     const objects = [...this._data.objects.values()].filter(shown);
     const places = this._data.places.size;
     const none = this._data.objects.size && !objects.length ? ": none passes the filters" : "";
-    byId("count").textContent = `${objects.length} of ${this._data.objects.size} objects, ${places} ${places === 1 ? "place" : "places"}${none}`;
+    byId("count").textContent = `${[objects.length, this._data.objects.size].map((count) => count.toLocaleString("en")).join(" of ")} objects, ${places} ${places === 1 ? "place" : "places"}${none}`;
+    byId("count").title = `the others are less than ${percent(this.least)} sure, or pass no filter`;
     byId("poses").textContent = this._data.poses.map((line) => `Estimated from the images: ${line}.`).join(" ");
     byId("legend").replaceChildren(...this._legend(objects, dark));
     const surest = objects.sort((a, b) => b.existence - a.existence || (a.iri < b.iri ? -1 : 1)).slice(0, MAX_ENTRIES);

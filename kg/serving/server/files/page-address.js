@@ -45,6 +45,7 @@ export class PageAddress {
     if (this._given || location.hash !== this._last) return;
     history.replaceState(null, "", this._now());
     this._last = location.hash;
+    sessionStorage.setItem("map", this._last); // where the page of a thing leads back to
   }
 
   _now() {
@@ -102,6 +103,4 @@ export class PageAddress {
   }
 }
 
-function defaultOf(field) {
-  return field.defaultValue ?? field.options[0].value;
-}
+const defaultOf = (field) => field.defaultValue ?? field.options[0].value;

@@ -34,8 +34,12 @@ export function linkButton(onClick, ...content) {
 }
 
 /** Show or hide an element by its id. */
-export function reveal(id, isShown) {
-  byId(id).classList.toggle("hidden", !isShown);
+export const reveal = (id, isShown) => { byId(id).classList.toggle("hidden", !isShown); };
+
+/** Questions as buttons that ask them. */
+export function examplesOf(questions) {
+  const ask = (text) => { byId("wanted").value = text; byId("find").requestSubmit(); };
+  return Object.assign(element("p", "", ...questions.map((text) => button(text, () => ask(text)))), { className: "examples" });
 }
 
 export function option(value, text) {
@@ -53,14 +57,10 @@ export function named(data, one) {
 }
 
 /** How sure something is, in words with a bar. */
-export function sureness(share, words = "sure") {
-  return element("span", `${percent(share)} ${words} `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
-}
+export const sureness = (share, words = "sure") => element("span", `${percent(share)} ${words} `, Object.assign(element("meter"), { value: share, ariaLabel: "how sure" }));
 
 /** A context that draws on an empty canvas of its own, of so many pixels. */
-export function drawing(width, height) {
-  return Object.assign(element("canvas"), { width, height }).getContext("2d");
-}
+export const drawing = (width, height) => Object.assign(element("canvas"), { width, height }).getContext("2d");
 
 /** A link to the page of an IRI on this server; IRIs of the map begin with `base`. A path with `//` would be another host. */
 export function linkTo(iri, base, text) {
@@ -80,6 +80,4 @@ export function save(file, blob) {
 }
 
 /** Show a message in the page's status line, which screen readers read out. */
-export function status(text) {
-  byId("status").textContent = text;
-}
+export const status = (text) => { byId("status").textContent = text; };

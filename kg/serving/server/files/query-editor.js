@@ -1,4 +1,5 @@
 // The query editor: syntax colours, completion of prefixes, terms, variables, keywords and shipped questions, and marked errors.
+import { compact } from "/files/result-table.js";
 import { select } from "/files/server.js";
 import {
   autocompletion, bracketMatching, closeBrackets, closeBracketsKeymap, completionKeymap, defaultKeymap, drawSelection, EditorState,
@@ -128,7 +129,7 @@ export class SparqlCompletion {
     try {
       const terms = new Map();
       for (const { iri, kind, label } of await select(TERMS)) {
-        const name = this._compact(iri), type = kind.endsWith("Class") ? "class" : "property";
+        const [name] = /^[\w-]+:[\w-]+$/.exec(compact(iri, iri, this._prefixes)) ?? [""], type = kind.endsWith("Class") ? "class" : "property";
         if (name && !terms.has(name)) terms.set(name, { label: name, detail: label ? `${type}: ${label}` : type, type });
       }
       return [...terms.values()];
@@ -138,11 +139,4 @@ export class SparqlCompletion {
     }
   }
 
-  _compact(iri) {
-    for (const [name, start] of Object.entries(this._prefixes)) {
-      const local = iri.slice(start.length);
-      if (iri.startsWith(start) && /^[\w-]+$/.test(local)) return `${name}:${local}`;
-    }
-    return null;
-  }
 }

@@ -10,20 +10,18 @@ const OFFERED = `SELECT ?kind ?name ?iri WHERE {
 const LISTS = { category: "categories", place: "places", iri: "things" };
 const NUMBERS = { double: "any", integer: "1" }; // step of a field
 
-const LITTLE = new Set("a an the my is are was do does did i you we there of to it me please".split(" "));
-
-/** Share of the typed words that the name, the summary or the examples of a question have; 1 for no words. */
-function shareOf(words, { name, summary, asked }) {
+/** Number of the typed words that the name, the summary or the examples of a question have. */
+function sharedBy(words, { name, summary, asked }) {
   const text = `${name} ${summary} ${asked.join(" ")}`.toLowerCase();
-  return words.length ? words.filter((word) => text.includes(word)).length / words.length : 1;
+  return words.filter((word) => text.includes(word)).length;
 }
 
 export class QuestionList {
   /** `questions` is the list of `/queries`; `onQuery(text, label)` is called with a query to run and what it is called. */
   constructor(base, questions, onQuery) {
     this._base = base;
-    const isInner = ({ name }) => name.startsWith("goals-"); // queries of the planner come last
-    this._questions = [...questions].sort((a, b) => isInner(a) - isInner(b));
+    const rankOf = ({ name, asked }) => (name.startsWith("goals-") ? 2 : asked.length ? 0 : 1); // queries of the planner come last
+    this._questions = [...questions].sort((a, b) => rankOf(a) - rankOf(b));
     this._onQuery = onQuery;
     this._offered = false;
     byId("question-filter").addEventListener("input", () => this._list());
@@ -40,12 +38,17 @@ export class QuestionList {
   }
 
   _list() {
-    const typed = byId("question-filter").value.toLowerCase().match(/[\p{L}\p{N}-]+/gu) || [];
-    const words = typed.filter((word) => !LITTLE.has(word)).map((word) => word.replace(/s$/, ""));
-    const found = this._questions.map((one) => [one, shareOf(words, one)]).filter(([, share]) => share > 0.5)
+    const words = (byId("question-filter").value.toLowerCase().match(/[\p{L}\p{N}-]{3,}/gu) || []).map((word) => word.replace(/s$/, ""));
+    const found = this._questions.map((one) => [one, sharedBy(words, one)]).filter(([, count]) => count >= words.length / 2)
       .sort((a, b) => b[1] - a[1]).map(([one]) => one);
-    byId("questions").replaceChildren(...found.map(({ name, summary, asked }) =>
-      element("li", "", button(name, () => this.open(name)), element("small", asked.length ? `${summary}: ${asked[0]}` : summary))));
+    byId("questions").replaceChildren(...found.map((one) => element("li", "", this._entry(one))));
+  }
+
+  /** A question as people ask it, or what it is about; its name in small print. */
+  _entry({ name, summary, asked }) {
+    const made = button(asked[0] ?? summary, () => this.open(name));
+    made.append(element("small", asked.length ? `${name}: ${summary}` : name));
+    return made;
   }
 
   _form(question) {

@@ -1,5 +1,6 @@
 // An answer as a table: IRIs are links to their pages, everything else is text.
 import { button, element, linkTo } from "/files/page-elements.js";
+import { clock } from "/files/time-axis.js";
 
 const MAX_ROWS = 500; // in the table
 const XSD = "http://www.w3.org/2001/XMLSchema#";
@@ -17,6 +18,7 @@ export function tableOf({ columns, rows }, base, prefixes) {
     const sorted = by ? [...rows].sort((a, b) => compared(a[by], b[by], down ? -1 : 1)) : rows, top = by ? Math.max(...rows.map((row) => sizeOf(row[by]))) : 0;
     head.replaceChildren(...columns.map((name) => {
       const cell = element("th", "", button(name, () => draw(name, name === by && !down)));
+      if (rows.some((row) => isNumeric(row[name]))) cell.className = "number";
       if (name === by) cell.ariaSort = down ? "descending" : "ascending";
       return cell;
     }));
@@ -33,9 +35,7 @@ function compared(a, b, sign) {
   return sign * (isNumeric(a) && isNumeric(b) ? Number(a.value) - Number(b.value) : a.value.localeCompare(b.value, "en", { numeric: true }));
 }
 
-function sizeOf(term) {
-  return isNumeric(term) ? Math.abs(Number(term.value)) : 0;
-}
+const sizeOf = (term) => (isNumeric(term) ? Math.abs(Number(term.value)) : 0);
 
 /** A cell; with a bar for its number where the table is sorted by its column, whose greatest number is `top`. */
 function cellOf(term, base, prefixes, top) {
@@ -51,12 +51,13 @@ function cellOf(term, base, prefixes, top) {
   if (isNumeric(term)) cell.className = "number";
   if (isNumeric(term) && top) cell.style.background = `linear-gradient(to left, var(--selection) ${100 * sizeOf(term) / top}%, transparent 0)`;
   if (/#(date|dateTime)$/.test(term.datatype || "")) cell.className = "time";
+  if (/#dateTime$/.test(term.datatype || "") && Date.parse(term.value)) Object.assign(cell, { textContent: clock(term.value), title: term.value });
   if (term["xml:lang"]) cell.append(Object.assign(element("span", ` @${term["xml:lang"]}`), { className: "dim" }));
   return cell;
 }
 
 /** A short IRI: the path for things of the map, otherwise a prefixed name if a prefix fits. */
-function compact(iri, base, prefixes) {
+export function compact(iri, base, prefixes) {
   if (iri.startsWith(base) && iri !== base) return iri.slice(base.length);
   const fitting = Object.entries(prefixes).filter(([, start]) => iri.startsWith(start)).sort((a, b) => b[1].length - a[1].length)[0];
   return fitting ? `${fitting[0]}:${iri.slice(fitting[1].length)}` : iri;

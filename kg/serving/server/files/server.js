@@ -5,15 +5,12 @@ const JSON_TYPE = "application/json";
 const BUSY = [429, 503], RETRIES = 3; // statuses of a server that has no time, and how often it is asked again
 const FIRST_PAUSE = 2000, MAX_PAUSE = 30000; // [ms] before the feed is opened again
 const GONE = 410; // the status where the server does not keep the missed changes any more
+const SILENT = "the server does not answer";
 let token = "";
 
-export function useToken(given) {
-  token = given;
-}
+export const useToken = (given) => { token = given; };
 
-export function hasToken() {
-  return token !== "";
-}
+export const hasToken = () => token !== "";
 
 /** Wait until the map may be read, for a private one by a token that is asked for; returns its base IRI, which `place` of a public map has. */
 export function enter(place) {
@@ -48,7 +45,7 @@ export async function request(address, { accept = "*/*", method = "GET", type, b
   let isAgain = false;
   try {
     for (let left = method === "GET" ? RETRIES : 0; ; left--, isAgain = true) {
-      const answer = await fetch(address, { method, headers, body, signal });
+      const answer = await fetch(address, { method, headers, body, signal }).catch((error) => { throw error instanceof TypeError ? new Error(SILENT) : error; });
       if (answer.ok) return answer;
       if (!left || !BUSY.includes(answer.status)) throw Object.assign(new Error(await reasonOf(answer)), { status: answer.status });
       window.dispatchEvent(new Event("busy"));

@@ -10,6 +10,18 @@ const data = new MapData(base);
 const view = new MapView(byId("canvas"), data, (one) => one.existence >= 0.5 || one.iri === iri);
 const go = (other) => { if (other && other !== iri) location.href = `/${data.pathOf(other)}`; };
 view.onPick = go;
+const panel = new ThingPanel(data, go);
+byId("back").href = `/${sessionStorage.getItem("map") ?? ""}`; // as it was left
+
+/** Show what the feed of changes brings. */
+function renew() {
+  view.draw();
+  byId("status").textContent = data.has(iri) ? "" : "It is no longer in the map. What was known of it last stands below.";
+  if (!data.has(iri) || !panel.isBehind) return;
+  byId("title").textContent = data.nameAt(iri);
+  if (panel.mayChange) panel.show(iri, 0.5);
+  else setTimeout(renew, 500);
+}
 
 try {
   await data.load();
@@ -18,8 +30,11 @@ try {
   view.highlights.iris.add(iri);
   view.fit();
   const one = data.thingAt(iri);
+  byId("title").textContent = data.nameAt(iri);
   if (one) view.goTo(one.x, one.y, Math.max(view.scale, SCALE));
-  new ThingPanel(data, go).show(iri, 0.5);
+  panel.show(iri, 0.5);
+  data.addEventListener("changed", renew);
+  data.follow();
 } catch (error) {
   byId("status").textContent = error.message;
 }

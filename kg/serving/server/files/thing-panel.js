@@ -1,5 +1,5 @@
 // What there is to say of one thing, beside the map and on its own page: facts, relations, explanation, history, picture.
-import { byId, drawing, element, linkButton, linkTo, named, percent, sureness } from "/files/page-elements.js";
+import { byId, drawing, element, examplesOf, linkButton, linkTo, named, percent, sureness } from "/files/page-elements.js";
 import { read, request, select } from "/files/server.js";
 import { clock } from "/files/time-axis.js";
 
@@ -7,7 +7,7 @@ const HERE = "https://w3id.org/hereabouts#";
 const TURNED = { on: "with … on it", inside: "with … in it" };
 const ASIDES = new Set(["model", "pose", "commit", "change", "person"]); // reasons in small print
 const BESIDE = 0.15 / 1.3; // of the longer side of a picture, from its edge to the box (perception/annotate.py)
-const MAX_EVENTS = 12;
+const MAX_EVENTS = 12, FINE = 400; // [px] of a picture with a box
 
 export class ThingPanel {
   /** `choose(iri)` selects another thing; `shown(thing)` is called when one is described.
@@ -29,7 +29,7 @@ export class ThingPanel {
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
     const parts = one ? this._object(one) : place ? this._place(place, least)
-      : [element("p", "Nothing is selected: ask above, or click on the map or in the list."), ...this._rooms()];
+      : [element("p", "Nothing is selected: ask above, or click on the map or in the list."), this._examples(), ...this._rooms()];
     byId("about").replaceChildren(...parts);
     this._shown(one ?? place ?? null);
     if (one || place) this._ask(iri);
@@ -49,15 +49,22 @@ export class ThingPanel {
     return this._data.thingAt(this._iri) || this._data.places.get(this._iri) || [...this._data.places.values()].map((room) => this._counted(room));
   }
 
+  /** Questions that this map can answer, as buttons. */
+  _examples() {
+    const [thing] = [...this._data.objects.values()].filter(({ existence }) => existence >= this._least), room = [...this._data.places.values()].find((one) => !/[\d(]/.test(this._data.nameOf(one)));
+    const questions = [thing && `where is the ${this._data.labelOf(thing.class)}?`, room && `what is in ${this._data.theNameOf(room)}?`, "what changed?"];
+    return examplesOf(thing ? questions.filter(Boolean) : []);
+  }
+
   _rooms() {
     const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", this._counted(room))));
-    return entries.length ? [element("ul", "", ...entries)] : [];
+    return entries.length ? [Object.assign(element("ul", "", ...entries), { className: "rooms" })] : [];
   }
 
   /** The number of things in a room, in words. */
   _counted(room) {
     const { length } = this._contents(room, this._least);
-    return `: ${length} ${length === 1 ? "object" : "objects"}`;
+    return `: ${length.toLocaleString("en")} ${length === 1 ? "object" : "objects"}`;
   }
 
   _contents(place, least) {
@@ -76,7 +83,7 @@ export class ThingPanel {
         ["is it there?", sureness(one.existence), "here:existence"],
         ["size", one.dx ? `${sides[0]} × ${sides[1]} cm, ${sides[2]} cm high` : "", "here:extentX"],
         ["last seen", one.seen ? element("span", clock(one.seen), element("small", one.count ? `${one.count} times in all` : "")) : "", "here:lastSeen"],
-        ["position", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m${one.deviation ? ` ± ${one.deviation.toFixed(2)} m` : ""}`, "here:x"],
+        ["position", element("span", `${one.x.toFixed(2)}, ${one.y.toFixed(2)}, ${(one.z ?? 0).toFixed(2)} m`, element("small", one.deviation ? `± ${one.deviation.toFixed(2)} m` : "")), "here:x"],
       ]),
       ...this._end(one),
     ];
@@ -123,7 +130,7 @@ export class ThingPanel {
     fill(at("why"), whyOf(data, data.pathOf(iri)));
     fill(at("history"), historyOf(data, iri));
     if (!data.thingAt(iri)) return;
-    const where = byId("about-where"), picture = byId("about").querySelector("h2 + div");
+    const where = byId("about-where"), picture = byId("picture") ?? byId("about").querySelector("h2 + div");
     relationsOf(data, iri, this._choose).then((found) => where.append(...found.flatMap((one, n) => [n || where.textContent ? ", " : "", one])), () => {});
     pictureOf(data, iri).then((found) => found && picture.replaceChildren(found), () => {});
   }
@@ -163,7 +170,7 @@ async function relationsOf(data, iri, choose) {
 async function whyOf(data, what) {
   if (data.past !== null) return [element("p", "Reasons are told for the present: choose now.")];
   const reasons = await read(`/why?what=${encodeURIComponent(what)}`);
-  const facts = reasons.flatMap((one) => (one.kind === "thing" ? one.because : [one])); // which thing it is, the page says already
+  const facts = reasons.flatMap((one) => (one.kind === "thing" ? one.because.filter(({ kind }) => !ASIDES.has(kind)) : [one])); // which thing it is, the page says already
   return [stepsOf(data, facts, data.fullOf(what.split(" ")[0]))];
 }
 
@@ -182,17 +189,20 @@ const asidesOf = ({ because }) => because.filter(({ kind }) => ASIDES.has(kind))
 
 /** A picture with the box in which the thing was seen: the picture has a margin around it. */
 function boxed(picture) {
-  const c = picture.getContext("2d"), side = Math.max(picture.width, picture.height), inset = BESIDE * side;
-  for (const [colour, wide] of [["#fff", side / 40], ["#d55e00", side / 80]]) {
+  const grown = FINE / Math.max(picture.width, picture.height), [width, height] = [picture.width * grown, picture.height * grown];
+  const c = drawing(width, height), inset = BESIDE * FINE;
+  c.drawImage(picture, 0, 0, width, height);
+  for (const [colour, wide] of [["#fff", FINE / 50], ["#d55e00", FINE / 100]]) {
     Object.assign(c, { strokeStyle: colour, lineWidth: wide });
-    c.strokeRect(inset, inset, picture.width - 2 * inset, picture.height - 2 * inset);
+    c.strokeRect(inset, inset, width - 2 * inset, height - 2 * inset);
   }
-  return picture;
+  return Object.assign(c.canvas, { role: "img", ariaLabel: `${picture.ariaLabel}, in its box` });
 }
 
 /** A line of an explanation in the words of the page: names, clock times, percentages. */
 function plain(data, text) {
-  return text.replace(/^transaction #\d+ at/, "written at").replace("rdf:type here:", "is a here:")
+  return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with (\d+ %)/g, "$1 sure")
+    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at").replace("rdf:type here:", "is a here:")
     .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time))
     .replace(/\b(?:object|place)\/\d+(?: \([^)]*\))?/g, (path) => data.nameAt(data.fullOf(path.split(" ")[0])))

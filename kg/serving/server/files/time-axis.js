@@ -1,5 +1,6 @@
-// The clock axis: the times of the map without quiet times, with marks where things changed. It selects what is shown.
-import { byId, status } from "/files/page-elements.js";
+// The clock axis, the times of the map without quiet times, with marks where things changed: it selects what is shown. And what
+// changed from one moment to the shown one: a list, and signs on the map.
+import { byId, element, linkButton, named, status } from "/files/page-elements.js";
 import { read } from "/files/server.js";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -13,16 +14,19 @@ const SPAN = 1000; // [ms] of a span with a single moment
 const TICKS = [1, 5, 15, 60, 300, 900, 3600, 10800, 21600, 86400, 604800, 2592000].map((seconds) => 1000 * seconds);
 const ROOM = 84, LETTER = 6.2; // [px] from one label to the next, and of a letter
 const NEAR = 5; // [px] from the pointer to the mark that is told
+const TITLES = { appeared: "Appeared", gone: "Gone", moved: "Moved", relabelled: "Other names", reshaped: "Other shape" };
+const SIGNS = { appeared: "+", gone: "×", moved: "→" }; // on the map
+const MAX_ENTRIES = 100; // of each kind
 
-/** A time as people write it: today's without its date, this year's without the year.
+/** A time as people write it: that of the day that is `known` (today) without its date, this year's without the year.
  * @param {string | number} time
  * @param {Intl.DateTimeFormatOptions} [parts] */
-export function clock(time, parts = { hour: "numeric", minute: "2-digit", second: "2-digit" }) {
+export function clock(time, parts = { hour: "numeric", minute: "2-digit", second: "2-digit" }, known = new Date().toDateString()) {
   const date = new Date(time), now = new Date();
   /** @type {Intl.DateTimeFormatOptions} */
-  const day = date.toDateString() === now.toDateString() ? {} : { month: "short", day: "numeric" };
-  if (date.getFullYear() !== now.getFullYear()) day.year = "numeric";
-  return new Intl.DateTimeFormat(document.documentElement.lang || "en", { ...day, ...parts }).format(date);
+  const day = date.toDateString() === known ? {} : { month: "short", day: "numeric" };
+  if (day.day && date.getFullYear() !== now.getFullYear()) day.year = "numeric";
+  return new Intl.DateTimeFormat("en", { ...day, ...parts, hourCycle: "h23" }).format(date);
 }
 
 export class TimeAxis {
@@ -49,7 +53,7 @@ export class TimeAxis {
     byId("play").addEventListener("click", () => (this._timer ? this._stop() : this._play()));
     byId("earlier").addEventListener("click", () => this._step(-1));
     byId("later").addEventListener("click", () => this._step(1));
-    byId("now").addEventListener("click", () => this.show(null));
+    byId("now").addEventListener("click", () => { this._input.focus(); this.show(null); });
     new ResizeObserver(() => this._draw()).observe(byId("marks"));
     data.addEventListener("changed", () => this._label());
   }
@@ -172,10 +176,10 @@ export class TimeAxis {
     for (const { start, end, from, to } of this._parts) {
       const scale = (to - from) * width / (end - start), tick = TICKS.find((one) => one * scale >= ROOM) ?? Infinity, zone = 60000 * new Date(start).getTimezoneOffset();
       for (let time = start; time <= end; time = (Math.floor((time - zone) / tick) + 1) * tick + zone) {
-        const isSame = new Date(time).toDateString() === day, x = (from * width) + (time - start) * scale;
+        const x = (from * width) + (time - start) * scale;
         /** @type {Intl.DateTimeFormatOptions} */
         const parts = { hour: "numeric", minute: "2-digit", ...(tick < 60000 ? { second: "2-digit" } : {}) };
-        const text = isSame ? new Intl.DateTimeFormat("en", parts).format(time) : clock(time, parts);
+        const text = clock(time, parts, day);
         if (x < free || x + LETTER * text.length > width) continue;
         made.push(drawn("rect", { x, y: 23, width: 1, height: 4 }), drawn("text", { x, y: 38 }, text));
         free = x + LETTER * text.length + 12;
@@ -216,4 +220,80 @@ function drawn(name, attributes, text = "") {
   for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
   made.textContent = text;
   return made;
+}
+
+export class ChangePanel {
+  /** `choose(change)` selects a changed thing, or goes to where it was. */
+  constructor(data, view, choose) {
+    this._data = data;
+    this._view = view;
+    this._choose = choose;
+    this.from = null; // ISO 8601 or a number: the first of the two moments
+    this._asked = new AbortController();
+    byId("compare").addEventListener("click", () => this.compare(this.from === null ? this._data.time ?? String(this._data.last) : null));
+  }
+
+  /** Compare a moment with what is shown; null ends it. */
+  async compare(from) {
+    this.from = from;
+    this._asked.abort();
+    const { signal } = this._asked = new AbortController();
+    byId("compare").setAttribute("aria-pressed", String(from !== null));
+    byId("side").toggleAttribute("data-compared", from !== null);
+    if (from === null) return this._clear();
+    const to = this._data.past, given = new URLSearchParams({ from, ...(to === null ? {} : { to }) });
+    try {
+      const found = await read(`/diff?${given}`, { signal });
+      if (to === this._data.past) this._show(found); // else the moment has changed meanwhile
+    } catch (error) {
+      if (!signal.aborted) this._clear(element("p", error.message));
+    }
+    return undefined;
+  }
+
+  _clear(...content) {
+    byId("changes").replaceChildren(...content);
+    this._view.changes = [];
+    this._view.draw();
+  }
+
+  _show(found) {
+    this._view.changes = found.changes;
+    this._view.draw();
+    const [before, after] = found.times.map((time) => clock(time));
+    const listed = (rows, ending) => Object.entries(TITLES).flatMap(([kind, title]) => this._list(title + ending, rows.filter((one) => one.kind === kind), SIGNS[kind]));
+    const lists = [...listed(found.rooms ?? [], ": rooms"), ...listed(found.changes, "")];
+    byId("changes").replaceChildren(
+      element("h2", `From ${before} to ${this._data.past === null ? "now" : after}`),
+      ...(lists.length ? lists : [element("p", "No thing came, went, moved or got another name, and no room changed.")]),
+      element("p", areasOf("Floor", found.floor)),
+      ...(found.surface.some(Boolean) ? [element("p", areasOf("Surface", found.surface))] : []),
+    );
+  }
+
+  _list(title, changes, sign = "") {
+    if (!changes.length) return [];
+    const entries = changes.slice(0, MAX_ENTRIES).map((one) => element("li", "", this._link(one), this._wordsOf(one)));
+    const more = changes.length - entries.length;
+    const head = element("h3", `${title} (${changes.length})`);
+    head.dataset.sign = sign;
+    return [head, element("ul", "", ...entries), ...(more > 0 ? [element("p", `and ${more} more`)] : [])];
+  }
+
+  _link(one) {
+    const there = this._data.thingAt(this._data.base + one.iri);
+    return linkButton(() => this._choose(one), there ? named(this._data, there) : one.title ?? one.category);
+  }
+
+  _wordsOf({ kind, metres, before, after, place }) {
+    const room = this._data.places.get(this._data.base + place);
+    if (kind === "moved") return ` by ${metres.toFixed(2)} m`;
+    if (before) return `: ${before}, now ${after}`;
+    return room ? ` ${this._data.inPlace(room)}` : "";
+  }
+}
+
+function areasOf(name, areas) {
+  const [before, after] = areas.map((area) => `${area.toFixed(1)} m²`);
+  return before === after ? `${name} seen: ${after}` : `${name} seen: ${before}, then ${after}`;
 }

@@ -134,7 +134,7 @@ def _on_the_map(thing: ResourceDescription, base: str) -> str:
     if not _is_on_map(thing):
         return ""
     name = quote(thing.iri.removeprefix(base), safe="/:@")
-    return f'<p><a href="/#{escape(name)}">show it on the map</a></p>'
+    return f'<p><a class="primary" href="/#{escape(name)}">Show it on the map</a></p>'
 
 
 def _is_on_map(thing: ResourceDescription) -> bool:

@@ -281,9 +281,12 @@ def _limit_files(size: int) -> None:
     _limit(resource.RLIMIT_FSIZE, size)
 
 
-def _limit_time(seconds: float) -> None:
-    """Set an alarm of the kernel that ends this process; 0 removes it."""
-    signal.setitimer(signal.ITIMER_REAL, seconds + GRACE if seconds else 0)
+def _limit_time(seconds: float, within: float) -> None:
+    """Limit the work to `seconds` of processor time, `within` so many of the clock; 0: no limit.
+
+    The kernel ends the process: at an alarm, or after twice the processor time.
+    """
+    signal.setitimer(signal.ITIMER_REAL, within + GRACE if within else 0)
     used = resource.getrusage(resource.RUSAGE_SELF)
     limit = int(used.ru_utime + used.ru_stime + 2 * seconds + 2) if seconds else -1
     _limit(resource.RLIMIT_CPU, limit)
@@ -324,6 +327,6 @@ def main() -> None:
     evaluator.send(b"R", json.dumps(asdict(found)).encode())
     while (message := _read(requests)) is not None:
         kind, request = message
-        _limit_time(request["timeout"])
+        _limit_time(request["timeout"], request["within"])
         evaluator.answer(kind, request)
-        _limit_time(0)
+        _limit_time(0, 0)

@@ -134,7 +134,7 @@ def test_a_map_that_does_not_come_is_asked_for_again_in_words(open_page: OpenPag
         window.fetch = (address, ...more) => String(address).startsWith("/state") && failures-- > 0
             ? Promise.reject(new TypeError("no connection")) : get(address, ...more);""",
     )
-    says(page, "#live", "no connection")
+    says(page, "#live", "the server does not answer")
     says(page, "#live", "live")
     says(page, "#count", "2 of 2 objects")
 

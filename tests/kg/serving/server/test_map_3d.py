@@ -137,6 +137,18 @@ def test_changes_filters_plans_and_the_past_are_drawn(own: Served, open_page: Op
     other_picture(page, planned)
 
 
+def test_a_busy_machine_draws_the_map_at_rest_with_double_resolution(open_page: OpenPage) -> None:
+    late = """window.requestAnimationFrame = (draw) => setTimeout(draw, 400);
+        window.cancelAnimationFrame = clearTimeout;"""
+    page = open_page(script=late)
+    for _ in range(2):
+        page.wait_for_selector("#canvas[data-drawn=smoothly]")
+        page.wait_for_timeout(700)
+        wide, shown = page.evaluate("[canvas.width, canvas.clientWidth]")
+        assert wide == 2 * shown
+        page.click("#closer")
+
+
 def test_without_webgl_the_map_has_outlines_and_says_so(open_page: OpenPage) -> None:
     page = open_page(
         script="""

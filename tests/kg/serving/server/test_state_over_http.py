@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from pyoxigraph import Literal, NamedNode, Quad
 
+from kg.model import vocabulary as v
 from kg.model.records import FREE, FloorTile, MapUpdate, RecordingRecord
+from kg.model.transactions import Cause
 
 if TYPE_CHECKING:
     from conftest import Served
@@ -102,8 +105,10 @@ def test_a_timeline_has_marks_where_things_came_and_went(served: Served) -> None
     served.put(3, "bowl", 2.0, 2.0)
     served.map.apply(MapUpdate(removed=(f"{served.map.base}object/3",)))
     served.map.assertions.add(f"{served.map.base}object/1", "label", "mug", by="ann")
+    look = Quad(NamedNode("urn:look"), NamedNode("urn:saw"), Literal("nothing"), v.HISTORY_GRAPH)
+    served.map.store.commit([], [look], Cause("search", "robot 1", "look 1"))  # is no edit
     told = served.get("timeline").json()
-    assert (told["first"]["sequence"], told["last"]["sequence"]) == (0, 5)
+    assert (told["first"]["sequence"], told["last"]["sequence"]) == (0, 6)
     assert [(one["sequence"], one["objects"], one["edits"]) for one in told["marks"]] == [
         (1, 2, 0),
         (3, 1, 0),

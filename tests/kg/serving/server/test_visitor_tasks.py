@@ -31,6 +31,8 @@ TASKS = {
     task: int(acts)
     for task, acts in re.findall(r"^\| (\w[^|]+?) \| (\d+) \|", PAGE.read_text(), re.M)
 }
+#: a name of two directions of writing, with markup, and longer than any line
+NAMES = "<b>cup</b> \u05db\u05d5\u05e1 " + "of-all-cups-" * 6
 CUP, CHAIR, FLOOR = (1.0, 0.5), (2.0, 1.5), (3.5, -0.5)
 
 
@@ -174,6 +176,22 @@ READ: dict[str, list[tuple[Any, ...] | dict[str, str]]] = {
         ("click", ".source summary >> nth=0"),
         {".source[open]": "is a cup"},
     ],
+    "begin with a question that the page offers": [
+        ("click", "#about .examples button >> nth=1"),
+        {"#plan h2": "3 objects"},
+    ],
+    "ask again where a question is refused": [
+        ("ask", "#wanted", "flurb the gronk"),
+        {"#plan": "These would work"},
+        ("click", "#plan .examples button >> text=which rooms"),
+        {"#plan": "the kitchen"},
+    ],
+    "copy the IRI of a thing": [
+        ("click_at", *CUP),
+        ("click", "text=Open its page"),
+        ("click", ".whole"),
+        {".whole": "/object/1"},
+    ],
     "see the query behind a question": [
         ("open_console",),
         ("ask", "#words", "what is in the kitchen?"),
@@ -272,6 +290,28 @@ def test_rename_a_thing_and_undo_it(editor: Visitor) -> None:
     editor.click("text=undo my last edit")
     editor.says("#about h2", "chair 2")
     assert editor.served.map.assertions.all() == ()
+
+
+def test_correct_a_name_that_stays(editor: Visitor) -> None:
+    editor.unlock()
+    editor.click_at(*CUP)
+    editor.write("[aria-label=name]", NAMES)
+    editor.click("text=rename")
+    editor.says("#about h2", NAMES[:40])
+    editor.page.reload()
+    editor.says("#about h2", NAMES[:40])
+    assert editor.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_go_from_three_dimensions_to_the_page_of_a_thing_and_back(visitor: Visitor) -> None:
+    visitor.click_at(*CUP)
+    visitor.click("#solid")
+    visitor.page.wait_for_url("**solid=1*")
+    visitor.click("text=Open its page")
+    visitor.says("h1", "cup 1")
+    visitor.click("text=← the map")
+    visitor.page.wait_for_selector("#solid[aria-pressed=true]")
+    visitor.says("#about h2", "cup 1")
 
 
 def test_run_a_query_and_sort_its_rows(visitor: Visitor) -> None:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import asyncio
 import csv
 import io
+import os
+import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -29,7 +32,8 @@ from kg.model.transactions import Cause
 from kg.serving.opening import create_map, in_memory_map, open_map
 from kg.serving.workers import process
 from kg.serving.workers.pool import QueryPool
-from kg.serving.workers.request import query_call
+from kg.serving.workers.process import Answer
+from kg.serving.workers.request import WorkerCall, query_call
 from tests.waiting import until
 
 ENDLESS = "SELECT (SUM(STRLEN(STR(?a))) AS ?n) {?a ?b ?c. ?d ?e ?f. ?g ?h ?i. ?j ?k ?l}"
@@ -243,3 +247,30 @@ def test_a_turn_in_the_past_is_given_back_and_not_waited_for_for_ever(pool: Quer
         with pytest.raises(QueryError, match="did you mean SELECT"):
             pool.run("SELEKT", at=0)
     assert b"true" in pool.run("ASK {}", at=0).body
+
+
+def test_the_state_of_the_map_waits_for_a_busy_processor_and_a_query_does_not(
+    live: SemanticMap,
+) -> None:
+    state = {"base": live.base, "objects": True, "surface": 0}
+    with QueryPool(live, workers=1, timeout=0.5) as pool:
+
+        def held(call: WorkerCall) -> Answer:
+            """The answer of a worker that gets no processor for longer than the time limit."""
+            pool.run("ASK {}")  # it has started
+            (worker,) = pool.pids
+            os.kill(worker, signal.SIGSTOP)
+            freed = threading.Timer(1.5, goes_on, (worker,))
+            freed.start()
+            try:
+                return pool.answer(call)
+            finally:
+                freed.join()
+
+        def goes_on(worker: int) -> None:
+            with suppress(ProcessLookupError):  # at its time limit it was ended
+                os.kill(worker, signal.SIGCONT)
+
+        assert b'"objects"' in held(WorkerCall(b"V", state)).body
+        with pytest.raises(QueryTimeoutError):
+            held(query_call("ASK {}"))
