@@ -143,7 +143,8 @@ class Answerer(ThingAnswers):
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         event += f" in {self._title(place)}" if place else ""
         lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
-        lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
+        since_then = found.times[0][:16].replace("T", " ")
+        lines.append(f"Since {since_then} UTC, by the times when the map was written")
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
         rows = (
@@ -316,8 +317,9 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         kind, place = str(things[0]["category"]), things[0]["place"]
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
+        kinds = f"{kind}es" if kind.endswith(("s", "x", "ch", "sh")) else f"{kind}s"
         asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
-        asked += [f"when did you last see the {other}?", f"how many {kind}s are there?"]
+        asked += [f"when did you last see the {other}?", f"how many {kinds} are there?"]
         if room := _room(semantic_map, place):
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
     if semantic_map.places():
