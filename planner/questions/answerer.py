@@ -11,7 +11,6 @@ from kg.history.reports.comparison import PRESENT, ObjectChange
 from kg.history.timestamps import span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
-from kg.model.place_names import plain_place
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.moments import read_since, since
 from planner.questions.named_things import NAMED, counted, counted_kinds, counted_unnamed
@@ -320,20 +319,11 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         kinds = f"{kind}es" if kind.endswith(("s", "x", "ch", "sh")) else f"{kind}s"
         asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {kinds} are there?"]
-        if room := _room(semantic_map, place):
+        spoken = spoken_places(semantic_map)
+        rooms = {one.label: spoken[one.iri] for one in semantic_map.places()}
+        if room := rooms.get(str(place), "").partition(" (")[0]:
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
     if semantic_map.places():
         asked += ["which rooms are there?", "which room is the largest?"]
     asked += ["where are you?"] if semantic_map.query("robot").records() else []
     return [*asked, "what changed since yesterday?", "list all objects"]
-
-
-def _room(semantic_map: SemanticMap, label: object) -> str:
-    """``the kitchen`` for the only place that is believed to be one, else the place's label."""
-    rows = semantic_map.query("places").records()
-    kinds = Counter(row["category"] for row in rows)
-    for row in rows:
-        if row["label"] == label:
-            alone = row["category"] and kinds[row["category"]] == 1
-            return f"the {plain_place(str(row['category']))}" if alone else str(label)
-    return ""

@@ -104,7 +104,7 @@ class _Answerer:
             one = None
         if one is not None:
             return _Rooms(one.label, (one,))
-        if words in ("room", "rooms", "place", "places"):
+        if words in ("room", "rooms", "place", "places", "zimmer", "räume"):
             return _Rooms("room", tuple(self._places.values()))
         category = place_category(self._map.catalogue, words)
         if category is None and (printed := place_printed(self._map, words)):
