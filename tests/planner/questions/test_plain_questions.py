@@ -177,7 +177,6 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("Wann hast du zuletzt die Tasse gesehen", "years ago: cup 2 in the kitchen"),
         ("wo is denn mein Bett", "bed 3 was seen there 4 times"),
         ("is there only one bed", "bed: 1"),
-        ("is there a second bed?", "No: bed: 1"),
         (
             "give me a list of everything in the kitchen",
             "2 objects in the kitchen: a banana, a cup",
