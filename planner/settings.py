@@ -23,7 +23,6 @@ class BeliefSettings:
     frontier: float = 0.3  # probability that a room begins beyond a frontier
     give_up: float = 0.005  # share of all probability that a view must gain
     likely: float = 0.25  # probability to find a known thing from which on its views come first
-    unseen: float = 3.0  # lengths that floor counts for which nobody saw: it may end at a wall
     stop_below: float = 0.005  # probability that all views missed it, at which a search gives up
     stale: float = 0.5  # a view that gains less than this share of its first gain is stale
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from planner.search.plans.view_plan import ViewPlan
 
 _ROWS = 3  # looks that are printed; --explain prints all
-_OBJECTS = 2  # that are named
+_OBJECTS, _ALL = 2, 1000  # objects that are named, and with --explain
 _LINES = 3  # of sentences and reasons together
 _AHEAD = 60.0  # [s] by which clocks of robots may be ahead
 _RULES = ("viewpoints", "nearest-first")
@@ -216,7 +216,6 @@ def _print_known(
     """Print the sentences about each target, and detections that made no object; their number."""
     from hereabouts.cli.candidates import detections_in_vain
     from kg.history.timestamps import iso
-    from planner.search.goals.known_objects import LISTED
     from planner.search.plans.answer_sentences import find_sentences
 
     now = facts.now
@@ -226,7 +225,7 @@ def _print_known(
     for target in facts.targets:
         if target.note:
             note(target.note)
-        most = LISTED if arguments.explain else _OBJECTS
+        most = _ALL if arguments.explain else _OBJECTS
         said = find_sentences(semantic_map, target, now, state, found, most=most)
         vain = detections_in_vain(semantic_map, target.kind, arguments.map)
         if vain and said[0].startswith("No "):

@@ -109,7 +109,8 @@ def _list(arguments: argparse.Namespace) -> int:
             for place in semantic_map.places()
         ]
         doors = len(semantic_map.doors())
-    print_answer(_COLUMNS, rows, arguments.json)
+    records = [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
+    print_answer(_COLUMNS[1:], [row[1:] for row in rows], arguments.json, records)
     note(f"{counted(len(rows), 'place')}, {counted(doors, 'door')}")
     return 0
 

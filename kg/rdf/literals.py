@@ -315,11 +315,11 @@ def point_of(text: str) -> tuple[float, float] | None:
 
 def _geometry(text: str, kind: str) -> shapely.Geometry | None:
     """The geometry of a WKT literal; None if it is invalid or of another kind."""
-    import shapely  # takes 20 ms; maps of rectangles do not need it
-
     crs = _CRS.match(text) if len(text) <= _MAX_LENGTH else None
     if crs is None:
         return None
+    import shapely  # takes 20 ms; maps of rectangles do not need it
+
     try:
         geometry = shapely.from_wkt(text[crs.end() :], on_invalid="fix")
     except shapely.errors.ShapelyError:

@@ -164,6 +164,8 @@ def seen_space(
     known = (states == FREE) | (states == LOW)
     room[known] = np.where(space.room[known] != NO_ROOM, space.room[known], labels[known])
     room[states == TALL] = NO_ROOM
+    wide = with_neighbours(~with_neighbours(room == NO_ROOM))
+    room[(states == UNKNOWN) & ~wide] = NO_ROOM  # within a wall, or behind what stands at one
     low = states == LOW
     room = _without_islands(room, low, states, labels, len(rooms), _ISLAND / space.cell**2)
     mixed = FreeSpace(space.origin, space.cell, room, _valid(space, room, low), low)

@@ -5,6 +5,8 @@ a knight's moves): at most 2.8 % above the shortest line, never below the straig
 the same in both directions. Lengths are integers, a thousandth of a cell, diagonals rounded up, so
 that sums are exact and the triangle inequality holds.
 
+Floor that nobody saw counts threefold: it takes as long as expected if there may be no way.
+
 Cells are relaxed in the order of Zhao's fast sweeping method (Mathematics of Computation 74, 2005),
 rows down, rows up, along each row, until nothing changes, for all sources together. For 200 sources
 on 300 x 300 cells this takes a quarter of the time of scipy's Dijkstra, with the same result.
@@ -34,7 +36,8 @@ def distance_fields(space: FreeSpace, sources: ArrayLike) -> NDArray[np.float32]
     Infinite for cells that no path reaches, and off the floor.
     """
     cells = np.asarray(sources, np.intp).reshape(-1)
-    steps = StepLengths.over(space.free, _links(space, np.array([(0, 0), space.shape])))
+    links = _links(space, np.array([(0, 0), space.shape]))
+    steps = StepLengths.over(space.free, links, space.unseen)
     metres = np.empty((len(cells), space.room.size), np.float32)
     done = 0
     for lengths in path_lengths(steps, cells):
@@ -151,7 +154,8 @@ def _within(
         (np.stack(np.divmod(cells, space.shape[1]), axis=1) - box[0]) @ (box[1, 1] - box[0, 1], 1)
         for cells in (near, ends)
     )
-    steps = StepLengths.over(space.free[window], _links(space, box))
+    unseen = None if space.unseen is None else space.unseen[window]
+    steps = StepLengths.over(space.free[window], _links(space, box), unseen)
     parts = [np.ascontiguousarray(part.T[there]) for part in path_lengths(steps, source)]
     return np.concatenate(parts, axis=1) if parts else np.zeros((len(near), 0), np.int32)
 
@@ -225,6 +229,7 @@ def _through_passages(space: FreeSpace, cell: int) -> Iterator[tuple[int, float]
 
 
 UNIT: Final = 1000  # units of length on a cell's side
+UNSEEN: Final = 3  # lengths that floor counts for which nobody saw
 FAR: Final = 1 << 29  # length to unreachable cells; the sum of two fits an int32
 _BATCH: Final = 128  # sources swept at once: a row of all of them stays in the cache
 
@@ -250,27 +255,39 @@ class StepLengths:
 
     passable: NDArray[np.bool_]  # (rows, columns)
     steps: tuple[tuple[int, int, NDArray[np.int32]], ...]  # rows, columns, (rows, columns) to here
+    along: NDArray[np.int32]  # (rows, columns, 1) length from the first cell of the row
     runs: tuple[tuple[tuple[int, int], ...], ...]  # by row: (from, to) of each passable stretch
     links: tuple[Link, ...] = ()
 
     @staticmethod
-    def over(passable: NDArray[np.bool_], links: tuple[Link, ...] = ()) -> StepLengths:
-        """Lengths over `passable` (rows, columns); `links` of other cells are left out."""
+    def over(
+        passable: NDArray[np.bool_],
+        links: tuple[Link, ...] = (),
+        unseen: NDArray[np.bool_] | None = None,
+    ) -> StepLengths:
+        """Lengths over `passable` (rows, columns); `links` of other cells are left out.
+
+        Half of each step counts `UNSEEN` lengths if it is in a cell that is `unseen`.
+        """
+        slow = np.zeros(passable.shape, np.int32)  # further halves of lengths that a cell counts
+        slow += 0 if unseen is None else (UNSEEN - 1) * unseen
         steps = tuple(
-            (*step, _lengths(passable, step, length, between)) for step, length, between in _STEPS
+            (*step, _lengths(passable, step, (2 + slow + _moved(slow, step)) * length // 2, cells))
+            for step, length, cells in _STEPS
         )
+        along = np.cumsum((2 + slow + _moved(slow, (0, 1))) * UNIT // 2, axis=1, dtype=np.int32)
         flat = passable.reshape(-1)
         kept = tuple(link for link in links if flat[link[0]] and flat[link[1]])
         stretches: list[list[tuple[int, int]]] = [[] for _ in passable]
         for row, first, end in runs(passable).tolist():
             stretches[row].append((first, end))
-        return StepLengths(passable, steps, tuple(map(tuple, stretches)), kept)
+        return StepLengths(passable, steps, along[:, :, None], tuple(map(tuple, stretches)), kept)
 
 
 def _lengths(
     passable: NDArray[np.bool_],
     step: tuple[int, int],
-    length: int,
+    length: NDArray[np.int32],
     between: tuple[tuple[int, int], ...],
 ) -> NDArray[np.int32]:
     """(rows, columns) length of `step` to each cell; FAR where it touches a blocked cell."""
@@ -327,8 +344,6 @@ class _Sweep:
         self._lengths, self._field, self._flat = lengths, field, flat
         self._best = np.empty(field.shape[1:], np.int32)
         self._sum = np.empty(field.shape[1:], np.int32)
-        columns = field.shape[1]
-        self._ramp = np.arange(0, UNIT * columns, UNIT, dtype=np.int32)[:, None]
         self._changed = np.zeros(len(field), np.int64)  # tick of a row's last change
         self._relaxed = {1: np.zeros(len(field), np.int64), -1: np.zeros(len(field), np.int64)}
         self._tick = 1
@@ -383,7 +398,7 @@ class _Sweep:
         self._tick += 1
         self._changed[r] = self._tick
         for a, b in self._lengths.runs[r]:
-            row, ramp = self._field[r, a:b], self._ramp[: b - a]
+            row, ramp = self._field[r, a:b], self._lengths.along[r, a:b]
             right = row - ramp
             np.minimum.accumulate(right, axis=0, out=right)
             right += ramp

@@ -8,7 +8,7 @@ length and no line of sight.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final
 
@@ -50,6 +50,8 @@ class FreeSpace:
     room: NDArray[np.int32]  # (nx, ny) number of the room, NO_ROOM where there is no floor
     passages: tuple[Passage, ...] = ()
     low: NDArray[np.bool_] | None = None  # (nx, ny); None: there are no such cells
+    #: (nx, ny) cells that nobody saw, where there may be no way; None: there are no such cells
+    unseen: NDArray[np.bool_] | None = None
     free: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) traversable
     open: NDArray[np.bool_] = field(init=False, repr=False)  # (nx, ny) without occlusion
 
@@ -124,7 +126,7 @@ class FreeSpace:
         """The same floor with `cells` blocked, by a closed door for example."""
         room = self.room.copy()
         room.reshape(-1)[np.asarray(cells, np.intp)] = NO_ROOM
-        return FreeSpace(self.origin, self.cell, room, self.passages, self.low)
+        return replace(self, room=room)
 
     def within(self, p_map: ArrayLike, radius: float) -> Cells:
         """Floor cells whose middle is at most `radius` metres from `p_map` (2,) [m]."""

@@ -106,7 +106,7 @@ def _as_seen(
     seen, frontiers = with_frontiers(known)
     beyond = _unexplored(frontiers, floor, base)
     return PlanningMap(
-        seen.space,
+        replace(seen.space, unseen=seen.states == UNKNOWN),
         (*assumed.rooms, "", *(one.iri for one in beyond)),
         (*assumed.names, "open floor", *(one.label for one in beyond)),
         seen.states != UNKNOWN,

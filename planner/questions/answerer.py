@@ -11,7 +11,6 @@ from kg.history.reports.comparison import PRESENT, ObjectChange
 from kg.history.timestamps import span
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
-from kg.model.place_names import plain_place
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.moments import read_since, since
 from planner.questions.named_things import NAMED, counted, counted_kinds, counted_unnamed
@@ -143,7 +142,8 @@ class Answerer(ThingAnswers):
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         event += f" in {self._title(place)}" if place else ""
         lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
-        lines.append(f"Since {found.times[0][:19]}, by the times when the map was written")
+        since_then = found.times[0][:16].replace("T", " ")
+        lines.append(f"Since {since_then} UTC, by the times when the map was written")
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
         rows = (
@@ -316,8 +316,8 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         kind, place = str(things[0]["category"]), things[0]["place"]
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
-        asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
         several = f"{kind}{'es' if kind.endswith(('s', 'x', 'z', 'ch', 'sh')) else 's'}"
+        asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
         if room := _room(semantic_map, place):
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]

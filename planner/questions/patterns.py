@@ -14,34 +14,12 @@ from typing import Final, Literal, cast
 from kg.maps.query.parameter_resolution import preferred_languages
 from planner.questions.sentences import Gaps, Language, languages
 
-Kind = Literal[
-    "where",
-    "in place",
-    "changed",
-    "status",
-    "count",
-    "near",
-    "around",
-    "on",
-    "last seen",
-    "places",
-    "objects",
-    "robot",
-    "departed",
-    "distance",
-    "size",
-    "compare",
-    "most",
-    "under",
-    "help",
-    "recent",
-    "largest",
-    "route",
-    "between",
-    "certainty",
-    "unseen",
-    "why",
-]
+Kind = (
+    Literal["where", "in place", "changed", "status", "count", "near", "around", "on", "last seen"]
+    | Literal["places", "objects", "robot", "departed", "distance", "size", "compare", "most"]
+    | Literal["under", "help", "recent", "largest", "route", "between", "certainty", "unseen"]
+    | Literal["why"]
+)
 
 Known = Callable[[str], bool]
 
@@ -164,7 +142,7 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     if any(not words for _, words in plain):  # politeness alone
         return last, {"kind": "help"}
     for language, words in plain:
-        if gaps := language.read(words):
+        if gaps := language.read(words) or language.read(language.without_fillers(words)):
             return language, gaps
     for language, words in plain:
         again = language.respelt(words, known)

@@ -21,7 +21,7 @@ from planner.search.goals.place_names import (
     places_of_kind,
     spoken_places,
 )
-from planner.search.goals.search_goals import with_article
+from planner.search.goals.search_goals import times, with_article
 
 _LISTED: Final = 8  # places, or doors, in an answer
 _WALL: Final = 0.3  # [m] greatest distance of places on both sides of a wall, ...
@@ -76,7 +76,8 @@ class _Answerer:
             "last seen": self._viewed,
             "near": self._next_to,
             "around": self._next_to,
-            "size": self._where,
+            "size": self._areas,
+            "why": self._reasons,
             "compare": self._compared,
         }
         if question.kind == "size" and question.what in WHOLE:
@@ -103,7 +104,7 @@ class _Answerer:
             one = None
         if one is not None:
             return _Rooms(one.label, (one,))
-        if words in ("room", "rooms", "place", "places"):
+        if words in ("room", "rooms", "place", "places", "zimmer", "räume"):
             return _Rooms("room", tuple(self._places.values()))
         category = place_category(self._map.catalogue, words)
         if category is None and (printed := place_printed(self._map, words)):
@@ -119,7 +120,25 @@ class _Answerer:
     def _where(self, rooms: _Rooms) -> list[str]:
         lines = [_capital(self._described(place)) for place in rooms.sure[:_LISTED]]
         if rest := len(rooms.sure) - len(lines):
-            lines.append(f"and {rest} more: `hereabouts ask MAP places`")
+            lines.append(f"and {rest} more")
+        return [*lines, *self._perhaps(rooms)] or [self._none(rooms)]
+
+    def _areas(self, rooms: _Rooms) -> list[str]:
+        lines = [
+            f"{_capital(self._name(place))} has {place.area.area:.1f} m2, and is "
+            f"{place.xmax - place.xmin:.1f} x {place.ymax - place.ymin:.1f} m at its widest"
+            for place in rooms.sure[:_LISTED]
+        ]
+        return lines or [self._none(rooms)]
+
+    def _reasons(self, rooms: _Rooms) -> list[str]:
+        """What places are believed to be, and by how much evidence."""
+        lines = [
+            f"{_capital(place.label)} is believed to be {_kind(self._map, place) or 'no kind'}: it "
+            f"was viewed {times(place.views)}, and {len(place.evidence_objects) or 'no'} "
+            f"thing{'s' * (len(place.evidence_objects) != 1)} in it tell of its kind"
+            for place in rooms.sure[:_LISTED]
+        ]
         return [*lines, *self._perhaps(rooms)] or [self._none(rooms)]
 
     def _status(self, rooms: _Rooms) -> list[str]:

@@ -286,11 +286,11 @@ class ThingAnswers(NamedThings):
         said = f", and {one.stated.by} said what it is" if one.stated else ""
         if not rows:
             return [f"{one.label} has no observation in the map{said}"]
-        row, short = rows[0], one.iri.removeprefix(self._map.base)
+        row = rows[0]
         return [
             f"{one.label} {one.where.strip()} was seen {times(one.observations)}, best in "
             f"{row['frame']} of {row['recording']} by {row['model']} with score {row['score']}"
-            f"{said}; `hereabouts why MAP {short}` has more"
+            f"{said}"
         ]
 
     def _unseen(self) -> PlainAnswer:

@@ -122,8 +122,10 @@ class _Summary:
         if _DEPARTED in removed.get(v.RDF_TYPE, ()):
             yield "came back"
             return
+        known = v.RDF_TYPE in removed or bool(self._at)
         for kind in added.get(v.RDF_TYPE, ()):
-            yield f"a {word(kind)} now" if v.RDF_TYPE in removed else f"new: {word(kind)}"
+            if kind != NamedNode(v.BOT_SPACE):  # each place is one
+                yield f"a {word(kind)} now" if known else f"new: {word(kind)}"
 
     def _numbers_told(self) -> Iterator[str]:
         x, y, existence = (self._numbers.get(name, math.nan) for name in (v.X, v.Y, v.EXISTENCE))

@@ -15,14 +15,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import GraphError
 from kg.model.regular_files import read_bytes
-from mapping.objects.tracks import Track
+
+if TYPE_CHECKING:
+    from mapping.objects.tracks import Track
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
 VERSION: Final = 1

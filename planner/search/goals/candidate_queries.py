@@ -35,6 +35,7 @@ from planner.search.goals.known_objects import kinds_half_lives
 from planner.search.goals.place_names import in_words
 from planner.search.goals.search_facts import SearchFacts, TargetFacts
 from planner.search.goals.search_goals import (
+    chance,
     evidence,
     label_of,
     observed,
@@ -290,9 +291,9 @@ class _Rooms:
         parts = {kind: belief * self._p_in(kind) for kind, belief in share.items()}
         p = sum(parts.values()) + unknown * self.mean
         if not place.views or not parts:
-            chance = f"holds {self._target.label} with probability {self.mean:.2f}"
+            holds_it = f"holds {self._target.label} with probability {chance(self.mean)}"
             reason = f"the kind of {place.name} is unknown"
-            return p, (reason, f"a place of unknown kind {chance}")
+            return p, (reason, f"a place of unknown kind {holds_it}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
 
     def worth(self, kind: str) -> float:
@@ -303,13 +304,12 @@ class _Rooms:
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
         plain, label = plain_place(place.names[kind]), self._target.label
         a_category = with_article(plain)
-        is_so = (
-            "is believed to be one" if place.name == plain else f"is believed to be {a_category}"
-        )
+        is_one = place.name == plain or place.name.endswith((f"({plain})", f" {plain})"))
+        is_so = f"is believed to be {'one' if is_one else a_category}"
         believed = f"{in_words(self._catalogue, place.name)} {is_so} ({place.beliefs[kind]:.2f})"
         row, p = self._rows.get(kind), self._p_in(kind)
         if row is None or p != min(_product(row), 1.0):  # the table has it, from several sources
-            holds_it = f"{a_category} holds {label} with probability {p:.2f}"
+            holds_it = f"{a_category} holds {label} with probability {chance(p)}"
             return believed, holds_it + self._sources(kind) + self._members(kind)
         sought = row["near"] or row["wanted"]
         where = with_article(plain_place(str(row["category"])))

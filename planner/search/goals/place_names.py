@@ -62,9 +62,10 @@ def in_words(catalogue: Catalogue, label: str) -> str:
     Labels take an article where their last word is a common noun, and no other word is before it
     that stands for one. Other names stay as people gave them.
     """
-    if NUMBERED.fullmatch(label.partition(" (")[0]):
+    name = label.partition(" (")[0]
+    if NUMBERED.fullmatch(name):
         return label
-    first, *_, last = label.split() * 2 or ["", ""]
+    first, *_, last = name.split() * 2 or ["", ""]
     is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
     determined = first in _DETERMINERS or "'" in label
     return f"the {label}" if label.islower() and is_noun and not determined else label
@@ -121,8 +122,9 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     with suppress(UnknownCategoryError):
         if believed := semantic_map.places(text):
             return tuple(believed)
-    tail = f" {text.strip().casefold()}"
     catalogue, places = semantic_map.catalogue, semantic_map.places()
+    known = catalogue.get(text, "place")
+    tail = f" {(known.label if known else text.strip()).casefold()}"
     return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
 
 

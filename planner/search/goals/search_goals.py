@@ -183,6 +183,11 @@ def observed(row: Row, place: str = "place") -> str:
     return reason + (f", in {row[place]}" if row[place] is not None else "")
 
 
+def chance(p: float) -> str:
+    """A probability with two places, or the first digit that is not 0."""
+    return f"{p:.2f}" if p >= 0.005 or p == 0 else f"{p:.1g}"
+
+
 def times(count: float) -> str:
     """A count in words: once, 2 times."""
     return "once" if count == 1 else f"{count:.0f} times"

@@ -165,13 +165,11 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     last = max((one.last_viewed for one in places if one.last_viewed), default=None)
     at = f", last at {stamp(last)}" if last else ""
     unseen = max(places, key=lambda one: one.out_of_view)
-    of = (
-        f", most in {unseen.place_label}" if len(places) > 1 and unseen.out_of_view >= 0.005 else ""
-    )
-    return (
-        f"the robot viewed {', '.join(parts)}{rest}{at}; one would stand out of view with "
-        f"probability {unseen.out_of_view:.2f}{of}"
-    )
+    viewed = f"the robot viewed {', '.join(parts)}{rest}{at}"
+    if unseen.out_of_view < 0.005:
+        return viewed
+    of = f", most in {unseen.place_label}" if len(places) > 1 else ""
+    return f"{viewed}; one would stand out of view with probability {unseen.out_of_view:.2f}{of}"
 
 
 def _known_proof(label: str, one: PlaceStatus) -> str:

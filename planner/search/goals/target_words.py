@@ -12,7 +12,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ModelError, UndetectableError, UnknownCategoryError
 from kg.model.place_names import plain_place
 from mapping.looks.word_looks import Alike, alike, compares_texts
-from planner.search.goals.place_names import in_words, place_category
+from planner.search.goals.place_names import place_category, spoken_places, titled_places
 
 _ALIKE = 3  # things that are said to look like a word
 _FEW = 3  # activities or rooms with a thing, below which its place is only named as possible
@@ -151,7 +151,7 @@ class AlikeHere:
     """What looks like a text in a map, in words."""
 
     found: Alike
-    things: tuple[str, ...] = ()  # as in ``object/17 (bottle, in the kitchen)``
+    things: tuple[str, ...] = ()  # as in ``bottle 17 in the kitchen``
     problem: str = ""  # why the encoder of the map does not compare
 
     def sentences(self, what: str) -> list[str]:
@@ -197,14 +197,11 @@ def alike_here(semantic_map: SemanticMap, text: str, synset: str = "") -> AlikeH
         return AlikeHere(Alike(()), (), problem) if problem else None
     things = (*semantic_map.objects(), *semantic_map.unnamed_things())
     records = {record.iri: record for record in things}
-    places = {place.iri: place.label for place in semantic_map.places()}
-    described = []
+    places, described = spoken_places(semantic_map), []
     for record in (records[one.iri] for one in found.things[:_ALIKE]):
-        known = semantic_map.catalogue.by_iri(record.category)
-        parts = [] if known is None else [known.label]
-        if record.place in places:
-            parts.append(f"in {in_words(semantic_map.catalogue, places[record.place])}")
-        described.append(f"{record.iri.removeprefix(semantic_map.base)} ({', '.join(parts)})")
+        title = semantic_map.catalogue.title(record.category, record.iri)
+        where = f" in {places[record.place]}" if record.place in places else ""
+        described.append(f"{title}{where}")
     return AlikeHere(found, tuple(described), problem)
 
 
@@ -216,16 +213,16 @@ def _and(parts: tuple[str, ...]) -> str:
 def _places_here(
     semantic_map: SemanticMap, usual: tuple[UsualPlace, ...]
 ) -> tuple[tuple[str, str], ...]:
-    """For each usual kind of place, the label of the first such place of the map."""
+    """For each usual kind of place, the title of the first such place of the map."""
     found = []
-    places = semantic_map.places() if usual else ()
+    places = titled_places(semantic_map) if usual else ()
     for one in usual:
         category = semantic_map.catalogue.get(one.label, "place")
         names = {name_key(one.label), name_key(plain_place(one.label))}
-        for place in places:
+        for place, title in places:
             believed = category and place.beliefs.get(category.iri, 0.0) >= _BELIEVED
             if believed or name_key(place.label) in names:
-                found.append((one.label, place.label))
+                found.append((one.label, title))
                 break
     return tuple(found)
 

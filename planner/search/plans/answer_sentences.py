@@ -107,7 +107,7 @@ def answer_lines(
     Args:
         known: Objects; the most probable are listed, or some doubted ones.
         now: Moment that ages count to [s since 1970].
-        target: The word that they were found for; the last line has the query that lists all.
+        target: The word that they were found for.
         rooms: Probability that an object is in its room, by IRI.
         most: Number of objects that are listed.
     """
@@ -118,13 +118,8 @@ def answer_lines(
     listed = [one for one in ranked if one.sure][:most] or ranked[: min(most, _DOUBTED)]
     lines = [_sentence(one, now, rooms or {}) for one in listed]
     if rest := len(known) - len(listed):
-        doubted = not ranked[-1].sure
         less = "perhaps " if not ranked[len(listed)].sure else ""
-        query = "objects"
-        if target is not None and target.iri is not None:
-            query = f"objects-by-category -p category='{target.kind}'"
-        every = " --all" if doubted else ""
-        lines.append(f"and {less}{rest} more: `hereabouts ask MAP {query}{every}`")
+        lines.append(f"and {less}{rest} more")
     return lines
 
 
@@ -170,7 +165,7 @@ def _besides(one: KnownObject) -> str:
         may_be = (f"{with_article(other)} (probability {p:.2f})" for other, p in one.may_be)
         words = f"; it may also be {' or '.join(may_be)}"
     if one.found_by is not None:
-        words += f"; found by search/{one.found_by.rpartition('/')[2]}"
+        words += "; found by a search"
     return words
 
 

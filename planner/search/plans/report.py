@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
+from planner.search.goals.search_goals import chance
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import find_sentences, known_of
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
@@ -228,8 +229,8 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     count = len(plan.targets)
     if count == 1:
         text = (
-            f"{plan.targets[0]} is on this floor with probability {plan.present:.2f}; these looks "
-            f"find it with probability {gain:.2f}, on average after {mean:.0f} s"
+            f"{plan.targets[0]} is on this floor with probability {chance(plan.present)}; these "
+            f"looks find it with probability {chance(gain)}, on average after {mean:.0f} s"
         )
     else:
         text = (
@@ -240,7 +241,7 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     more = sum(step.finds for step in rest)
     looks_more = f"{len(rest)} more look{'s' * (len(rest) > 1)}"
     seconds = rest[-1].seconds - steps[-1].seconds
-    return [f"{text}; {looks_more} would add {more:.2f} in {seconds:.0f} s"]
+    return [f"{text}; {looks_more} would add {chance(more)} in {seconds:.0f} s"]
 
 
 def step_lines(steps: Sequence[ViewStep]) -> list[str]:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import DoorRecord
-from planner.freespace.geodesic import distance_fields, shortest_path
+from planner.freespace.geodesic import UNSEEN, distance_fields, shortest_path
 from planner.freespace.planning_map import Place, all_places, planning_map_of
 from planner.search.goals.search_facts import read_floor
 from planner.settings import BELIEF
@@ -66,6 +66,7 @@ def route(semantic_map: SemanticMap, start: ArrayLike, goal: ArrayLike) -> Route
     cells = shortest_path(space, field, first)
     points = space.centres(cells)
     unseen = 0.0 if known.seen is None else 1.0 - float(known.seen.reshape(-1)[cells].mean())
+    metres /= 1.0 + (UNSEEN - 1) * unseen
     areas = [place for place in places if place.area > 0]
     inside = [next((p for p in areas if p.contains(x, y)), None) for x, y in points.tolist()]
     crossings = _crossings(semantic_map.doors(), points, inside)

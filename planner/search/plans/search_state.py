@@ -86,27 +86,15 @@ class PlanningState:
         sites = [part.weight for part in known.parts if part.candidate.kind == "known"]
         self.known = np.sum([np.zeros(len(views.cells)), *sites], axis=0)  # (c,) known things there
         self.rounds = 0  # how often fresh viewpoints were taken
-        self.views = views = self._with_doubt(views)
+        self.views = views
         self.next_best_view = NextBestView(views)
         self.revisits = RevisitModel(views)
 
     def _use(self, views: CandidateViews) -> None:
         """Replace the candidate views by others over the same cells."""
-        self.views = views = self._with_doubt(views)
+        self.views = views
         self.next_best_view = NextBestView(views)
         self.revisits = self.revisits.moved_to(views)
-
-    def _with_doubt(self, views: CandidateViews) -> CandidateViews:
-        """`views`, of which those from floor that nobody saw take longer: there may be none."""
-        seen, space = self._planning_map.seen, views.space
-        if seen is None or not (seen & space.free).any():
-            return views
-        known = space.centres(np.flatnonzero(seen & space.free))
-        metres = np.zeros(len(views.viewpoints))
-        for n in np.flatnonzero(~seen.reshape(-1)[views.viewpoints]):
-            metres[n] = np.hypot(*(known - space.centres(views.viewpoints[n : n + 1])).T).min()
-        late = (self.settings.unseen - 1) * metres / views.motion.speed
-        return replace(views, seconds=views.seconds + late[views.viewpoint])
 
     @property
     def space(self) -> FreeSpace:

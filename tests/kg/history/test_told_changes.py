@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from kg.model import vocabulary as v
-from kg.model.records import MapUpdate, ObjectRecord
+from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord
 from kg.serving.opening import in_memory_map
 
 Told = Callable[..., list[list[str]]]
@@ -51,6 +52,17 @@ def test_a_step_below_the_uncertainty_is_not_told_and_steps_add_up(told: Told) -
 def test_an_existence_is_told_where_it_is_surer_or_on_the_other_side(told: Told) -> None:
     _, *later = told(*((1.0, existence, CUP) for existence in (0.45, 0.52, 0.6, 0.75)))
     assert later == [["there with 52 %"], [], ["there with 75 %"]]
+
+
+def test_a_place_is_new_once_and_told_what_it_turns_out_to_be() -> None:
+    with in_memory_map() as semantic_map:
+        place = PlaceRecord(semantic_map.base + "place/1", "place 1", 0.0, 4.0, 0.0, 4.0)
+        semantic_map.apply(MapUpdate(places=(place,)))
+        believed = replace(place, views=3, beliefs={v.HERE + "Kitchen": 0.9})
+        semantic_map.apply(MapUpdate(places=(believed,)))
+        first, second = (event.told for event in semantic_map.history.events("place/1"))
+    assert first == ("new: place", "at (2.00, 2.00) m", "called place 1")
+    assert second == ("a kitchen now",)
 
 
 def test_a_new_kind_is_told(told: Told) -> None:

@@ -113,6 +113,31 @@ def test_lengths_are_exactly_symmetric_and_triangular(passable: Mask) -> None:
     assert np.all(length[:, None, :] <= length[:, :, None] + length[None, :, :])
 
 
+@settings(max_examples=20, deadline=None)
+@given(floors())
+def test_lengths_over_unseen_floor_are_symmetric_and_triangular_too(passable: Mask) -> None:
+    cells, unseen = np.flatnonzero(passable), np.indices(passable.shape).sum(axis=0) % 3 == 0
+    length = all_fields(StepLengths.over(passable, (), unseen), cells)[:, cells].astype(np.int64)
+    np.testing.assert_array_equal(length, length.T)
+    assert np.all(length[:, None, :] <= length[:, :, None] + length[None, :, :])
+
+
+@pytest.mark.parametrize(("wide", "taken"), [(5, True), (2, False)])
+def test_ways_lead_around_floor_that_nobody_saw_unless_it_saves_two_thirds(
+    wide: int, taken: bool
+) -> None:
+    room, unseen = np.full((9, 2 * wide + 1), NO_ROOM, np.int32), np.zeros((9, 2 * wide + 1), bool)
+    room[:, 0] = room[:, -1] = room[0] = room[4] = 0
+    unseen[4, 1:-1] = True
+    space = FreeSpace(np.zeros(2), 1.0, room, unseen=unseen)
+    a, b = 4 * room.shape[1], 5 * room.shape[1] - 1
+    field = distance_fields(space, [b])[0]
+    through = 1.0 + 3.0 * (2 * wide - 1) + 1.0 + 1.0 - 1.0
+    around = 2.0 * wide + 8.0
+    assert field.flat[a] == pytest.approx(min(through, around), abs=1.3)
+    assert (shortest_path(space, field, a) // room.shape[1]).min() == (0 if taken else 4)
+
+
 def two_rooms(*passages: Passage) -> FreeSpace:
     """Floor of 5 x 9 cells of a metre, a wall along x = 2 with a gap at y = 4."""
     room = np.zeros((5, 9), np.int32)

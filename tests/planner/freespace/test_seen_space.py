@@ -133,6 +133,18 @@ def test_what_a_rectangle_holds_outside_of_the_walls_is_no_floor() -> None:
     assert not space.passages
 
 
+@pytest.mark.parametrize(("wall", "is_floor"), [(3.4, False), (2.4, True)])
+def test_unseen_floor_behind_a_wall_is_floor_where_a_robot_fits(
+    wall: float, is_floor: bool
+) -> None:
+    drawing = (
+        Drawing().draw((0.0, 4.0), (0.0, wall), FREE).draw((0.0, 3.6), (wall, wall + 0.2), TALL)
+    )
+    space = space_of(drawing, LEFT).space
+    x, y = space.centres(space.floor()).T
+    assert bool(((x < 3.0) & (y > wall + 0.2)).any()) == is_floor
+
+
 def test_a_room_of_tables_alone_is_seen_from_the_floor_of_others() -> None:
     table = Area(5.8, 7.9, 1.8, 3.9)
     drawing = two_rooms().draw((5.7, 8.0), (1.7, 4.0), LOW).draw((7.9, 8.0), (0.0, 4.0), TALL)

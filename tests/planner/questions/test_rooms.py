@@ -70,6 +70,13 @@ def flat() -> Iterator[SemanticMap]:
         ),
         ("is the kitchen next to place 3", ["Not as far as the map knows", "Next to place 3 (bed"]),
         ("is the kitchen bigger than Ann's room", ["The kitchen has 16.0 m2, Ann's room"]),
+        ("do the kitchen and Ann's room touch?", ["Yes: the kitchen is next to Ann's room"]),
+        ("Welche Zimmer liegen neben der Kueche?", ["Next to the kitchen: Ann's room (bedroom)"]),
+        (
+            "why is place 1 a kitchen?",
+            ["Place 1 is believed to be a kitchen (probability 0.90): it was viewed "],
+        ),
+        ("how big is Ann's room", ["Ann's room (bedroom) has 16.0 m2, and is 4.0 x 4.0 m at"]),
         ("how many doors are there", ["1 door"]),
         ("is there a door in the kitchen", ["Yes, 1 door of place 1:", "Between place 1 and"]),
         ("Wo ist die Kueche", ["Place 1 is believed to be a kitchen (probability 0.90)"]),

@@ -177,17 +177,3 @@ def _seen(space: FreeSpace, viewpoints: list[int]) -> float:
         shown.update(cells[np.hypot(*offset.T) >= 0.8].tolist())
     closet = space.floor(1).tolist()
     return len(shown.intersection(closet)) / len(closet)
-
-
-def test_views_from_floor_that_nobody_saw_take_longer() -> None:
-    space, weight = home(), np.full((1, len(views().cells)), 1 / len(views().cells))
-    names = ("",) * (int(space.room.max()) + 1)
-    seen = space.room != 1
-    known = apart(views().cells, weight, np.zeros(1, np.intp))
-    it = Target("it", "it", None, {}, {})
-    ground = PlanningMap(space, names, names, seen)
-    doubted = PlanningState((it,), ground, views(), (), known).views
-    unseen = ~seen.reshape(-1)[views().viewpoints][views().viewpoint]
-    late = doubted.seconds - views().seconds
-    assert unseen.any() and (late[unseen] > 2 * space.cell / views().motion.speed).all()
-    assert (late[~unseen] == 0).all()
