@@ -73,6 +73,9 @@ _OPTIONS = f"""
 --loops TOPIC   what was mapped follows the robot's own SLAM, by its corrected path (nav_msgs/Path,
                 or RTAB-Map's MapGraph); tf: where map -> odom jumps
 --publish [TO]  {PUBLISH}
+--publish-tf OBJECT ...
+                an object whose pose is published as a frame of tf, too: the surest of its kind, or
+                object/N; given once for each
 """
 
 

@@ -377,10 +377,10 @@ class LiveCorrection:
     ) -> CorrectionReport:
         before, live = time.monotonic(), self.recording
         T, poses = live.T_map_world, live.corrected_poses()
-        without_rooms = replace(options, find_places=False)
+        without_rooms, estimated = replace(options, find_places=False), live.tracker is not None
         report = correct_poses(
-            self.kept.recording(live.name, T, poses),
-            self.kept.recording(live.name, T),
+            self.kept.recording(live.name, T, poses, estimated=estimated),
+            self.kept.recording(live.name, T, estimated=estimated),
             semantic_map,
             lambda frames, apart: map_into(frames, apart, without_rooms),
             options,

@@ -347,11 +347,17 @@ class KeptFrames:
         self._entries = [replace(e, T_world_cam=poses[e.id]) for e in self._entries]
 
     def recording(
-        self, name: str, T_map_world: Pose, poses: Mapping[str, Pose] | None = None
+        self,
+        name: str,
+        T_map_world: Pose,
+        poses: Mapping[str, Pose] | None = None,
+        *,
+        estimated: bool = True,
     ) -> FolderRecording:
         """The frames as a recording of the world (4, 4), by the poses they were mapped by.
 
-        `poses` in the map (4, 4), by the frames' ids, take their place.
+        `poses` in the map (4, 4), by the frames' ids, take their place. `estimated` tells whether
+        they were found from the images.
         """
         assert self._camera is not None
         back = np.linalg.inv(T_map_world)
@@ -369,5 +375,5 @@ class KeptFrames:
             depth_scale=DEPTH_FACTOR,
             start_time=0.0,
             transform_given=True,
-            estimate=TrackingReport(count, count, 1, 0, 0.0, (), 0, 0),
+            estimate=TrackingReport(count, count, 1, 0, 0.0, (), 0, 0) if estimated else None,
         )

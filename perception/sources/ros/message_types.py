@@ -74,7 +74,13 @@ _ROS2: Final = {
     "vision_msgs/msg/BoundingBox2D": f"Pose2D center{_SIZE}",
     "vision_msgs/msg/Detection2D": f"{_RESULTS}BoundingBox2D bbox\nstring id",
     "vision_msgs/msg/Detection3D": f"{_RESULTS}BoundingBox3D bbox\nstring id",
-    # nav2_msgs/action/NavigateToPose_SendGoal: the request of its service
+    # NavigateToPose: what is fed back, and the request of its service SendGoal
+    "nav2_msgs/action/NavigateToPose_FeedbackMessage": (
+        f"{_GOAL}geometry_msgs/PoseStamped current_pose\n"
+        "builtin_interfaces/Duration navigation_time\n"
+        "builtin_interfaces/Duration estimated_time_remaining\n"
+        "int16 number_of_recoveries\nfloat32 distance_remaining"
+    ),
     "nav2_msgs/msg/SendGoalRequest": f"{_GOAL}geometry_msgs/PoseStamped pose\nstring behavior_tree",
 }
 _ZEROS: Final[dict[str, Any]] = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}
