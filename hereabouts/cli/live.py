@@ -120,12 +120,16 @@ def _check_cameras(arguments: argparse.Namespace, connection: Connection | None)
     if not _has_topics(connection):
         arguments.usage_error("--camera needs a source with topics: ros1://, ros2:// or ws://")
     names = ("colour", "depth", "camera", "camera_frame", "camera_in", "intrinsics", "loops")
-    has_topic = (arguments.detector or "").startswith("topic:")
-    if has_topic or any(getattr(arguments, name) is not None for name in names):
+    if any(getattr(arguments, name) is not None for name in names):
         arguments.usage_error(
             "--color-topic, --depth-topic, --info-topic, --camera-frame, --camera-in, "
-            "--intrinsics, --loops and --detector topic:NAME are of one camera, and --camera names "
-            "those of several"
+            "--intrinsics and --loops are of one camera, and --camera names those of several"
+        )
+    topic = arguments.detector or ""
+    if topic.startswith("topic:") and "{camera}" not in topic:
+        arguments.usage_error(
+            f"--detector {topic} is of one camera; --detector topic:/{{camera}}/detections, with "
+            "the name of each for {camera}, would work"
         )
 
 
@@ -218,6 +222,8 @@ def _stream_run(
                 images = tracker.tracked + tracker.lost
                 cost = 1000 * tracker.seconds / max(images, 1)
                 note(f"tracking took {cost:.0f} ms of a core an image")
+            if (loops := stream.cameras[0].loops) is not None and loops.is_silent:
+                note(f"no message of {loops.topic} came that tells a path, so that nothing moved")
             if recording.corrector is not None:
                 numbers["corrections"] = correction.corrections
                 _note_corrections(correction, recording.corrector.moved)
@@ -241,9 +247,9 @@ def _stream_of(
     from perception.sources.live.stream import FrameStream
     from perception.sources.live.topic_detector import TopicDetector
 
-    if arguments.cameras:
-        return CameraStreams(address, arguments.cameras, source)
     detector = networks.detector if isinstance(networks.detector, TopicDetector) else None
+    if arguments.cameras:
+        return CameraStreams(address, arguments.cameras, source, detector)
     loops = None if arguments.loops is None else LoopClosures(arguments.loops)
     return FrameStream(address, source, detector, loops)
 

@@ -88,6 +88,11 @@ class LoopClosures:
         return {self.topic} if topics.get(self.topic) in TYPES else set()
 
     @property
+    def is_silent(self) -> bool:
+        """Whether a topic was to tell the path, and has not."""
+        return self.topic != TF and not self._messages
+
+    @property
     def moved(self) -> float:
         """Distance [m] by which closures moved cameras since their frames were mapped, at most."""
         with self._lock:
