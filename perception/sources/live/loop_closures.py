@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -42,7 +42,7 @@ TYPES: Final = (PATH, *MAP_GRAPHS)
 MAX_FRAMES: Final = 3000  # that are followed
 MAX_NODES: Final = 10_000  # poses of a path that are kept
 JUMP: Final = 0.1, np.deg2rad(3)  # [m], [rad] at the camera that make a jump of map -> odom
-DRIFT: Final = 0.2, 0.5  # share of the way, and [m], beyond which a jump is no drift of odometry
+DRIFT: Final = 0.1, 0.3  # share of the way, and [m], beyond which a jump is no drift of odometry
 LEVER: Final = 0.3  # [m] of way that a turn of 1 rad counts
 MOUNT: Final = 0.15, np.deg2rad(8)  # [m], [rad] within which a path's body is a frame of tf
 
@@ -77,6 +77,7 @@ class LoopClosures:
     _nodes: dict[int, tuple[Pose, Pose]] = field(default_factory=dict)  # stamp: by odometry, now
     _stamps: dict[int, int] = field(default_factory=dict)  # [ns] of RTAB-Map's nodes
     _mount: Pose | None = None  # (4, 4) of the path's body in the frame that odometry moves
+    _moved: float = 0.0  # [m] since frames were mapped, at most
     _messages: int = 0
     _applied: int = 0  # messages that the frames' poses follow from
     _began: int = 0  # first frame after the last jump
@@ -97,13 +98,13 @@ class LoopClosures:
         """Distance [m] by which closures moved cameras since their frames were mapped, at most."""
         with self._lock:
             self._follow()
-            apart = [np.linalg.norm(one.T_map_cam[:3, 3] - one.mapped) for one in self._frames]
-            return float(max(apart, default=0.0))
+            return self._moved
 
     def corrected(self) -> dict[str, Pose]:
         """Poses (4, 4) of all frames by the closures so far, by id; `moved` counts from them."""
         with self._lock:
             self._follow()
+            self._moved = 0.0
             for one in self._frames:
                 one.mapped = one.T_map_cam[:3, 3]
             return {one.id: gridded_pose(one.T_map_cam) for one in self._frames}
@@ -198,6 +199,11 @@ class LoopClosures:
         at = [np.interp([f.stamp for f in known], seconds, step) for step in steps.T]
         for one, T in zip(known, T_map_odom[0] @ motions(np.array(at).T), strict=True):
             one.T_map_cam = T @ one.T_odom_cam
+        self._measure(known)
+
+    def _measure(self, changed: Sequence[_Followed]) -> None:
+        apart = (float(np.linalg.norm(one.T_map_cam[:3, 3] - one.mapped)) for one in changed)
+        self._moved = max(apart, default=0.0)
 
     def _notice_jump(self) -> None:
         """Spread a jump of map -> odom over the way before it, once it has ended."""
@@ -239,6 +245,7 @@ class LoopClosures:
         for one, turned, before, place in zip(some, R, T, at, strict=True):
             one.T_map_cam = np.eye(4)
             one.T_map_cam[:3, :3], one.T_map_cam[:3, 3] = turned @ before[:3, :3], place
+        self._measure(self._frames)
 
 
 def _odometry(tree: TransformTree, map_frame: str, camera: str) -> tuple[str, str]:
