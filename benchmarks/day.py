@@ -7,7 +7,8 @@ several states: small things lie elsewhere or are gone, and persons stand here a
 depth with noise and detections with errors are made once for each pose and state, and each lap
 takes another draw of detections, so that a frame costs what its mapping costs. Stamps are those of
 a real day. After a quarter of the frames `compact` drops the older half of the history, and a line
-tells what it gives back. A shorter run ends with a row that goes on straight from its last rows.
+tells what it gives back. A shorter run, or one that Ctrl+C ends, ends with a row that goes on
+straight from its last rows.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 
 from benchmarks.graph.ours import on_disk, resident
 from hereabouts.cli.console import note, print_table, write_json
+from hereabouts.cli.live import until_signal
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import create_map
 from lab.command_line import parser_of
@@ -150,13 +152,16 @@ def day(semantic_map: SemanticMap, count: int) -> Iterator[Row]:
     shown = {round(hours * HOUR) for hours in ROWS} | {count}
     started = began = time.perf_counter()
     spent, since = time.process_time(), 0
-    with Mapper(semantic_map, MappingOptions(find_places=True), recording="day") as mapper:
+    options = MappingOptions(find_places=True)
+    with until_signal() as ended, Mapper(semantic_map, options, recording="day") as mapper:
         for done in range(1, count + 1):
             mapper.add(*next(source))
-            if done in shown:
+            if done in shown or ended.is_set():
                 now, cpu, some = time.perf_counter(), time.process_time(), (done - since) / 1000
                 yield row(semantic_map, mapper, done, (now - began) / some, (cpu - spent) / some)
                 began, spent, since = time.perf_counter(), time.process_time(), done
+            if ended.is_set():
+                return
             if done == count // 4:
                 _compact(semantic_map, time.perf_counter() - started)
 
@@ -191,7 +196,7 @@ def run(arguments: argparse.Namespace) -> int:
             for one in day(semantic_map, arguments.frames):
                 rows.append(one)
                 note(str(one))
-    if arguments.frames < DAY and len(rows) > 1:
+    if rows[-1].frames < DAY and len(rows) > 1:
         rows.append(whole_day(rows))
     if arguments.json:
         write_json([{f.name: getattr(one, f.name) for f in fields(Row)} for one in rows])
