@@ -189,7 +189,8 @@ class SceneReader:
         believed = {record.iri: record for record in records}
         for name in self._frames:
             if name.startswith(_OBJECT):
-                found = [one for iri in (self._map.base + name,) if (one := believed.get(iri))]
+                named = believed.get(self._map.base + name)
+                found: Sequence[ObjectRecord] = () if named is None else (named,)
             else:
                 found = self._map.objects(name, min_existence=self._least)
             same = [one for one in found if one.iri == self._asked.get(name)]
