@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -66,7 +66,6 @@ if TYPE_CHECKING:
     from perception.sources.live.cameras import CameraStreams
     from perception.sources.live.connection import Connection
     from perception.sources.live.live_recording import LiveRecording
-    from perception.sources.live.live_tracker import LiveTracker
     from perception.sources.live.silence import StreamCounts
     from perception.sources.live.stream import FrameStream
     from perception.sources.recording_options import RecordingOptions
@@ -77,7 +76,12 @@ _OPTIONS = f"""
                 of colour images
 --limit N       end after N frames
 --idle SECONDS  end after so long without a frame
+--loops TOPIC   what was mapped follows the robot's own SLAM, by its corrected path (nav_msgs/Path,
+                or RTAB-Map's MapGraph); tf: where map -> odom jumps
 --publish [TO]  {PUBLISH}
+--publish-tf OBJECT ...
+                an object whose pose is published as a frame of tf, too: the surest of its kind, or
+                object/N; given once for each
 """
 
 
@@ -100,6 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.cameras:
         _check_cameras(arguments, connection)
+    if arguments.loops is not None and not _has_topics(connection):
+        arguments.usage_error("--loops needs a source with topics: ros1://, ros2:// or ws://")
     source, options = source_options(arguments), mapping_options(arguments)
     if connection is not None and connection.address.startswith(REALSENSE):
         source = replace(source, estimate_poses=True)
@@ -117,15 +123,24 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_cameras(arguments: argparse.Namespace, connection: Connection | None) -> None:
     """End the program, as wrong usage, where several cameras do not go with source or options."""
-    if connection is None or connection.address.startswith(REALSENSE):
+    if not _has_topics(connection):
         arguments.usage_error("--camera needs a source with topics: ros1://, ros2:// or ws://")
-    names = ("colour", "depth", "camera", "camera_frame", "camera_in", "intrinsics")
-    has_topic = (arguments.detector or "").startswith("topic:")
-    if has_topic or any(getattr(arguments, name) is not None for name in names):
+    names = ("colour", "depth", "camera", "camera_frame", "camera_in", "intrinsics", "loops")
+    if any(getattr(arguments, name) is not None for name in names):
         arguments.usage_error(
-            "--color-topic, --depth-topic, --info-topic, --camera-frame, --camera-in, --intrinsics "
-            "and --detector topic:NAME are of one camera, and --camera names those of several"
+            "--color-topic, --depth-topic, --info-topic, --camera-frame, --camera-in, "
+            "--intrinsics and --loops are of one camera, and --camera names those of several"
         )
+    topic = arguments.detector or ""
+    if topic.startswith("topic:") and "{camera}" not in topic:
+        arguments.usage_error(
+            f"--detector {topic} is of one camera; --detector topic:/{{camera}}/detections, with "
+            "the name of each for {camera}, would work"
+        )
+
+
+def _has_topics(connection: Connection | None) -> bool:
+    return connection is not None and not connection.address.startswith(REALSENSE)
 
 
 @contextmanager
@@ -167,7 +182,7 @@ def _stream_run(
     from mapping.alignment.pose_correction import LiveCorrection
     from perception.sources.live.live_recording import KeptFrames, LiveRecording
 
-    stream = _stream_of(connection.address, arguments.cameras, source, networks)
+    stream = _stream_of(connection.address, arguments, source, networks)
 
     def run() -> None:
         name, limit = source.name or "live", mapped.left(arguments.limit)
@@ -210,8 +225,14 @@ def _stream_run(
             numbers = _as_json(stream.counts, mapped.count)
             if (tracker := recording.tracker) is not None:
                 numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
+                images = tracker.tracked + tracker.lost
+                cost = 1000 * tracker.seconds / max(images, 1)
+                note(f"tracking took {cost:.0f} ms of a core an image")
+            if (loops := stream.cameras[0].loops) is not None and loops.is_silent:
+                note(f"no message of {loops.topic} came that tells a path, so that nothing moved")
+            if recording.corrector is not None:
                 numbers["corrections"] = correction.corrections
-                _note_tracking(correction, tracker)
+                _note_corrections(correction, recording.corrector.moved)
             cameras = stream.cameras if arguments.cameras else ()
             each = {c.camera: _as_json(c.counts, mapped.by_camera[c.camera]) for c in cameras}
             more = numbers | ({"cameras": each} if each else {})
@@ -224,24 +245,26 @@ def _stream_run(
 
 
 def _stream_of(
-    address: str, cameras: Sequence[str], source: RecordingOptions, networks: Networks
+    address: str, arguments: argparse.Namespace, source: RecordingOptions, networks: Networks
 ) -> FrameStream | CameraStreams:
-    """The stream of a connection's frames: of the named `cameras`, or of the one that it finds."""
+    """The stream of a connection's frames: of the named cameras, or of the one that it finds."""
     from perception.sources.live.cameras import CameraStreams
+    from perception.sources.live.loop_closures import LoopClosures
     from perception.sources.live.stream import FrameStream
     from perception.sources.live.topic_detector import TopicDetector
 
-    if cameras:
-        return CameraStreams(address, cameras, source)
-    detector = networks.detector
-    return FrameStream(address, source, detector if isinstance(detector, TopicDetector) else None)
+    detector = networks.detector if isinstance(networks.detector, TopicDetector) else None
+    if arguments.cameras:
+        return CameraStreams(address, arguments.cameras, source, detector)
+    loops = None if arguments.loops is None else LoopClosures(arguments.loops)
+    return FrameStream(address, source, detector, loops)
 
 
 def _placed(recording: LiveRecording, semantic_map: SemanticMap, networks: Networks) -> Networks:
     """Put a recording where the map has it; the networks that map it.
 
-    A tracked camera is looked for in the map, and its detections are kept for corrected poses.
-    Raises LayoutError where it is not sure.
+    A tracked camera is looked for in the map. Where poses are corrected, each run is a recording
+    of its own, and detections are kept. Raises LayoutError where it is not sure.
     """
     from perception.inference.detector_pair import RememberingDetector
     from perception.sources.live.live_recording import MAX_FRAMES
@@ -249,8 +272,10 @@ def _placed(recording: LiveRecording, semantic_map: SemanticMap, networks: Netwo
     known = {one.name: one.T_map_world for one in semantic_map.recordings()}
     if recording.tracker is None:
         recording.T_map_world = known.get(recording.name, recording.T_map_world)
-        return networks
-    if known:
+        if recording.corrector is None:
+            return networks
+        recording.name = _new_name(recording.name, known)
+    elif known:
         _place(recording, semantic_map)
     return replace(networks, detector=RememberingDetector(networks.detector, MAX_FRAMES))
 
@@ -260,13 +285,17 @@ def _place(recording: LiveRecording, semantic_map: SemanticMap) -> None:
     from mapping.alignment.relocalisation import recognised_live
 
     names = {one.name for one in semantic_map.recordings()}
-    numbered = (f"{recording.name}-{number}" for number in count(2))
-    # each session has a world, and a name, of its own
-    recording.name = next(n for n in chain([recording.name], numbered) if n not in names)
+    recording.name = _new_name(recording.name, names)
     note(f"looking for the place in the map of {', '.join(sorted(names))}; nothing is mapped yet")
     T, line = recognised_live(recording.name, recording.views(), semantic_map)
     recording.T_map_world, recording.found = T @ recording.T_map_world, line
     note(f"{recording.name} was {line}")
+
+
+def _new_name(name: str, known: Collection[str]) -> str:
+    """The name of a run that is corrected alone, by a number where the name is known."""
+    numbered = (f"{name}-{number}" for number in count(2))
+    return next(one for one in chain([name], numbered) if one not in known)
 
 
 def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> OnDetections:
@@ -280,17 +309,15 @@ def _keeping(correction: LiveCorrection, on_detections: OnDetections | None) -> 
     return keep
 
 
-def _note_tracking(correction: LiveCorrection, tracker: LiveTracker) -> None:
-    """Print the cost of tracking, and how far loops moved images that were mapped before."""
+def _note_corrections(correction: LiveCorrection, moved: float) -> None:
+    """Print how far loops moved images that were mapped before, where the map does not follow."""
     from mapping.alignment.pose_correction import MOVED
 
-    images = tracker.tracked + tracker.lost
-    note(f"tracking took {1000 * tracker.seconds / max(images, 1):.0f} ms of a core an image")
-    if tracker.moved > MOVED:
+    if moved > MOVED:
         note(
-            f"loops moved the camera by up to {tracker.moved:.2f} m after its images were mapped, "
-            f"and what was mapped stays, since no more than {len(correction.kept)} frames are "
-            "kept; a recording of the same images, mapped by `hereabouts map`, follows its loops"
+            f"loops moved the camera by up to {moved:.2f} m after its images were mapped, and what "
+            f"was mapped stays, since no more than {len(correction.kept)} frames are kept; a "
+            "recording of the same images, mapped by `hereabouts map`, follows its loops"
         )
 
 

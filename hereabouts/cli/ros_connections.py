@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -107,7 +107,10 @@ def publish_to(arguments: argparse.Namespace, source: str) -> Publish:
     It takes the map, the frame of tf that poses are in ("" for none), and what gives the transform
     (4, 4) of that frame to the map. Raises RecordingError for a malformed address.
     """
+    frames = arguments.publish_tf or ()
     if arguments.publish is None:
+        if frames:
+            arguments.usage_error("--publish-tf needs --publish")
         return lambda *_: nullcontext()
     to = arguments.publish or source
     scheme = to.partition("://")[0]
@@ -119,7 +122,7 @@ def publish_to(arguments: argparse.Namespace, source: str) -> Publish:
         except ValueError as error:
             raise RecordingError(f"{to!r} is no address; ws://127.0.0.1:8765 is one") from error
         port = 8765 if port is None else port
-        return partial(_serve_foxglove, host, port, title_for(arguments.into))
+        return partial(_serve_foxglove, host, port, title_for(arguments.into), frames)
     if scheme not in ("ros1", "ros2"):
         raise RecordingError(
             f"{to!r} takes no messages; --publish ros1://HOST or ros2://DOMAIN would work, or "
@@ -130,15 +133,19 @@ def publish_to(arguments: argparse.Namespace, source: str) -> Publish:
         require_ros(to, "cyclonedds", "dds")
         from perception.sources.live.ros2 import Ros2Domain
 
-        return partial(_publish_to_ros, Ros2Domain.at(to))
+        return partial(_publish_to_ros, Ros2Domain.at(to), frames)
     from perception.sources.live.ros1 import Ros1Master
 
-    return partial(_publish_to_ros, Ros1Master.at(to))
+    return partial(_publish_to_ros, Ros1Master.at(to), frames)
 
 
 @contextmanager
 def _publish_to_ros(
-    to: Ros1Master | Ros2Domain, semantic_map: SemanticMap, frame: str, T_map: Callable[[], Pose]
+    to: Ros1Master | Ros2Domain,
+    frames: Sequence[str],
+    semantic_map: SemanticMap,
+    frame: str,
+    T_map: Callable[[], Pose],
 ) -> Iterator[None]:
     from hereabouts.display.viewers.feed import LiveFeed
     from hereabouts.display.viewers.topic_viewer import RosViewer, published_types
@@ -156,7 +163,7 @@ def _publish_to_ros(
 
         publisher = Ros2Publisher(to, types, frozenset(types))
     viewer = RosViewer(publisher, frame, T_map, is_ros1=is_ros1)
-    with LiveFeed(semantic_map, viewer, period=_PERIOD):
+    with LiveFeed(semantic_map, viewer, period=_PERIOD, frames=frames):
         note(f"publishing /hereabouts/objects, markers, floor and surface to {to.address}")
         yield
 
@@ -166,6 +173,7 @@ def _serve_foxglove(
     host: str,
     port: int,
     title: str,
+    frames: Sequence[str],
     semantic_map: SemanticMap,
     frame: str,
     T_map: Callable[[], Pose],
@@ -174,7 +182,7 @@ def _serve_foxglove(
     from hereabouts.display.viewers.foxglove_viewer import FoxgloveServer
 
     server = FoxgloveServer(title, host, port)
-    with LiveFeed(semantic_map, server, server.subscribed, period=_PERIOD):
+    with LiveFeed(semantic_map, server, server.subscribed, period=_PERIOD, frames=frames):
         note(f"Foxglove at {server.url}")
         yield
 

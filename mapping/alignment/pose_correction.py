@@ -63,10 +63,13 @@ class CorrectionReport:
 
     def summary(self) -> str:
         """One line."""
+        return f"{self.recording} has its corrected poses: {self.changes()}"
+
+    def changes(self) -> str:
+        """What moved and changed, as the end of a line."""
         return (
-            f"{self.recording} has its corrected poses: {self.kept} objects moved by "
-            f"{self.distance:.2f} m (median), {self.new} new, {self.removed} gone, "
-            f"{self.tiles} floor tiles changed"
+            f"{self.kept} objects moved by {self.distance:.2f} m (median), {self.new} new, "
+            f"{self.removed} gone, {self.tiles} floor tiles changed"
         )
 
 
@@ -331,7 +334,7 @@ class LiveCorrection:
 
     def keep(self, frame: Frame) -> None:
         """Keep a frame that was mapped just now."""
-        if self.recording.tracker is not None:
+        if self.recording.corrector is not None:
             self.kept.add(frame)
 
     def run(
@@ -352,14 +355,15 @@ class LiveCorrection:
             part = map_into(self.recording, semantic_map, options)
             report = part if report is None else report.followed_by(part)
             if self._is_needed():
-                tell(f"loops moved the camera by up to {self._moved():.2f} m; the map follows")
-                tell(self._correct(semantic_map, map_into, options).summary())
+                moved = self._moved()
+                changes = self._correct(semantic_map, map_into, options).changes()
+                tell(f"the path was corrected by up to {moved:.2f} m: {changes}")
             if not self.recording.paused:
                 return report
 
     def _moved(self) -> float:
-        tracker = self.recording.tracker
-        return 0.0 if tracker is None else tracker.moved
+        corrector = self.recording.corrector
+        return 0.0 if corrector is None else corrector.moved
 
     def _is_needed(self) -> bool:
         """Whether loops moved what was mapped, and all of its frames are kept."""
@@ -373,10 +377,10 @@ class LiveCorrection:
     ) -> CorrectionReport:
         before, live = time.monotonic(), self.recording
         T, poses = live.T_map_world, live.corrected_poses()
-        without_rooms = replace(options, find_places=False)
+        without_rooms, estimated = replace(options, find_places=False), live.tracker is not None
         report = correct_poses(
-            self.kept.recording(live.name, T, poses),
-            self.kept.recording(live.name, T),
+            self.kept.recording(live.name, T, poses, estimated=estimated),
+            self.kept.recording(live.name, T, estimated=estimated),
             semantic_map,
             lambda frames, apart: map_into(frames, apart, without_rooms),
             options,

@@ -135,6 +135,15 @@ class DetectionsMessage:
 
 
 @dataclass(frozen=True, slots=True)
+class OnTheWay:
+    """What navigation tells of its way to a goal; only a robot in this process sends it."""
+
+    distance: float  # [m] that is left
+    seconds: float  # [s] that it takes, as navigation estimates them
+    recoveries: int  # so far: turns, waits or steps back to get free
+
+
+@dataclass(frozen=True, slots=True)
 class Failed:
     """The command with that id failed, for a reason other than an obstacle."""
 
@@ -157,7 +166,15 @@ class MalformedMessage:
 
 
 Message = (
-    Hello | RobotPose | Arrived | Blocked | DetectionsMessage | Failed | Aborted | MalformedMessage
+    Hello
+    | RobotPose
+    | OnTheWay
+    | Arrived
+    | Blocked
+    | DetectionsMessage
+    | Failed
+    | Aborted
+    | MalformedMessage
 )
 
 _NAMES: Final[dict[type, str]] = {

@@ -8,7 +8,7 @@ from typing import Any, Final
 from kg.model.records import LookRecord
 from planner.execution.object_updates import TargetDetection
 from planner.execution.options import Event, EventSink, SearchOutcome, percent
-from planner.execution.protocol import Detected, RobotPose
+from planner.execution.protocol import Detected, OnTheWay, RobotPose
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import NextView
 
@@ -83,6 +83,18 @@ class Reporter:
             x=round(thing.x, 2),
             y=round(thing.y, 2),
             z=round(thing.z, 2),
+        )
+
+    def way(self, way: OnTheWay) -> None:
+        """Navigation tells of its way."""
+        times = "once" if way.recoveries == 1 else f"{way.recoveries} times"
+        recovered = f"; navigation had to get free {times}" if way.recoveries else ""
+        self._emit(
+            "note",
+            f"on the way: {way.distance:.1f} m and {way.seconds:.0f} s are left{recovered}",
+            distance=round(way.distance, 2),
+            remaining_seconds=round(way.seconds, 1),
+            recoveries=way.recoveries,
         )
 
     def surprise(self, text: str, pose: RobotPose | None = None) -> None:

@@ -31,6 +31,7 @@ from planner.execution.protocol import (
     DetectionsMessage,
     Failed,
     GoTo,
+    OnTheWay,
     RobotPose,
 )
 from planner.execution.reporter import Reporter
@@ -157,6 +158,8 @@ class SearchRun:
             if isinstance(message, Failed) and message.id in (number, None):
                 self._goal_failed(goal, message.reason)
                 return False
+            if isinstance(message, OnTheWay):
+                self._reporter.way(message)
             if isinstance(message, DetectionsMessage) and self._on_the_way(message):
                 return False
         self._robot.halt()

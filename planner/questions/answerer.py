@@ -319,20 +319,11 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         several = f"{kind}{'es' if kind.endswith(('s', 'x', 'z', 'ch', 'sh')) else 's'}"
         asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
-        if room := _room(semantic_map, place):
+        spoken = spoken_places(semantic_map)
+        rooms = {one.label: spoken[one.iri] for one in semantic_map.places()}
+        if room := rooms.get(str(place), "").partition(" (")[0]:
             asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
     if semantic_map.places():
         asked += ["which rooms are there?", "which room is the largest?"]
     asked += ["where are you?"] if semantic_map.query("robot").records() else []
     return [*asked, "what changed since yesterday?", "list all objects"]
-
-
-def _room(semantic_map: SemanticMap, label: object) -> str:
-    """``the kitchen`` for the only place that is believed to be one, else the place's label."""
-    rows = semantic_map.query("places").records()
-    kinds = Counter(row["category"] for row in rows)
-    for row in rows:
-        if row["label"] == label:
-            alone = row["category"] and kinds[row["category"]] == 1
-            return f"the {plain_place(str(row['category']))}" if alone else str(label)
-    return ""

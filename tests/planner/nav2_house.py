@@ -6,6 +6,7 @@ with include_hidden, it serves the action's hidden services, with the server of 
 
 from __future__ import annotations
 
+import math
 import threading
 import uuid
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import message_types, serialised
 
 ACTION = "/navigate_to_pose/_action"
-STATUS = f"{ACTION}/status"
+STATUS, FEEDBACK = f"{ACTION}/status", f"{ACTION}/feedback"
 GOAL = "geometry_msgs/msg/PoseStamped"
 #: of action_msgs/GoalStatus, for those of move_base; ABORTED for all others
 STATES = {1: 2, SUCCEEDED: 4, PREEMPTED: 5, RECALLED: 5}
@@ -37,6 +38,7 @@ class Nav2HouseNode(Ros1HouseNode):
         self._maker, self._master = MessageMaker(is_ros1=False), master
         self._told: list[tuple[str, int]] = []
         topics = {**self.CAMERA_AND_TF, STATUS: "action_msgs/msg/GoalStatusArray"}
+        topics[FEEDBACK] = "nav2_msgs/action/NavigateToPose_FeedbackMessage"
         self._publisher = self._opened(topics)
 
     def _opened(self, topics: Mapping[str, str]) -> Any:
@@ -58,6 +60,19 @@ class Nav2HouseNode(Ros1HouseNode):
             goal = SimpleNamespace(target_pose=target)
             self._begin(SimpleNamespace(goal_id=SimpleNamespace(id=number), goal=goal))
             self._publish_status()
+
+    def _move(self) -> None:
+        super()._move()
+        if (goal := self._active) is not None:
+            end = goal.way[-1]
+            feedback = {
+                "goal_id": {"uuid": list(bytes.fromhex(goal.id.id))},
+                "estimated_time_remaining": {"sec": round(end.seconds - self.seconds)},
+                "number_of_recoveries": len(self._goals),  # more with each goal
+                "distance_remaining": math.dist(end.xy, self.pose.xy),
+            }
+            made = self._maker.make("nav2_msgs/action/NavigateToPose_FeedbackMessage", **feedback)
+            self._publisher.publish(FEEDBACK, made)
 
     def _end(self, goal: Any, status: int, text: str) -> None:
         goal.status, goal.text = status, text

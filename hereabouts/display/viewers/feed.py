@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -70,9 +70,11 @@ class LiveFeed:
         wake: threading.Event | None = None,
         *,
         period: float = _LIVE_PERIOD,
+        frames: Sequence[str] = (),
     ) -> None:
-        self._period = period  # [s] between scenes
-        self._map, self._reader, self._viewer = semantic_map, SceneReader(semantic_map), viewer
+        """`frames` as of `SceneReader`, and raises what it does; `period` [s] is between scenes."""
+        self._period, self._map, self._viewer = period, semantic_map, viewer
+        self._reader = SceneReader(semantic_map, frames=frames)
         self._wake = wake or threading.Event()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="hereabouts-viewer", daemon=True)

@@ -181,6 +181,17 @@ class RosMessages(MessageMaker):
         T_map_robot[:2, :2], T_map_robot[:3, 3] = [[c, -s], [s, c]], robot.p_map
         return self.transforms(nanoseconds_of(robot.stamp), MAP, ROBOT, T_map_robot)
 
+    def object_frames(self, scene: Scene, stamp: float) -> Any:
+        """The frames of objects that were asked for, as tf2_msgs/TFMessage."""
+        made = self.make(LIVE_TOPICS["/tf"], transforms=[])
+        for one in scene.frames:
+            T_map_object = np.eye(4)
+            c, s = math.cos(one.yaw), math.sin(one.yaw)
+            T_map_object[:2, :2], T_map_object[:3, 3] = [[c, -s], [s, c]], one.p_map
+            at = nanoseconds_of(stamp), self.map_frame, one.name, T_map_object
+            made.transforms += self.transforms(*at).transforms
+        return made
+
     def camera(self, frame: Frame, detections: Detections) -> Iterator[tuple[str, Any]]:
         """Topic and message of a frame: pose, intrinsics, and the image with boxes, as JPEG."""
         stamp = nanoseconds_of(frame.stamp)

@@ -8,6 +8,7 @@ the thesis' markers.
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,6 +43,7 @@ Shape = Literal["cube", "sphere", "cylinder"]
 Colour = tuple[float, float, float]  # red, green, blue, 0..1
 Point = tuple[float, float, float]  # (x, y, z) [m] in the map frame
 
+_OBJECT: Final = "object/"
 _SHAPES: Final[tuple[Shape, ...]] = ("cube", "cylinder", "sphere")
 _MIN_PROBABILITY: Final = 0.5  # of a drawn relation
 MAX_VOXELS: Final = 300_000  # of a drawn surface; more are joined into larger ones
@@ -110,6 +112,15 @@ class SceneFloor:
     __hash__ = None  # type: ignore[assignment]
 
 
+@dataclass(frozen=True, slots=True)
+class SceneFrame:
+    """The frame of tf of an object that was asked for."""
+
+    name: str  # as it was asked for, in letters, digits and _
+    p_map: Point
+    yaw: float  # [rad] about z
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """All drawn parts of a map."""
@@ -123,13 +134,27 @@ class Scene:
     robot: RobotRecord | None = None
     plan: ScenePlan | None = None
     surface: Surface = field(default_factory=Surface.empty)
+    frames: tuple[SceneFrame, ...] = ()
 
 
 class SceneReader:
     """Reads the scene of a map repeatedly; groups of objects are computed only after changes."""
 
-    def __init__(self, semantic_map: SemanticMap, least: float = SHOWN_EXISTENCE) -> None:
-        self._map, self._least = semantic_map, least
+    def __init__(
+        self,
+        semantic_map: SemanticMap,
+        least: float = SHOWN_EXISTENCE,
+        frames: Sequence[str] = (),
+    ) -> None:
+        """`frames` are the things that get a frame of tf: a name of its kind, or object/N.
+
+        Raises UnknownCategoryError for a kind that the map does not know.
+        """
+        self._map, self._least, self._frames = semantic_map, least, frames
+        self._asked = dict[str, str]()  # IRI of the object that each has
+        for name in frames:
+            if not name.startswith(_OBJECT):
+                semantic_map.catalogue.find(name, "object")
         self._counts: dict[str, int] | None = None
         self._groups: dict[str, Group] = {}
         self._surface, self._surface_at = Surface.empty(), -math.inf
@@ -156,7 +181,24 @@ class SceneReader:
             robot=robot,
             plan=plan,
             surface=self._surface,
+            frames=tuple(self._asked_for(records)),
         )
+
+    def _asked_for(self, records: Sequence[ObjectRecord]) -> Iterator[SceneFrame]:
+        """Of each kind the surest object, and the same as before while it is believed."""
+        believed = {record.iri: record for record in records}
+        for name in self._frames:
+            if name.startswith(_OBJECT):
+                named = believed.get(self._map.base + name)
+                found: Sequence[ObjectRecord] = () if named is None else (named,)
+            else:
+                found = self._map.objects(name, min_existence=self._least)
+            same = [one for one in found if one.iri == self._asked.get(name)]
+            best = max(same or found, key=lambda one: one.existence, default=None)
+            if best is not None and np.isfinite(best.p_map).all():
+                self._asked[name] = best.iri
+                yaw = best.yaw if math.isfinite(best.yaw) else 0.0
+                yield SceneFrame(re.sub(r"\W", "_", name), _point(best.p_map), yaw)
 
     def _name(self, iri: str) -> str:
         return iri.removeprefix(self._map.base)

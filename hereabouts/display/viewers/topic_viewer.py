@@ -55,6 +55,12 @@ class TopicViewer(ABC):
             self._log(_SURFACE, make.point_cloud(scene.surface, stamp), stamp)
         if self._changed("/hereabouts/plan", scene.plan):
             self._log("/hereabouts/plan", make.path(scene.plan, stamp), stamp)
+        self._show_frames(scene, stamp)
+
+    def _show_frames(self, scene: Scene, stamp: float) -> None:
+        """Write the frames of tf of objects that were asked for, if they changed."""
+        if scene.frames and self._changed("/tf", scene.frames):
+            self._log("/tf", self._messages.object_frames(scene, stamp), stamp)
 
     def _start_again(self, stamp: float) -> None:
         """Called before all is written once more, for a new subscriber."""
@@ -116,14 +122,17 @@ class RosViewer(TopicViewer):
         super().__init__(RosMessages(is_ros1=is_ros1, map_frame=FRAME))
         self._publisher, self._frame, self._T_map = publisher, frame, T_map
 
-    def show(self, scene: Scene, stamp: float) -> None:
-        """Publish what changed, and where the map lies if that changed."""
+    def _show_frames(self, scene: Scene, stamp: float) -> None:
+        """Publish where the map lies and the frames of objects, all in one latched message."""
         T = self._T_map()
-        if self._frame and self._changed(TF, T.tobytes()):
-            T_frame_map = np.linalg.inv(T).astype(np.float64)
-            made = self._messages.transforms(nanoseconds_of(stamp), self._frame, FRAME, T_frame_map)
+        if not self._changed(TF, (T.tobytes(), scene.frames)):
+            return
+        made = self._messages.object_frames(scene, stamp)
+        if self._frame:
+            at = nanoseconds_of(stamp), self._frame, FRAME, np.linalg.inv(T).astype(np.float64)
+            made.transforms += self._messages.transforms(*at).transforms
+        if made.transforms:
             self._publisher.publish(TF, made)
-        super().show(scene, stamp)
 
     def frame(self, frame: Frame, detections: Detections) -> None:
         """Nothing."""

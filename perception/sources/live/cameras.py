@@ -21,6 +21,7 @@ from perception.sources.bags.bag_file import RawMessage
 from perception.sources.bags.bag_index import CAMERA, IMAGES
 from perception.sources.live.silence import StreamCounts
 from perception.sources.live.stream import SILENT, TICK, FrameStream
+from perception.sources.live.topic_detector import TopicDetector
 from perception.sources.recording_options import RecordingOptions
 
 ABSENT: Final = 5.0  # [s] from the first topic of images to that of the last camera
@@ -36,14 +37,24 @@ class CameraStreams:
     given twice.
     """
 
-    def __init__(self, address: str, cameras: Sequence[str], options: RecordingOptions) -> None:
+    def __init__(
+        self,
+        address: str,
+        cameras: Sequence[str],
+        options: RecordingOptions,
+        detections: TopicDetector | None = None,
+    ) -> None:
         self.address = address
         names = [name.rstrip("/") for name in cameras]
         for name in names:
             if names.count(name) > 1:
                 raise RecordingError(f"camera {name} is given twice; each once would work")
         posed = replace(options, estimate_poses=False)
-        self.cameras = tuple(FrameStream(address, _of(name, posed), camera=name) for name in names)
+        each = {name: None if detections is None else detections.of(name) for name in names}
+        self.cameras = tuple(
+            FrameStream(address, _of(name, posed), theirs, camera=name)
+            for name, theirs in each.items()
+        )
         self._turns = deque(self.cameras)  # whose turn it is comes first
         self._images = set[str]()  # topics of images that there are
         self._seen = 0.0  # [s] when the first of them was there

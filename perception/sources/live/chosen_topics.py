@@ -18,6 +18,7 @@ from perception.camera.gravity_alignment import clear_turns, parse_up
 from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Rectifier
 from perception.camera.poses import Pose
+from perception.frames import Frame
 from perception.sources.bags.bag import (
     Choice,
     camera_of,
@@ -31,6 +32,7 @@ from perception.sources.bags.bag_index import STAMPED, BagIndex, frame_of
 from perception.sources.bags.bag_poses import add_poses
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.connection import LiveDecoder, LiveImage
+from perception.sources.live.loop_closures import LoopClosures
 from perception.sources.recording import ABSOLUTE_STAMP, FolderRecording
 from perception.sources.recording_options import RecordingOptions
 from perception.sources.ros.image_messages import NANOSECONDS, frame_name
@@ -67,6 +69,7 @@ class ChosenTopics:
     choice: Choice
     patience: float  # [s] for which transforms are waited for; grows where they come later
     has_camera: bool  # whether the camera is given, so that CameraInfo does not count
+    loops: LoopClosures | None = None  # None: frames' poses stay
     cameras: int = 0  # how often a camera has changed
     _infos: dict[str, bytes] = field(default_factory=dict)  # CameraInfo by topic, without its stamp
     _names: set[str] = field(default_factory=set)  # frames of colour that were told
@@ -82,6 +85,24 @@ class ChosenTopics:
         """Topics of CameraInfo that frames depend on."""
         infos = (self.choice.camera, self.choice.depth_camera)
         return set() if self.has_camera else {info.topic for info in infos if info is not None}
+
+    @property
+    def topics(self) -> set[str]:
+        """Topics that frames and their poses are made of, but for transforms."""
+        loops = "" if self.loops is None else self.loops.topic
+        images = {self.choice.colour.topic, self.choice.depth.topic}
+        return images | self.info_topics | {self.pose_topic, loops}
+
+    def follow(self, frame: Frame, stamp: float) -> None:
+        """Follow the pose of a frame of `stamp` [s] from now on; raises RecordingError."""
+        if self.loops is not None and self.choice.poses is not None:
+            self.loops.add_frame(frame, stamp, self.choice.poses, self.choice.colour.frame)
+
+    def add_closures(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        """Take what a message tells of poses before; raises RecordingError."""
+        loops, choice = self.loops, self.choice
+        if loops is not None and raw.topic == loops.topic and choice.poses is not None:
+            loops.add_message(raw, decoder, choice.poses, choice.colour.frame)
 
     def add_poses(self, frame: str | None) -> None:
         """Take new poses of the topic of poses, of `frame` where the user names it."""

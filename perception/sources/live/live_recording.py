@@ -28,6 +28,7 @@ from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.live.cameras import CameraStreams
 from perception.sources.live.connection import Connection
 from perception.sources.live.live_tracker import LiveTracker
+from perception.sources.live.loop_closures import LoopClosures
 from perception.sources.live.silence import SilenceTeller
 from perception.sources.live.stream import PATIENCE, SETTLING, UNPOSED, FrameStream
 from perception.sources.recording import FolderRecording
@@ -209,12 +210,17 @@ class LiveRecording:
         if self._failed:
             raise self._failed[0]
 
+    @property
+    def corrector(self) -> LiveTracker | LoopClosures | None:
+        """What knows loops by which the poses of frames change after they were given."""
+        return self.tracker or self.stream.cameras[0].loops
+
     def corrected_poses(self) -> dict[str, Pose]:
-        """Pose in the map (4, 4) of each frame so far by the loops since, by id, where tracked."""
-        if self.tracker is None:
+        """Pose in the map (4, 4) of each frame so far by the loops since, by id, where known."""
+        if self.corrector is None:
             return {}
         T = self.T_map_world @ np.linalg.inv(self._noted)
-        return {name: T @ found for name, found in self.tracker.corrected().items()}
+        return {name: T @ found for name, found in self.corrector.corrected().items()}
 
     def _for_poses(self) -> float:
         """[s] for which the first frame may wait for poses, where images come."""
@@ -341,11 +347,17 @@ class KeptFrames:
         self._entries = [replace(e, T_world_cam=poses[e.id]) for e in self._entries]
 
     def recording(
-        self, name: str, T_map_world: Pose, poses: Mapping[str, Pose] | None = None
+        self,
+        name: str,
+        T_map_world: Pose,
+        poses: Mapping[str, Pose] | None = None,
+        *,
+        estimated: bool = True,
     ) -> FolderRecording:
         """The frames as a recording of the world (4, 4), by the poses they were mapped by.
 
-        `poses` in the map (4, 4), by the frames' ids, take their place.
+        `poses` in the map (4, 4), by the frames' ids, take their place. `estimated` tells whether
+        they were found from the images.
         """
         assert self._camera is not None
         back = np.linalg.inv(T_map_world)
@@ -363,5 +375,5 @@ class KeptFrames:
             depth_scale=DEPTH_FACTOR,
             start_time=0.0,
             transform_given=True,
-            estimate=TrackingReport(count, count, 1, 0, 0.0, (), 0, 0),
+            estimate=TrackingReport(count, count, 1, 0, 0.0, (), 0, 0) if estimated else None,
         )

@@ -35,7 +35,7 @@ MAX_DOMAIN: Final = 232
 TAKEN: Final = 32  # messages of a topic at once
 KEPT: Final = {True: 5, False: 100}  # messages of a topic that wait, of images and others
 TOPIC_PREFIX: Final = "rt"
-_TYPE: Final = re.compile(r"(\w+)::msg::dds_::(\w+)_")
+_TYPE: Final = re.compile(r"(\w+)::(msg|action)::dds_::(\w+)_")
 
 _log = logging.getLogger(__name__)
 
@@ -231,7 +231,7 @@ def topics_of(writers: Iterable[Any]) -> list[_Topic]:
     found = dict[str, _Topic]()
     for writer in writers:
         name, match = str(writer.topic_name), _TYPE.fullmatch(str(writer.type_name))
-        kind = f"{match[1]}/msg/{match[2]}" if match else ""
+        kind = "/".join(match.groups()) if match else ""
         if not name.startswith(f"{TOPIC_PREFIX}/") or kind not in known:
             continue
         # an image is large and soon outdated: a lost one is not sent again
@@ -259,10 +259,10 @@ def idl_type(name: str) -> Any:
     """The type of a message, e.g. sensor_msgs/msg/Image, for cyclonedds; it reads bytes."""
     from cyclonedds.idl import make_idl_struct
 
-    package, _, last = name.split("/")
+    package, part, last = name.split("/")
     _, definition = message_types(False).fielddefs[name]
     fields = {field: _idl_of(node) for field, node in definition}
-    typename = f"{package}::msg::dds_::{last}_"
+    typename = f"{package}::{part}::dds_::{last}_"
     made: Any = make_idl_struct(f"{last}_", typename, fields)
     made.deserialize = Sample  # readers call it, and writers:
     made.serialize = lambda sample, use_version_2=None: sample.cdr

@@ -40,6 +40,7 @@ from perception.sources.bags.bag_poses import IMU, Reading, up_by_imu
 from perception.sources.listing import FrameEntry, nearest_pairs
 from perception.sources.live.chosen_topics import ChosenTopics, choice_or_error
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
+from perception.sources.live.loop_closures import LoopClosures
 from perception.sources.live.silence import Arrivals, Silence, StreamCounts
 from perception.sources.live.topic_detector import TYPES, TopicDetector
 from perception.sources.recording import FolderRecording
@@ -71,6 +72,7 @@ class FrameStream:
     address: str  # of the connection, for messages
     options: RecordingOptions = DEFAULT_OPTIONS
     detections: TopicDetector | None = None  # None: frames are not waited for by detections
+    loops: LoopClosures | None = None  # None: poses are not followed after their frames are given
     camera: str = ""  # one of several: its topic of colour, or a name in all of its topics
     problem: str = ""  # the reason why there are no frames yet
     missed: int = 0  # calls of `next_frame`, one after another, without a frame
@@ -181,14 +183,13 @@ class FrameStream:
             wanted = {n for n, t in topics.items() if t in (*WANTED, IMU) or n == NOTE_TOPIC}
             if self.detections is not None and topics.get(self.detections.topic) in TYPES:
                 wanted.add(self.detections.topic)
+            if self.loops is not None:
+                wanted |= self.loops.wanted(topics)
             given, chosen = self.options.streams, self._chosen
             if chosen is not None:
-                choice = chosen.choice
-                images = {choice.colour.topic, choice.depth.topic, chosen.pose_topic}
-                images |= chosen.info_topics
-                images.add(self.detections.topic if self.detections is not None else "")
-                types = TRANSFORMS if choice.poses else (*TRANSFORMS, IMU)
-                wanted = {n for n in wanted if topics[n] in types or n in images}
+                used = chosen.topics | {"" if self.detections is None else self.detections.topic}
+                types = TRANSFORMS if chosen.choice.poses else (*TRANSFORMS, IMU)
+                wanted = {n for n in wanted if topics[n] in types or n in used}
             elif given.colour is not None and given.depth is not None:
                 images = {given.colour, given.depth}
                 wanted = {n for n in wanted if topics[n] not in IMAGES or n in images}
@@ -240,18 +241,24 @@ class FrameStream:
             self._trim(raw.topic, poses=0)
         elif chosen is not None and raw.topic in chosen.info_topics:
             chosen.add_camera(raw, decoder)
+        if chosen is not None:
+            chosen.add_closures(raw, decoder)
         if raw.type in IMAGES and self._is_used(raw.topic):
-            self._received[raw.topic] += 1
-            stamp = stamp_of(decoder, raw, self.address) or raw.time
-            self._arrivals.add(raw.topic, stamp / NANOSECONDS)
-            if chosen is not None and raw.topic == chosen.choice.colour.topic:
-                chosen.check_frame(raw, decoder)
-            image = LiveImage(raw, decoder, stamp, time.monotonic())
-            self._held.setdefault(raw.topic, HeldImages()).add(image)
-            while sum(held.size for held in self._held.values()) > MAX_BYTES:
-                largest = max(self._held.values(), key=lambda held: held.size)
-                largest.drop(largest.images[0])
-            self._changed.notify_all()
+            self._add_image(raw, decoder)
+
+    def _add_image(self, raw: RawMessage, decoder: LiveDecoder) -> None:
+        chosen = self._chosen
+        self._received[raw.topic] += 1
+        stamp = stamp_of(decoder, raw, self.address) or raw.time
+        self._arrivals.add(raw.topic, stamp / NANOSECONDS)
+        if chosen is not None and raw.topic == chosen.choice.colour.topic:
+            chosen.check_frame(raw, decoder)
+        image = LiveImage(raw, decoder, stamp, time.monotonic())
+        self._held.setdefault(raw.topic, HeldImages()).add(image)
+        while sum(held.size for held in self._held.values()) > MAX_BYTES:
+            largest = max(self._held.values(), key=lambda held: held.size)
+            largest.drop(largest.images[0])
+        self._changed.notify_all()
 
     def _add_detections(self, raw: RawMessage, decoder: LiveDecoder) -> None:
         if self.detections is not None and raw.topic == self.detections.topic:
@@ -363,7 +370,8 @@ class FrameStream:
             self._tried_names = None
             return False
         has_camera = self.options.intrinsics is not None
-        self.problem, self._chosen = "", ChosenTopics(index, choice, PATIENCE, has_camera)
+        self.problem = ""
+        self._chosen = ChosenTopics(index, choice, PATIENCE, has_camera, self.loops)
         self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
         used = f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of {choice.posed}"
         _log.warning("%s: %s", self.address, used)
@@ -382,6 +390,8 @@ class FrameStream:
             frame = self._camera.decoded(replace(entry, T_world_cam=gridded_pose(T)))
             if self.detections is not None:
                 self._take_detections(self.detections, frame, entry)
+            with self._changed:
+                self._chosen.follow(frame, entry.stamp)
         except (RecordingError, ValueError) as error:
             self._counts.unreadable += 1
             self._warn("images", error)

@@ -33,6 +33,9 @@ _CORNERS: Final = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 _log = logging.getLogger(__name__)
 
 
+CAMERA: Final = "{camera}"  # in a topic: the name of the camera, where there are several
+
+
 class TopicDetector:
     """A `Detector` of the detections that come on a topic; a `FrameStream` passes them on.
 
@@ -45,8 +48,14 @@ class TopicDetector:
         self.name = f"topic:{topic}"
         self._held: OrderedDict[int, Any] = OrderedDict()  # messages by stamp [ns]
         self._found: OrderedDict[str, Detections] = OrderedDict()  # by the frame's id
+        self._cameras: dict[str, TopicDetector] = {}
         self._lock = threading.Lock()
         self._warned = False
+
+    def of(self, camera: str) -> TopicDetector:
+        """The detector of one camera of several, which has a topic of its own."""
+        topic = self.topic.replace(CAMERA, camera.strip("/"))
+        return self._cameras.setdefault(camera, TopicDetector(topic, self.threshold))
 
     def add(self, stamp: int, message: Any) -> None:
         """Keep a message with its stamp [ns]."""
@@ -127,6 +136,8 @@ class TopicDetector:
 
     def detect(self, frame: Frame) -> Detections:
         """The detections of a frame; raises RecordingError for one that came without any."""
+        if (one := self._cameras.get(frame.camera)) is not None:
+            return one.detect(frame)
         with self._lock:
             found = self._found.get(frame.id)
         if found is None:

@@ -63,7 +63,8 @@ def ros_type(schema: str) -> str:
     if schema in ROS_TYPES:
         return ROS_TYPES[schema]
     package, _, name = schema.partition("/")
-    return schema if not name or name.startswith("msg/") else f"{package}/msg/{name}"
+    is_whole = not name or name.startswith(("msg/", "action/"))
+    return schema if is_whole else f"{package}/msg/{name}"
 
 
 def decoded_foxglove(data: bytes, schema: str, encoding: str) -> Any:

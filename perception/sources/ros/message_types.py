@@ -24,11 +24,17 @@ _VISION: Final = {
 }
 #: RTAB-Map's images in one message, by the names of its packages; features follow, unread
 RGBD_IMAGES: Final = ("rtabmap_msgs/msg/RGBDImage", "rtabmap_ros/msg/RGBDImage")
-_RTABMAP: Final = dict.fromkeys(
+_RTABMAP: dict[str, str] = dict.fromkeys(
     RGBD_IMAGES,
     f"{_HEADER}sensor_msgs/CameraInfo rgb_camera_info\nsensor_msgs/CameraInfo depth_camera_info\n"
     "sensor_msgs/Image rgb\nsensor_msgs/Image depth\nsensor_msgs/CompressedImage rgb_compressed\n"
     "sensor_msgs/CompressedImage depth_compressed",
+)
+#: RTAB-Map's graph, by the names of its packages; links follow, unread
+MAP_GRAPHS: Final = ("rtabmap_msgs/msg/MapGraph", "rtabmap_ros/msg/MapGraph")
+_RTABMAP |= dict.fromkeys(
+    MAP_GRAPHS,
+    f"{_HEADER}geometry_msgs/Transform map_to_odom\nint32[] nodes\ngeometry_msgs/Pose[] poses",
 )
 #: of ROS 1: a class is a number, and the parameter `database_location` has its name
 _ROS1: Final = {
@@ -68,7 +74,13 @@ _ROS2: Final = {
     "vision_msgs/msg/BoundingBox2D": f"Pose2D center{_SIZE}",
     "vision_msgs/msg/Detection2D": f"{_RESULTS}BoundingBox2D bbox\nstring id",
     "vision_msgs/msg/Detection3D": f"{_RESULTS}BoundingBox3D bbox\nstring id",
-    # nav2_msgs/action/NavigateToPose_SendGoal: the request of its service
+    # NavigateToPose: what is fed back, and the request of its service SendGoal
+    "nav2_msgs/action/NavigateToPose_FeedbackMessage": (
+        f"{_GOAL}geometry_msgs/PoseStamped current_pose\n"
+        "builtin_interfaces/Duration navigation_time\n"
+        "builtin_interfaces/Duration estimated_time_remaining\n"
+        "int16 number_of_recoveries\nfloat32 distance_remaining"
+    ),
     "nav2_msgs/msg/SendGoalRequest": f"{_GOAL}geometry_msgs/PoseStamped pose\nstring behavior_tree",
 }
 _ZEROS: Final[dict[str, Any]] = {"bool": False, "string": "", "float32": 0.0, "float64": 0.0}

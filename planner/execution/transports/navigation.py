@@ -25,9 +25,10 @@ from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros1 import Ros1Master
 from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
+from perception.sources.ros.image_messages import NANOSECONDS
 from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import serialised
-from planner.execution.protocol import cleaned
+from planner.execution.protocol import OnTheWay, cleaned
 
 ANSWER: Final = 5.0  # [s] of answers about others after which a goal has failed
 GONE: Final = 15.0  # [s] without any answer after which the server is gone
@@ -37,6 +38,8 @@ _RESULT: Final = "move_base_msgs/msg/MoveBaseActionResult"
 _GOAL: Final = "move_base_msgs/msg/MoveBaseActionGoal"
 _CANCEL: Final = "actionlib_msgs/msg/GoalID"
 _NAV2_STATUS: Final = "action_msgs/msg/GoalStatusArray"
+_NAV2_FEEDBACK: Final = "nav2_msgs/action/NavigateToPose_FeedbackMessage"
+TOLD: Final = 10.0  # [s] between two messages of the way
 
 _log = logging.getLogger(__name__)
 
@@ -64,6 +67,9 @@ class _Goal:
     heard: float = field(default_factory=time.monotonic)  # [s] when it was sent or last named
     is_taken: bool = False  # whether navigation has named it
     outcome: str | None = None  # reason of its failure, "" after success; None: under way
+    way: OnTheWay | None = None  # as navigation told it last
+    told: float = field(default_factory=time.monotonic)  # [s] when the way was passed on last
+    recoveries: int = 0  # that were passed on
 
 
 class Navigation(ABC):
@@ -136,6 +142,17 @@ class Navigation(ABC):
             if self._alive - goal.heard > ANSWER and (self.repeats or not goal.is_taken):
                 goal.outcome = f"{self.name} has not named its goal for {ANSWER:g} s"
             return goal.outcome
+
+    def way(self) -> OnTheWay | None:
+        """News of the way to the goal: now and then, and each time that navigation got free."""
+        with self._lock:
+            goal, now = self._goal, time.monotonic()
+            if goal is None or goal.way is None or goal.outcome is not None:
+                return None
+            if now - goal.told < TOLD and goal.way.recoveries <= goal.recoveries:
+                return None
+            goal.told, goal.recoveries = now, goal.way.recoveries
+            return goal.way
 
     def cancel(self, here: GoalPose | None) -> None:
         """Cancel our goal under way, if any; goals of other clients go on.
@@ -244,10 +261,22 @@ class Nav2(Navigation):
     def __init__(self, where: str, name: str = "/navigate_to_pose") -> None:
         super().__init__(where)
         self.name = name.rstrip("/") or "/"
-        self.types = {f"{self.name}/_action/status": _NAV2_STATUS}
+        self._status = f"{self.name}/_action/status"
+        feedback = f"{self.name}/_action/feedback"
+        self.types = {self._status: _NAV2_STATUS, feedback: _NAV2_FEEDBACK}
         self._maker = MessageMaker(is_ros1=False)
 
     def _read(self, message: Any) -> None:
+        if hasattr(message, "status_list"):
+            self._read_status(message)
+            return
+        left, goal = message.estimated_time_remaining, self._goal
+        seconds, distance = left.sec + left.nanosec / NANOSECONDS, float(message.distance_remaining)
+        if goal is not None and goal.id == _hex(message.goal_id) and math.isfinite(distance):
+            with self._lock:
+                goal.way = OnTheWay(distance, seconds, int(message.number_of_recoveries))
+
+    def _read_status(self, message: Any) -> None:
         for state in message.status_list:
             self._update(_hex(state.goal_info.goal_id), int(state.status))
 
@@ -276,21 +305,20 @@ class Nav2Topics(Nav2):
     @property
     def missing(self) -> str:
         """What is missing where it is not ready."""
-        (status,) = self.types
-        return f"nobody subscribes to {self.GOAL}, or publishes {status} (--navigation)"
+        return f"nobody subscribes to {self.GOAL}, or publishes {self._status} (--navigation)"
 
     def close(self) -> None:
         """Leave the domain."""
         self._publisher.close()
 
-    def _read(self, message: Any) -> None:
+    def _read_status(self, message: Any) -> None:
         with self._lock:
             ids = [_hex(state.goal_info.goal_id) for state in message.status_list]
             new = [number for number in ids if number not in self._seen]
             self._seen.update(new)
             if new and self._goal is not None and not self._goal.id:
                 self._goal.id = new[-1]
-        super()._read(message)
+        super()._read_status(message)
 
     def _new_id(self) -> str:
         return ""  # the server gives it

@@ -175,6 +175,8 @@ class RosRobot(StepwiseRobot):
         """Poses until the goal is over, with `pictures` too; returns its `Navigation.outcome`."""
         while (outcome := self._navigation.outcome()) is None:
             yield self._pose()
+            if (way := self._navigation.way()) is not None:
+                yield way
             frame = self._stream.next_frame(_TICK) if pictures else None
             if frame is not None:
                 view = self._view(frame)

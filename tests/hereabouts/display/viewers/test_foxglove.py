@@ -85,6 +85,17 @@ def test_a_map_is_objects_places_relations_floor_and_robot(kitchen: SemanticMap)
     assert len(by_topic["/hereabouts/plan"].poses) == 2
 
 
+def test_objects_that_are_asked_for_have_frames_of_tf(kitchen: SemanticMap) -> None:
+    scene = SceneReader(kitchen, frames=["table", "object/2", "bed"]).read()
+    made = [one for _, kind, _, one in read(scenes_as_mcap([(scene, 1.0)])) if "TFMessage" in kind]
+    placed = {t.child_frame_id: t for one in made for t in one.transforms}
+    assert placed.keys() == {"robot", "table", "object_2"}  # there is no bed
+    table = placed["table"]
+    assert table.header.frame_id == "map"
+    assert table.transform.translation.x == pytest.approx(kitchen.objects()[0].p_map[0])
+    assert 2 * math.asin(table.transform.rotation.z) == pytest.approx(0.3)
+
+
 def test_an_empty_map_is_a_valid_file() -> None:
     messages = read(scenes_as_mcap([(SceneReader(in_memory_map()).read(), math.nan)]))
     assert [topic for topic, *_ in messages] == ["/hereabouts/objects", "/hereabouts/markers"]

@@ -16,7 +16,7 @@ from hereabouts.cli import ros_connections
 from hereabouts.cli.ros_connections import connection_to, publish_to
 from hereabouts.display.viewers.topic_viewer import published_types
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import RecordingError
+from kg.model.errors import RecordingError, UnknownCategoryError
 from kg.model.records import MapUpdate
 from perception.sources.bags.bag_file import RawMessage, decoded
 from tests.perception.sources.live.ros1_master import fake_master
@@ -56,7 +56,8 @@ def labels(inbox: Inbox) -> list[str]:
 
 
 def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: SemanticMap) -> None:
-    arguments = argparse.Namespace(publish="", into="kitchen.map")
+    asked = ["table", "object/2", "object/99"]
+    arguments = argparse.Namespace(publish="", into="kitchen.map", publish_tf=asked)
     publish, inbox, ended = publish_to(arguments, wire), Inbox(), threading.Event()
     source = connection_to(wire)
     assert source is not None
@@ -81,7 +82,12 @@ def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: Sem
             else:
                 assert table.results[0].hypothesis.class_id == "dining table"
                 assert f"{kitchen.base}{table.id}" == things[0].iri
-            (placed,) = inbox.last["/tf_static"].transforms
+            *frames, placed = inbox.last["/tf_static"].transforms
+            assert [one.child_frame_id for one in frames] == ["table", "object_2"]
+            assert [one.transform.translation.x for one in frames] == pytest.approx(
+                [one.p_map[0] for one in things]
+            )
+            assert {one.header.frame_id for one in frames} == {"hereabouts"}
             assert (placed.header.frame_id, placed.child_frame_id) == ("odom", "hereabouts")
             moved = placed.transform.translation
             assert (moved.x, moved.y, moved.z) == pytest.approx((-1.0, -2.0, 0.5))
@@ -89,6 +95,7 @@ def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: Sem
             kitchen.apply(MapUpdate(removed=(things[1].iri,)))
             until(lambda: len(inbox.last["/hereabouts/objects"].detections) == 1)
             until(lambda: labels(inbox) == ["dining table"])
+            until(lambda: len(inbox.last["/tf_static"].transforms) == 2)  # object/2 is gone
         finally:
             ended.set()
             thread.join()
@@ -98,6 +105,15 @@ def test_a_late_subscriber_hears_the_map_and_its_changes(wire: str, kitchen: Sem
 def test_what_takes_no_messages_is_refused_before_the_map_is_opened(
     to: str, tmp_path: Path
 ) -> None:
-    arguments = argparse.Namespace(publish=to, into="kitchen.map")
+    arguments = argparse.Namespace(publish=to, into="kitchen.map", publish_tf=None)
     with pytest.raises(RecordingError, match=r"would work|is one"):
         publish_to(arguments, str(tmp_path))
+
+
+def test_frames_of_what_nobody_knows_are_refused(wire: str, kitchen: SemanticMap) -> None:
+    arguments = argparse.Namespace(publish="", into="kitchen.map", publish_tf=["cupp"])
+    with (
+        pytest.raises(UnknownCategoryError, match="did you mean"),
+        publish_to(arguments, wire)(kitchen, "odom", lambda: T_MAP_ODOM),
+    ):
+        pass

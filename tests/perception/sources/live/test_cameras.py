@@ -13,8 +13,10 @@ from perception.sources.bag_writer import COLOUR, DEPTH, IMAGE_TOPICS
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live import cameras, stream
 from perception.sources.live.cameras import CameraStreams
+from perception.sources.live.topic_detector import BOXES, TopicDetector
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.sources.live.test_stream import by_frame
+from tests.perception.sources.live.test_topic_detector import box, detections, stamp_of
 
 Parts = list[list[RawMessage]]
 
@@ -101,3 +103,22 @@ def test_depth_is_that_of_the_same_camera_or_of_none(parts: Parts) -> None:
     frame = made.next_frame(5)
     assert frame is not None and frame.camera == "front"
     assert "camera rear: peer has no depth images" in made.problem and "--" not in made.problem
+
+
+def test_each_camera_has_its_own_topic_of_detections(parts: Parts) -> None:
+    both = TopicDetector("/{camera}/yolo", 0.2)
+    made = CameraStreams("peer", ["front", "rear"], RecordingOptions(), both)
+    topics = {raw.topic: raw.type for raw in parts[0]}
+    topics |= {f"/{name}/yolo": BOXES for name in ("front", "rear")}
+    assert {"/front/yolo", "/rear/yolo"} <= made.wanted(topics)
+    stamp = stamp_of([raw for raw in parts[0] if raw.topic == FRONT], FRONT)
+    told = {"front": [0.9, 0.8], "rear": [0.7]}
+    for name, scores in told.items():
+        boxes = [box("1", score, is_ros1=True) for score in scores]
+        message = detections(stamp, BOXES, boxes, is_ros1=True)
+        made.offer(replace(message, topic=f"/{name}/yolo"), is_ros1=True)
+    offer(made, parts[0])
+    for name, scores in told.items():
+        frame = made.next_frame(5)
+        assert frame is not None and frame.camera == name, made.problem
+        assert both.detect(frame).score.tolist() == pytest.approx(scores)

@@ -31,8 +31,8 @@ def settled_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stream, "PATIENCE", 0.05)
 
 
-def stamp_of(part: list[RawMessage]) -> int:
-    (colour,) = (raw for raw in part if raw.topic == COLOUR)
+def stamp_of(part: list[RawMessage], topic: str = COLOUR) -> int:
+    (colour,) = (raw for raw in part if raw.topic == topic)
     sec, nanosec = np.frombuffer(colour.data, "<u4", 2, 4)
     return int(sec) * 10**9 + int(nanosec)
 

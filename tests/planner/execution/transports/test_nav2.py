@@ -23,7 +23,7 @@ from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.live.stream import FrameStream
 from perception.sources.live.topic_detector import BOXES, TopicDetector
 from perception.sources.ros.message_maker import MessageMaker
-from planner.execution.options import SearchOptions
+from planner.execution.options import Event, SearchOptions
 from planner.execution.search_loop import search
 from planner.execution.transports.navigation import Nav2Services, Nav2Topics, Navigation
 from planner.execution.transports.ros_robot import RosRobot
@@ -83,6 +83,25 @@ def test_a_thing_is_found_by_nav2(wire: str, semantic_map: SemanticMap, tmp_path
     assert outcome.state == "found"
     (orange,) = semantic_map.objects("orange")
     assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
+
+
+@pytest.mark.parametrize("wire", ["dds", "bridge"])
+def test_the_way_that_nav2_feeds_back_is_told(
+    wire: str, semantic_map: SemanticMap, tmp_path: Path
+) -> None:
+    ways = list[Event]()
+
+    def on_event(event: Event) -> None:
+        if "remaining_seconds" in event.data:
+            ways.append(event)
+
+    with running(node(wire, "slow")) as made:
+        options = SearchOptions(on_event=on_event, stopping=lambda: bool(ways))
+        assert search(semantic_map, ["orange"], robot(made, tmp_path), options).state == "stopped"
+    (way,) = ways
+    assert 0 < way.data["distance"] < 8 and 0 < way.data["remaining_seconds"] < 60
+    assert way.data["recoveries"] == 1
+    assert way.text.startswith("on the way: ") and "had to get free once" in way.text
 
 
 def test_a_thing_is_found_by_the_detections_of_another_program(

@@ -1,0 +1,220 @@
+"""`hereabouts live` from a robot on DDS that does something wrong: a line, and mapping goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("cyclonedds")
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
+
+from hereabouts.cli import main
+from kg.serving.opening import create_map, open_map
+from mapping.mapper import Mapper
+from perception.sources.live.ros2 import Ros2Domain
+from perception.sources.live.ros2_publisher import Ros2Publisher
+from perception.sources.ros.message_maker import MessageMaker
+from tests.perception.sources.live.drifting_robot import COLOUR, DEPTH, INFO, TYPES, flat
+from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
+from tests.waiting import until
+
+ROS2 = f"ros2://{DOMAIN}"
+HEAR = """
+import sys, time
+from perception.sources.live.ros2 import Ros2Domain
+import threading
+class Inbox:
+    def wanted(self, topics): return {t for t in topics if t.startswith("/hereabouts/")}
+    def offer(self, raw, *, is_ros1): print(raw.topic, flush=True)
+Ros2Domain(int(sys.argv[1])).run(Inbox(), threading.Event())
+"""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What the robot does wrong."""
+
+    apart: tuple[float, float] = (0.0, 0.0)  # [s] of depth's and of tf's clock from that of colour
+    width: int = 160  # [px] of colour
+    boxes: int = 1  # detections of an image
+    quality: bool = False  # whether nothing is reliable, and nothing latched
+
+
+class BestEffort(Ros2Publisher):
+    """A publisher of sensor data alone."""
+
+    def _writer(self, topic: str, *, latched: bool) -> Any:
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.qos import Policy, Qos
+        from cyclonedds.topic import Topic
+
+        from perception.sources.live.ros2 import TOPIC_PREFIX, idl_type
+
+        made = Topic(self._participant, f"{TOPIC_PREFIX}{topic}", idl_type(self._types[topic]))
+        quality = Qos(
+            Policy.Reliability.BestEffort, Policy.DataRepresentation(use_cdrv0_representation=True)
+        )
+        return DataWriter(self._participant, made, qos=quality)
+
+
+@contextmanager
+def robot(fault: Fault) -> Iterator[None]:
+    """A robot that stands and sways, five images a second."""
+    height = fault.width * 3 // 4
+    model = CameraModel(width=160, height=120, focal=140.0)
+    camera, make, over = (
+        SimulatedCamera(furnished_house(), model),
+        MessageMaker(False),
+        threading.Event(),
+    )
+    kind = BestEffort if fault.quality else Ros2Publisher
+    publisher = kind(Ros2Domain(DOMAIN), TYPES, frozenset(["/tf_static"]))
+    mount, big = model.pose(0.0, 0.0, 0.0), fault.width // 160
+
+    def tell() -> None:
+        n = 0
+        while not over.wait(0.2):
+            n, now = n + 1, time.time_ns()
+            base = flat(5.7 + 0.02 * (n % 9), 4.7, 0.05 * (n % 7))
+            at = now + round(fault.apart[1] * 1e9)
+            publisher.publish("/tf", make.transforms(at, "map", "base_link", base))
+            publisher.publish("/tf_static", make.transforms(0, "base_link", "camera", mount))
+            frame = camera.frame(str(n), base @ mount, now / 1e9)
+            header = make.header(now, "camera")
+            if n == 1 or big == 1:  # enlarging takes its time
+                rgb = np.kron(frame.rgb, np.ones((big, big, 1), np.uint8))
+                depth = np.kron(frame.depth, np.ones((big, big), np.float32))
+            K = np.diag([big, big, 1.0]) @ frame.K
+            publisher.publish(INFO, make.camera_info(K, (height, fault.width), header))
+            publisher.publish(COLOUR, make.image(rgb, "rgb8", header))
+            late = make.header(now + round(fault.apart[0] * 1e9), "camera")
+            publisher.publish(DEPTH, make.depth(depth, late))
+            box = {"center": {"position": {"x": 80.0, "y": 60.0}}, "size_x": 40.0, "size_y": 30.0}
+            result = {"hypothesis": {"class_id": "cup", "score": 0.9}}
+            boxes = [{"header": header, "bbox": box, "results": [result]}] * fault.boxes
+            found = make.make(TYPES["/detections"], header=header, detections=boxes)
+            publisher.publish("/detections", found)
+
+    thread = threading.Thread(target=tell)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+        publisher.close()
+
+
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+
+
+def live(into: Path, *words: str) -> int:
+    common = [
+        "live",
+        ROS2,
+        "--into",
+        str(into),
+        "--scene",
+        "none",
+        "--detector",
+        "topic:/detections",
+    ]
+    return main([*common, *words])
+
+
+@pytest.mark.parametrize(
+    ("fault", "words", "code", "said"),
+    [
+        (
+            Fault(),
+            ["--color-topic", "/none"],
+            1,
+            "'/none' is no topic of its kind; there are: /camera/color/",
+        ),
+        (Fault(), ["--loops", "/none"], 0, "no message of /none came that tells a path"),
+        (Fault(apart=(1000.0, 0.0)), [], 1, "without depth"),
+        (Fault(apart=(0.0, -1000.0)), [], 1, "without pose"),
+        (Fault(apart=(500.0, -1000.0)), [], 1, "without depth"),
+        (Fault(width=3040), [], 0, "frames mapped"),
+        (Fault(boxes=1000), [], 0, "1000 detections of one image; the best 300 count"),
+        (Fault(quality=True), [], 0, "frames mapped"),
+    ],
+    ids=["topic", "loops", "depth's clock", "tf's clock", "three clocks", "20 MB", "storm", "QoS"],
+)
+def test_a_line_says_what_is_wrong(
+    fault: Fault,
+    words: list[str],
+    code: int,
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    into = tmp_path / "a.map"
+    with robot(fault):
+        ended = live(into, "--limit", "4", "--idle", "15", *words)
+    lines = capsys.readouterr().err + caplog.text
+    assert "Traceback" not in lines
+    assert said in lines, lines
+    assert ended == code, lines
+    if code:
+        assert not into.exists()
+        return
+    with open_map(into, read_only=True) as semantic_map:
+        (recording,) = semantic_map.recordings()
+    assert recording.frames_applied == 4
+
+
+def test_a_second_node_of_one_map_is_refused_and_the_first_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    into = tmp_path / "a.map"
+    with create_map(into) as semantic_map, Mapper(semantic_map, recording="live"), robot(Fault()):
+        assert live(into, "--limit", "2", "--idle", "8") == 1
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith("error: ") and "another" in last
+    with robot(Fault()):
+        assert live(into, "--limit", "2") == 0
+
+
+def test_a_subscriber_that_stalls_does_not_hold_up_mapping(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[3])}
+    heard = tmp_path / "heard"
+    with (
+        heard.open("w") as file,
+        subprocess.Popen(
+            [sys.executable, "-c", HEAR, str(DOMAIN)], stdout=file, env=environment
+        ) as stalls,
+        robot(Fault()),
+    ):
+
+        def stall() -> None:
+            until(lambda: "/hereabouts/objects" in heard.read_text())
+            stalls.send_signal(signal.SIGSTOP)
+
+        thread = threading.Thread(target=stall)
+        thread.start()
+        began = time.monotonic()
+        try:
+            assert live(tmp_path / "a.map", "--publish", "--limit", "25") == 0
+            assert time.monotonic() - began < 120
+            thread.join()
+        finally:
+            stalls.send_signal(signal.SIGCONT)
+            stalls.kill()

@@ -1,0 +1,127 @@
+"""`hereabouts live --loops`: the map follows the SLAM of a robot that is another process."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("cyclonedds")
+from planner.simulation.houses.house import furnished_house
+from planner.simulation.sensing.camera import SimulatedCamera
+from planner.simulation.sensing.sensors import SimulatedDetector
+
+from kg.maps.semantic_map import SemanticMap
+from kg.serving.opening import in_memory_map, open_map
+from mapping.mapper import Mapper
+from mapping.mapping_options import MappingOptions
+from tests.perception.sources.live import drifting_robot
+from tests.perception.sources.live.drifting_robot import BEGIN, FRAMES, HALF, LABELS, PERIOD
+from tests.perception.sources.live.ros1_master import fake_master
+from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture
+def robot(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[str]:
+    """Address of the robot that drifts."""
+    wire, told = request.param
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    with ExitStack() as stack:
+        address = f"ros2://{DOMAIN}"
+        if wire == "ros1":
+            address = stack.enter_context(fake_master()).address.address
+        (tmp_path / "seen").mkdir()
+        words = [sys.executable, drifting_robot.__file__, address, told, str(tmp_path / "seen")]
+        process = stack.enter_context(subprocess.Popen(words))
+        stack.callback(process.kill)
+        yield address
+
+
+Things = list[tuple[str, np.ndarray]]  # category, and position (3,) [m]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Things:
+    """What the same images make of the first half's drive where their poses are true."""
+    camera = SimulatedCamera(furnished_house())
+    detector, mount = SimulatedDetector(camera), camera.model.pose(0.0, 0.0, 0.0)
+    with in_memory_map() as semantic_map:
+        with Mapper(semantic_map, MappingOptions(surface=None)) as mapper:
+            for n, T in enumerate(drifting_robot.drive()):
+                frame = camera.frame(str(n), T @ mount, (BEGIN + n * PERIOD) / 1e9)
+                mapper.add(frame, detector.detect(frame))
+        return things(semantic_map)
+
+
+def things(semantic_map: SemanticMap, frames: int = FRAMES) -> Things:
+    """Things that are believed, whose evidence is of the first `frames`."""
+    label = semantic_map.catalogue.label
+    return [
+        (label(one.category), one.p_map)
+        for one in semantic_map.objects(min_existence=0.5)
+        if one.evidence and (len(one.evidence.frame) < 9 or number(one.evidence.frame) < frames)
+    ]
+
+
+def number(frame: str) -> float:
+    return (float(frame) * 1e9 - BEGIN) / PERIOD
+
+
+def mapped(address: str, folder: Path, truth: Things, *words: str) -> tuple[dict, str, np.ndarray]:
+    """Report, lines, and error [m] of each thing of the first half."""
+    table = folder / "labels.csv"
+    table.write_text("".join(f"{n},{label}\n" for n, label in enumerate(LABELS)))
+    into = folder / "a.map"
+    command = [sys.executable, "-m", "hereabouts.cli", "live", address, "--into", str(into)]
+    command += ["--detector", "topic:/detections", "--scene", "none", "--limit", str(FRAMES)]
+    command += ["--pictures", str(folder / "seen"), "--json", *words]
+    if address.startswith("ros1"):
+        command += ["--labels-map", str(table)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
+    with open_map(into, read_only=True) as semantic_map:
+        found = things(semantic_map, HALF - 1)
+    errors = [
+        min((np.linalg.norm(p - q) for other, q in truth if other == name), default=np.nan)
+        for name, p in found
+    ]
+    return json.loads(done.stdout), done.stderr, np.array(errors)
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [
+        (("ros2", "tf"), ["--loops", "tf"]),
+        (("ros2", "path"), ["--loops", "/slam/path"]),
+        (("ros1", "graph"), ["--loops", "/slam/graph"]),
+        (("ros2", "path"), []),
+    ],
+    indirect=["robot"],
+    ids=["jump", "path", "graph", "none"],
+)
+def test_what_was_mapped_moves_with_the_corrected_path(
+    robot: str, words: list[str], tmp_path: Path, truth: Things
+) -> None:
+    report, lines, errors = mapped(robot, tmp_path, truth, *words)
+    median, most = np.nanmedian(errors), np.nanpercentile(errors, 90)
+    summary = f"{len(errors)} things, median {median:.3f} m, 90 % within {most:.3f} m"
+    assert len(errors) >= 8
+    if not words:
+        assert "the path was corrected" not in lines
+        assert median > 0.12 and most > 0.35, summary
+        return
+    assert report["corrections"] >= 1
+    assert "the path was corrected by up to 0." in lines
+    assert median < (0.08 if words[1] == "tf" else 0.05) and most < 0.35, summary

@@ -1,0 +1,95 @@
+"""Files for a robot: launch files, options and layouts name what there is."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+from hereabouts.cli import main
+
+pytest.importorskip("yaml")
+import yaml
+
+from hereabouts.display.viewers.ros_messages import LIVE_TOPICS, TOPICS
+from hereabouts.display.viewers.topic_viewer import published_types
+
+FOLDER = Path(__file__).parents[1] / "docs/how-to/robot"
+
+
+@pytest.fixture
+def launch(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The launch file, with the few names of ROS' launch that it uses."""
+    plain = {
+        "launch": {"LaunchDescription": list},
+        "launch.actions": {
+            "DeclareLaunchArgument": lambda name, **how: (name, how),
+            "ExecuteProcess": lambda **how: how,
+            "OpaqueFunction": lambda function: function,
+        },
+        "launch.substitutions": {
+            "LaunchConfiguration": lambda name: SimpleNamespace(perform=lambda given: given[name])
+        },
+    }
+    for name, members in plain.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    spec = importlib.util.spec_from_file_location("launched", FOLDER / "hereabouts.launch.py")
+    assert spec is not None and spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+def test_the_launch_file_runs_live_by_options_that_there_are(
+    launch: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    *declared, function = launch.generate_launch_description()
+    given = {name: how["default_value"] for name, how in declared}
+    (process,) = function({**given, "into": str(tmp_path / "a.map"), "source": "nowhere"})
+    program, *words = process["cmd"]
+    assert program == "hereabouts"
+    assert words[:2] == ["live", "nowhere"] and "--publish" in words and "object/1" in words
+    assert main(words) == 1  # all options are understood, and the source is none
+    assert "'nowhere' is no source of frames" in capsys.readouterr().err
+
+
+def test_the_options_that_wait_for_their_use_are_options() -> None:
+    text = (FOLDER / "hereabouts.yaml").read_text()
+    names = re.findall(r"^#? ?([a-z-]+): ", text, re.M)
+    assert yaml.safe_load(text).keys() <= set(names) and len(names) > 5
+    known = subprocess.run(
+        [sys.executable, "-m", "hereabouts.cli", "live", "--help"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert all(f"--{name} " in known for name in names)
+
+
+def test_layouts_draw_the_topics_that_are_published() -> None:
+    published = set(published_types(is_ros1=False)) | set(TOPICS) | set(LIVE_TOPICS)
+    foxglove = json.loads((FOLDER / "foxglove.json").read_text())
+    drawn = set(foxglove["configById"]["3D!hereabouts"]["topics"])
+    assert {"/map", "/hereabouts/markers", "/hereabouts/surface"} <= drawn <= published
+    for path in (FOLDER / "hereabouts.rviz", FOLDER.parent / "hereabouts.rviz"):
+        displays = yaml.safe_load(path.read_text())["Visualization Manager"]["Displays"]
+        topics = [one.get("Topic", one.get("Marker Topic")) for one in displays]
+        topics = {one["Value"] if isinstance(one, dict) else one for one in topics if one}
+        assert {"/hereabouts/floor", "/hereabouts/markers", "/hereabouts/surface"} <= topics
+        assert topics - {"/plan"} <= published
+
+
+@pytest.mark.skipif(shutil.which("roslaunch") is None, reason="no ROS 1 here: ros-core")
+def test_the_launch_file_of_ros_1_is_one() -> None:
+    words = ["roslaunch", "--args", "hereabouts_live", str(FOLDER / "hereabouts.launch")]
+    done = subprocess.run(
+        [*words, "into:=/tmp/a.map"], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert "exec hereabouts live ros1 --into /tmp/a.map --publish" in done.stdout
