@@ -1,7 +1,8 @@
 """Usual sizes of things, by category: what is general knowledge, for mappers and explanations.
 
-`usual_sizes.csv` has, for each label, the usual longest side, the shorter horizontal one, and the
-three sides of the largest things of that name that are found in rooms, in metres.
+`usual_sizes.csv` has, for each label, the usual longest side, the shorter horizontal one, the three
+sides of the largest things of that name that are found in rooms, and the usual height of what
+always stands on the floor (others: 0), in metres.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Final
 
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
+_BAND: Final = (0.5, 0.9)  # shares of its usual height that what stands on the floor fills ...
+_FLOOR: Final = (-0.3, 1.3)  # ... where it was seen between that many metres and heights above it
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +28,23 @@ class UsualSize:
     longest: float
     width: float  # the shorter horizontal one: the centres of two of them are no nearer
     greatest: tuple[float, float, float] = (math.inf,) * 3  # sides of the largest, longest first
+    stands: float = 0.0  # height of what always stands on the floor; 0: it may be anywhere
 
     def excess(self, sides: Sequence[float]) -> float:
         """Greatest ratio of one of three `sides` [m] to that of the largest things, at least 1."""
         pairs = zip(sorted(sides, reverse=True), self.greatest, strict=True)
         return max(1.0, *(side / (greatest + VOXEL) for side, greatest in pairs))
+
+    def ends(self, bottom: float, top: float) -> tuple[float, float]:
+        """Lower and upper end [m above the floor] of a thing seen from `bottom` to `top`.
+
+        A chair behind a table shows its back alone, and one below the camera its seat. What stands
+        on the floor reaches from half of its usual height to nine tenths at least.
+        """
+        lowest, highest = _FLOOR
+        if not (lowest < bottom and top < highest * self.stands):
+            return bottom, top
+        return min(bottom, _BAND[0] * self.stands), max(top, _BAND[1] * self.stands)
 
 
 #: of things without a usual size
@@ -47,8 +62,8 @@ def usual_sizes() -> Mapping[str, UsualSize]:
         next(rows)
         sizes = {label: [*map(float, sides)] for label, *sides in rows}
     return {
-        label: UsualSize(size, width, (long, middle, short))
-        for label, (size, width, long, middle, short) in sizes.items()
+        label: UsualSize(size, width, (long, middle, short), stands)
+        for label, (size, width, long, middle, short, stands) in sizes.items()
     }
 
 

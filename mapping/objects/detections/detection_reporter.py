@@ -148,7 +148,7 @@ class DetectionReporter:
 
     def _candidate(self, track: Track, existence: float, seen: ThingFates | None) -> DoubtedThing:
         label = self._map.catalogue.label(track.category)
-        return _doubted(label, existence, track.observations, track.position, track.best, seen)
+        return _doubted(label, existence, track.observations, track.outline.centre, track.best, seen)
 
 
 def _doubted(
