@@ -18,7 +18,7 @@ from typing import Final
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
 _BAND: Final = (0.5, 0.9)  # shares of its usual height that what stands on the floor fills ...
-_FLOOR: Final = (-0.3, 1.3)  # ... where it was seen between that many metres and heights above it
+_FLOOR: Final = (-0.1, 1.3)  # ... where it was seen between that many metres and heights above it
 
 
 @dataclass(frozen=True, slots=True)
