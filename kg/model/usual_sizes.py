@@ -15,6 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from kg.model.areas import OrientedBox
+
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
 _BAND: Final = (0.5, 0.9)  # shares of its usual height that what stands on the floor fills ...
@@ -35,16 +39,21 @@ class UsualSize:
         pairs = zip(sorted(sides, reverse=True), self.greatest, strict=True)
         return max(1.0, *(side / (greatest + VOXEL) for side, greatest in pairs))
 
-    def ends(self, bottom: float, top: float) -> tuple[float, float]:
-        """Lower and upper end [m above the floor] of a thing seen from `bottom` to `top`.
+    def whole(self, box: OrientedBox) -> OrientedBox:
+        """`box` with the hidden parts of what stands on the floor, which is at height 0.
 
-        A chair behind a table shows its back alone, and one below the camera its seat. What stands
-        on the floor reaches from half of its usual height to nine tenths at least.
+        A chair behind a table shows its back alone, and one below the camera its seat: it reaches
+        from half of its usual height to nine tenths at least. Other things stay as they are seen.
         """
+        bottom, top = (box.centre[2] + side * box.extent[2] / 2 for side in (-1, 1))
         lowest, highest = _FLOOR
         if not (lowest < bottom and top < highest * self.stands):
-            return bottom, top
-        return min(bottom, _BAND[0] * self.stands), max(top, _BAND[1] * self.stands)
+            return box
+        low, high = min(bottom, _BAND[0] * self.stands), max(top, _BAND[1] * self.stands)
+        if (low, high) == (bottom, top):
+            return box
+        centre = np.array([*box.centre[:2], (low + high) / 2])
+        return OrientedBox(centre, np.array([*box.extent[:2], high - low]), box.yaw)
 
 
 #: of things without a usual size

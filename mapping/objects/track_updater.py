@@ -11,11 +11,7 @@ from kg.model.records import Evidence
 from kg.model.usual_sizes import UsualSize, usual_sizes
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
-from mapping.objects.existence import (
-    VolumeView,
-    ray_test,
-    visibility,
-)
+from mapping.objects.existence import VolumeView, ray_test, visibility
 from mapping.objects.extents.box_fit import view_row
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, Viewpoint
@@ -40,10 +36,7 @@ class TrackUpdater:
         self._counts = 1.0  # share that a miss in it counts
 
     def begin(self, stamp: float | None = None, partial: bool = False) -> None:
-        """Begin the next frame, taken at `stamp` [s]; None: at the time of the last.
-
-        `partial`: one network of a pair looked at it.
-        """
+        """Begin the next frame, at `stamp` [s] or at that of the last; `partial`: one of two looks."""
         self.frame += 1
         self._counts = self._settings.one_of_two if partial else 1.0
         self.stamp = self.stamp if stamp is None else stamp

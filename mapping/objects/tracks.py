@@ -130,13 +130,7 @@ class Track:
             long = float(extent[:2].max()) > self.settings.centred
             centre = (self.low + self.high) / 2 if long else self.p_map
             box = OrientedBox(centre, np.round(extent / _STEP) * _STEP, 0.0)
-        half = box.extent[2] / 2
-        bottom, top = self.usual.ends(box.centre[2] - half, box.centre[2] + half)
-        if top - bottom <= box.extent[2] or not self.views:  # or others measured where it is
-            return box
-        centre, extent = box.centre.copy(), box.extent.copy()
-        centre[2], extent[2] = (bottom + top) / 2, top - bottom
-        return OrientedBox(centre, extent, box.yaw)
+        return self.usual.whole(box) if self.views else box  # as others measured it
 
     @property
     def deviation(self) -> float:
