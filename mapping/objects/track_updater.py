@@ -36,7 +36,7 @@ class TrackUpdater:
         self._counts = 1.0  # share that a miss in it counts
 
     def begin(self, stamp: float | None = None, partial: bool = False) -> None:
-        """Begin the next frame, at `stamp` [s] or at that of the last; `partial`: one of two looks."""
+        """Begin the next frame, at `stamp` [s] or the last; `partial`: one network of two looks."""
         self.frame += 1
         self._counts = self._settings.one_of_two if partial else 1.0
         self.stamp = self.stamp if stamp is None else stamp
