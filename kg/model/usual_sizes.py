@@ -1,7 +1,8 @@
 """Usual sizes of things, by category: what is general knowledge, for mappers and explanations.
 
-`usual_sizes.csv` has, for each label, the usual longest side, the shorter horizontal one, and the
-three sides of the largest things of that name that are found in rooms, in metres.
+`usual_sizes.csv` has, for each label, the usual longest side, the shorter horizontal one, the three
+sides of the largest things of that name that are found in rooms, and the usual height of what
+always stands on the floor (others: 0), in metres.
 """
 
 from __future__ import annotations
@@ -14,8 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from kg.model.areas import OrientedBox
+
 _FILE: Final = Path(__file__).with_name("usual_sizes.csv")
 VOXEL: Final = 0.03  # [m] by which a box that is grown from the surface is too large
+_BAND: Final = (0.5, 0.9)  # shares of its usual height that what stands on the floor fills ...
+_FLOOR: Final = (-0.1, 1.3)  # ... where it was seen between that many metres and heights above it
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,11 +32,28 @@ class UsualSize:
     longest: float
     width: float  # the shorter horizontal one: the centres of two of them are no nearer
     greatest: tuple[float, float, float] = (math.inf,) * 3  # sides of the largest, longest first
+    stands: float = 0.0  # height of what always stands on the floor; 0: it may be anywhere
 
     def excess(self, sides: Sequence[float]) -> float:
         """Greatest ratio of one of three `sides` [m] to that of the largest things, at least 1."""
         pairs = zip(sorted(sides, reverse=True), self.greatest, strict=True)
         return max(1.0, *(side / (greatest + VOXEL) for side, greatest in pairs))
+
+    def whole(self, box: OrientedBox) -> OrientedBox:
+        """`box` with the hidden parts of what stands on the floor, which is at height 0.
+
+        A chair behind a table shows its back alone, and one below the camera its seat: it reaches
+        from half of its usual height to nine tenths at least. Other things stay as they are seen.
+        """
+        bottom, top = (box.centre[2] + side * box.extent[2] / 2 for side in (-1, 1))
+        lowest, highest = _FLOOR
+        if not (lowest < bottom and top < highest * self.stands):
+            return box
+        low, high = min(bottom, _BAND[0] * self.stands), max(top, _BAND[1] * self.stands)
+        if (low, high) == (bottom, top):
+            return box
+        centre = np.array([*box.centre[:2], (low + high) / 2])
+        return OrientedBox(centre, np.array([*box.extent[:2], high - low]), box.yaw)
 
 
 #: of things without a usual size
@@ -47,8 +71,8 @@ def usual_sizes() -> Mapping[str, UsualSize]:
         next(rows)
         sizes = {label: [*map(float, sides)] for label, *sides in rows}
     return {
-        label: UsualSize(size, width, (long, middle, short))
-        for label, (size, width, long, middle, short) in sizes.items()
+        label: UsualSize(size, width, (long, middle, short), stands)
+        for label, (size, width, long, middle, short, stands) in sizes.items()
     }
 
 

@@ -99,11 +99,11 @@ class BayesObjectMapper(ObjectMapper):
     def add(self, frame: Frame, detections: Detections) -> ObjectChanges:
         """Process one frame: hits, misses, new candidates, merges."""
         self.refresh()
-        self._updater.begin(frame.stamp)
+        looked_from = self._held.run.looked_from
+        looked_from.update(dict.fromkeys(detections.detectors, frame.T_map_cam.tolist()))
+        self._updater.begin(frame.stamp, len(detections.detectors) == 1 < len(looked_from))
         self.fates.begin(self._held.tracks)
         view = viewpoint(frame.T_map_cam)
-        for name in detections.detectors:
-            self._held.run.looked_from[name] = frame.T_map_cam.tolist()
         self.sightings = sightings = self._extractor.sightings(frame, detections)
         self.unplaced = self._extractor.unplaced
         known = self._associated(sightings)

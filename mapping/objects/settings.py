@@ -25,6 +25,7 @@ class ObjectSettings:
     # existence
     confirmed: float = 0.05  # existence that a candidate needs to enter the map
     removed: float = 0.02  # existence at which an object leaves the map
+    one_of_two: float = 0.4  # share that a miss by one network of a pair counts
     forgotten: int = 300  # frames after which a candidate is dropped
 
     # association

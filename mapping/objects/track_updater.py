@@ -11,11 +11,7 @@ from kg.model.records import Evidence
 from kg.model.usual_sizes import UsualSize, usual_sizes
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import recall
-from mapping.objects.existence import (
-    VolumeView,
-    ray_test,
-    visibility,
-)
+from mapping.objects.existence import VolumeView, ray_test, visibility
 from mapping.objects.extents.box_fit import view_row
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track, Viewpoint
@@ -37,10 +33,12 @@ class TrackUpdater:
         self._recording, self._model = recording, model
         self.frame = 0  # number of the present one
         self.stamp = 0.0  # [s] of the present one
+        self._counts = 1.0  # share that a miss in it counts
 
-    def begin(self, stamp: float | None = None) -> None:
-        """Begin the next frame, taken at `stamp` [s]; None: at the time of the last."""
+    def begin(self, stamp: float | None = None, partial: bool = False) -> None:
+        """Begin the next frame, at `stamp` [s] or the last; `partial`: one network of two looks."""
         self.frame += 1
+        self._counts = self._settings.one_of_two if partial else 1.0
         self.stamp = self.stamp if stamp is None else stamp
 
     def see(self, track: Track, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> None:
@@ -51,11 +49,8 @@ class TrackUpdater:
         self.locate(track, sighting, weight, frame.stamp)
         if (row := view_row(frame, sighting)) is not None:
             track.show(row)
-        visible = (
-            0.0
-            if sighting.cut
-            else visibility(self._share(track.size, sighting.depth or 1.0, frame))
-        )
+        side = self._share(track.size, sighting.depth or 1.0, frame)
+        visible = 0.0 if sighting.cut else self._counts * visibility(side)
         track.hit(sighting.best, weight, visible)
         self.finish(track, sighting, frame.stamp, frame.id)
 
@@ -73,7 +68,7 @@ class TrackUpdater:
                 track.absence.empty(weight, s.empty_ratio)
             share = self._share(track.size, float(np.linalg.norm(track.p_map - camera)), frame)
             track.absence.miss(weight, recall(share))
-            track.looks += weight * visibility(share)
+            track.looks += weight * self._counts * visibility(share)
             self.assess(track)
             missed.append(track)
         return missed

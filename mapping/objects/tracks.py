@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from kg.maps.facts.observations import STEP
 from kg.model.areas import OrientedBox, upright_bounds
 from kg.model.records import DepartedRecord, Evidence, ObjectRecord
-from kg.model.usual_sizes import UNUSUAL, SizeOf
+from kg.model.usual_sizes import UNUSUAL, SizeOf, UsualSize
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.absence import KNOWN, Absence
 from mapping.objects.existence import (
@@ -32,7 +32,7 @@ from mapping.objects.settings import ObjectSettings
 
 Floats = NDArray[np.float64]
 _VIEWPOINTS = 100  # remembered of each track
-_STEP = 0.05  # [m]
+_STEP = 0.05  # [m] of the latest sightings' sides, which change with each
 _SAME_LABEL = 0.04  # change of an alternative's probability up to which it is not written again
 
 
@@ -115,16 +115,22 @@ class Track:
     judged: dict[str, float] = field(default_factory=dict)  # log-odds that count its box, too
     name: str = ""  # IRI of the most probable category by these, ...
     certainty: float = 0.0  # ... and the probability that a thing of it is still there
+    usual: UsualSize = UNUSUAL  # size of its name
     changed: bool = True  # since it was last stored
 
     @property
-    def position(self) -> Floats:
-        """(3,) [m]: the centre of its box, or of a long thing's extent, or the surface's mean."""
-        if self.box is not None:
-            return self.box.centre
-        if float((self.high - self.low)[:2].max()) > self.settings.centred:
-            return (self.low + self.high) / 2
-        return self.p_map
+    def outline(self) -> OrientedBox:
+        """Its box, or that of the latest sightings, with hidden parts of what stands on the floor.
+
+        The box of a short thing that the surface does not show is around the sightings' mean.
+        """
+        box = self.box
+        if box is None:
+            extent = self.high - self.low
+            long = float(extent[:2].max()) > self.settings.centred
+            centre = (self.low + self.high) / 2 if long else self.p_map
+            box = OrientedBox(centre, np.round(extent / _STEP) * _STEP, 0.0)
+        return self.usual.whole(box) if self.views else box  # as others measured it
 
     @property
     def deviation(self) -> float:
@@ -221,6 +227,7 @@ class Track:
             self.log_odds[category] = held.log_odds(self.looks - held.looks, fit, MISSED_NAME)
             self.judged[category] = held.log_odds(missed, fit + beyond(sides, known))
         self.conclude()
+        self.usual = usual(self.name) or UNUSUAL
 
     def conclude(self) -> None:
         """Compute category, name and existence from the log-odds and the absence."""
@@ -291,16 +298,16 @@ class Track:
         return DepartedRecord(**self._common_fields(), peak=self.peak, found_gone=found_gone)
 
     def _common_fields(self) -> dict[str, Any]:
-        box = self.box
+        box = self.outline
         return {
             "iri": self.iri,
             "category": self.name,
-            "p_map": self.position,
+            "p_map": box.centre,
             "observations": self.observations,
             "first_seen": self.first_seen,
             "last_seen": self.last_seen,
-            "extent": _in_steps(self.high - self.low) if box is None else box.extent,
-            "yaw": 0.0 if box is None else box.yaw,
+            "extent": box.extent,
+            "yaw": box.yaw,
         }
 
 
@@ -358,11 +365,6 @@ def track_of_departed(
     del fields["found_gone"]
     known = ObjectRecord(**fields, confidence=3 * peak, existence=peak)
     return track_of(known, settings, usual_size)
-
-
-def _in_steps(extent: Floats) -> Floats:
-    """Sides [m] in steps of 5 cm, since those of the latest sightings change with each."""
-    return np.asarray(np.round(extent / _STEP) * _STEP)
 
 
 def _log_odds(record: ObjectRecord) -> dict[str, float]:

@@ -148,7 +148,8 @@ class DetectionReporter:
 
     def _candidate(self, track: Track, existence: float, seen: ThingFates | None) -> DoubtedThing:
         label = self._map.catalogue.label(track.category)
-        return _doubted(label, existence, track.observations, track.position, track.best, seen)
+        p_map, times = track.outline.centre, track.observations
+        return _doubted(label, existence, times, p_map, track.best, seen)
 
 
 def _doubted(

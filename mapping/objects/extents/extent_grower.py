@@ -43,7 +43,7 @@ class ExtentGrower:
         for track in tracks:
             if _has_box(track) and track.shown > track.grown:
                 self._grow(track)
-            if track.box is not None and not _is_written(track.box, track.written):
+            if track.box is not None and not _is_written(track.outline, track.written):
                 unwritten.append(track)
         return unwritten
 

@@ -132,6 +132,22 @@ def test_what_two_detectors_see_is_one_thing_by_the_better_score(room, step_back
     assert {left.evidence.model, right.evidence.model} <= set(names)
 
 
+def test_a_look_by_one_network_of_a_pair_counts_less_against_what_both_may_see(step_back):
+    """Frames between the views of the second network show little that only this one names."""
+
+    def existence(*later: str) -> float:
+        with in_memory_map(base="https://example.org/pair/") as semantic_map:
+            mapper = Mapper(semantic_map, detector="scripted")
+            for view in range(8):
+                looking = ("quick", "careful") if view % 4 == 0 else later
+                found = [] if view % 4 else [("cup", 0.7, MIDDLE)]
+                mapper.add(step_back(view), detections(*found, detectors=looking))
+            (cup,) = mapper.objects()
+            return cup.existence
+
+    assert existence("quick") > 1.2 * existence("quick", "careful")
+
+
 @pytest.mark.parametrize(("right", "objects"), [(65, 1), (60, 2)], ids=["cut", "whole"])
 def test_a_box_cut_by_the_border_beside_a_thing_of_its_name_is_no_second_one(
     semantic_map, step_back, right, objects

@@ -110,7 +110,37 @@ def test_a_long_thing_stands_at_the_centre_of_its_extent(make_track):
     for size, expected in ((0.29, 2.0), (0.31, 2.5)):
         track = make_track("cup", (2, 0, 1), size=size)
         track.low, track.high = track.low + 0.5, track.high + 0.5
-        assert track.position[0] == pytest.approx(expected)
+        assert track.outline.centre[0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("seen", "ends"),
+    [
+        ((0.72, 0.84), (0.4, 0.84)),  # its back, behind a table
+        ((0.0, 0.3), (0.0, 0.72)),  # its seat, below the camera
+        ((0.01, 0.82), (0.01, 0.82)),  # the whole
+        ((3.2, 3.4), (3.2, 3.4)),  # on another storey, whose floor is not known here
+        ((-2.6, -2.2), (-2.6, -2.2)),
+    ],
+)
+@pytest.mark.parametrize("grown", [True, False])
+def test_what_stands_on_the_floor_has_its_hidden_parts(make_track, seen, ends, grown):
+    """The place of a chair is that of the whole, however much of it was seen."""
+    bottom, top = seen
+    seat = UsualSize(0.8, 0.45, (1.2, 0.8, 0.8), stands=0.8)
+    track = make_track("seat", (2, 0, (bottom + top) / 2), size=0.5)
+    track.low[2], track.high[2] = bottom, top
+    if grown:
+        track.box = OrientedBox(
+            np.array([2, 0, (bottom + top) / 2]), np.array([0.5, 0.4, top - bottom]), 0.3
+        )
+    for usual, expected in ((seat, ends), (UsualSize(0.8, 0.45), seen)):
+        track.assess({"seat": usual}.get)
+        assert track.record().p_map[2] == pytest.approx((bottom + top) / 2), "others measured it"
+        track.views[7,] = np.zeros(23, np.float32)
+        z, height = track.record().p_map[2], track.record().extent[2]
+        assert (z - height / 2, z + height / 2) == pytest.approx(expected, abs=0.03)
+        track.views.clear()
 
 
 def test_an_alternative_is_written_again_only_where_it_changed(cup):
@@ -194,7 +224,7 @@ def test_what_is_written_is_read_again(cup, usual_size):
     assert (again.category, set(record.labels)) == ("cup", {"bottle"})
     assert again.existence == pytest.approx(cup.existence, abs=0.01)
     assert again.alternatives == pytest.approx(cup.alternatives, abs=0.01)
-    assert again.position == pytest.approx(cup.position)
+    assert again.outline.centre == pytest.approx(cup.outline.centre)
     assert again.size == pytest.approx(0.2)
     assert (again.low, again.high) == (pytest.approx(cup.low), pytest.approx(cup.high))
     assert (again.observations, again.first_seen, again.last_seen) == (3, 10.0, 20.0)
@@ -210,7 +240,7 @@ def test_a_thing_that_left_is_remembered_as_it_was(cup, usual_size):
     again = track_of_departed(left, SETTINGS, usual_size)
     assert again.existence == pytest.approx(0.8, abs=0.01)
     assert again.log_odds["cup"] == pytest.approx(logit(0.8), abs=0.01)
-    assert again.position == pytest.approx(cup.position)
+    assert again.outline.centre == pytest.approx(cup.outline.centre)
 
 
 @pytest.mark.parametrize(
