@@ -23,10 +23,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from planner.simulation.houses.house import FloorGrid, House, Item, SolidPart, furnished_house
-from planner.simulation.robot.house_robot import START, SimulatedTour
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
 
 from benchmarks.graph.ours import on_disk, resident
 from hereabouts.cli.console import note, print_table, write_json
@@ -39,6 +35,10 @@ from lab.houses.house_changes import changed_house
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from perception.frames import Detections, Frame
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import FloorGrid, House, Item, SolidPart, furnished_house
+from planner.simulation.house_robot import START, SimulatedTour
+from planner.simulation.sensors import SimulatedDetector
 
 RATE: Final = 2.0  # frames a second
 HOUR: Final = round(3600 * RATE)  # frames

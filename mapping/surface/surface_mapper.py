@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.surface.voxels import (
     LOCAL_BITS,
-    MAX_VOXELS,
+    MAX_VOXELS_OF_A_MAP,
     RANGE,
     SIDE,
     FrameVoxels,
@@ -100,8 +100,8 @@ class SurfaceMapper:
         found, size = list[str](), self._grid.size
         if self._grid.full:
             found.append(
-                f"surface: it is full with {MAX_VOXELS:,} voxels, and new ones are left out; "
-                f"--surface {200 * size:g} in a new map would work"
+                f"surface: it is full with {MAX_VOXELS_OF_A_MAP:,} voxels, and new ones are left "
+                f"out; --surface {200 * size:g} in a new map would work"
             )
         if size != self._given:
             found.append(

@@ -30,7 +30,7 @@ def make_frame() -> Callable[..., Frame]:
     ) -> Frame:
         image = np.broadcast_to(np.asarray(depth, dtype=np.float32), (49, 65)).copy()
         K = np.array([[50.0, 0.0, 32.0], [0.0, 50.0, 24.0], [0.0, 0.0, 1.0]])
-        rgb = np.zeros((49, 65, 3), dtype=np.uint8)
+        rgb = np.full((49, 65, 3), 1, dtype=np.uint8)
         return Frame(id, rgb, image, K, np.asarray(T, dtype=np.float64), stamp)
 
     return make

@@ -19,15 +19,14 @@ import pytest
 
 pytest.importorskip("rosbags")
 pytest.importorskip("cyclonedds")
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.sensing.camera import CameraModel, SimulatedCamera
-
 from hereabouts.cli import main
 from kg.serving.opening import create_map, open_map
 from mapping.mapper import Mapper
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.ros.message_maker import MessageMaker
+from planner.simulation.camera import CameraModel, SimulatedCamera
+from planner.simulation.house import furnished_house
 from tests.perception.sources.live.drifting_robot import COLOUR, DEPTH, INFO, TYPES, flat
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 from tests.waiting import until

@@ -14,14 +14,13 @@ import pytest
 
 pytest.importorskip("rosbags")
 pytest.importorskip("cyclonedds")
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
-
 from kg.maps.semantic_map import SemanticMap
 from kg.serving.opening import in_memory_map, open_map
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import furnished_house
+from planner.simulation.sensors import SimulatedDetector
 from tests.perception.sources.live import drifting_robot
 from tests.perception.sources.live.drifting_robot import BEGIN, FRAMES, HALF, LABELS, PERIOD
 from tests.perception.sources.live.ros1_master import fake_master

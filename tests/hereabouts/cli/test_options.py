@@ -93,7 +93,7 @@ SEARCH: dict[str, tuple[list[str], str, Any]] = {
 _MAP = {"--into", "--pictures", "--mcap", "--rerun", "--base", "--power-safe", "--keep", "--json"}
 OWN = {
     "map": {*_MAP, "--again"},
-    "live": {*_MAP, "--limit", "--idle", "--publish", "--camera"},
+    "live": {*_MAP, "--limit", "--idle", "--publish", "--publish-tf", "--camera", "--loops"},
     "serve": {
         *("--host", "--port", "--token-file", "--read-token-file", "--public-host", "--public"),
         *("--allow-origin", "--allow-service", "--timeout", "--foxglove", "--keep", "--verbose"),

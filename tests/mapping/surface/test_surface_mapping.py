@@ -145,7 +145,7 @@ def test_without_a_surface_nothing_is_kept(tmp_path, scene, nothing):
 
 
 def test_a_full_surface_says_so_in_one_line(monkeypatch, scene, nothing):
-    monkeypatch.setattr("kg.maps.surface.voxels.MAX_VOXELS", 200)
+    monkeypatch.setattr("kg.maps.surface.voxels.MAX_VOXELS_OF_A_MAP", 200)
     with in_memory_map() as semantic_map, Mapper(semantic_map, OPTIONS) as mapper:
         for second in range(8):
             mapper.add(scene(1000.0 + second, True), nothing)

@@ -80,7 +80,11 @@ def test_what_comes_later_is_drawn_and_told(
     snapshots = own.server.serving.pool._snapshots
     made = snapshots.refresh
     monkeypatch.setattr(snapshots, "_refresh", 3600.0)
-    monkeypatch.setattr(snapshots, "refresh", lambda since=None: since and made(since))
+    monkeypatch.setattr(
+        snapshots,
+        "refresh",
+        lambda since=None: made(since) if since or snapshots._current is None else None,
+    )
     place = PlaceRecord(f"{own.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
     own.map.apply(MapUpdate(places=(place,)))
     page = open_page("", own, script=WRITTEN + ARROWS)

@@ -12,9 +12,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from planner.simulation.houses.house import furnished_house
-from planner.simulation.sensing.camera import SimulatedCamera
-from planner.simulation.sensing.sensors import SimulatedDetector
 
 from perception.camera.poses import inverse
 from perception.sources.live.ros1 import Ros1Master
@@ -22,6 +19,9 @@ from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.ros.message_maker import MessageMaker
+from planner.simulation.camera import SimulatedCamera
+from planner.simulation.house import furnished_house
+from planner.simulation.sensors import SimulatedDetector
 
 HALF, FRAMES = 48, 60  # images until the loop closes, and in all
 EVERY = 3  # images from one pose of the SLAM's path to the next
