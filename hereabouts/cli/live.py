@@ -222,17 +222,7 @@ def _stream_run(
                 )
 
             report = correction.run(semantic_map, map_into, options, note)
-            numbers = _as_json(stream.counts, mapped.count)
-            if (tracker := recording.tracker) is not None:
-                numbers |= {"tracked": tracker.tracked, "lost": tracker.lost}
-                images = tracker.tracked + tracker.lost
-                cost = 1000 * tracker.seconds / max(images, 1)
-                note(f"tracking took {cost:.0f} ms of a core an image")
-            if (loops := stream.cameras[0].loops) is not None and loops.is_silent:
-                note(f"no message of {loops.topic} came that tells a path, so that nothing moved")
-            if recording.corrector is not None:
-                numbers["corrections"] = correction.corrections
-                _note_corrections(correction, recording.corrector.moved)
+            numbers = _as_json(stream.counts, mapped.count) | _tracking(recording, correction)
             cameras = stream.cameras if arguments.cameras else ()
             each = {c.camera: _as_json(c.counts, mapped.by_camera[c.camera]) for c in cameras}
             more = numbers | ({"cameras": each} if each else {})
@@ -242,6 +232,21 @@ def _stream_run(
             note(_counts_line(numbers))
 
     return run
+
+
+def _tracking(recording: LiveRecording, correction: LiveCorrection) -> dict[str, int]:
+    """Counts of tracking and of corrections; notes on them are printed."""
+    numbers = dict[str, int]()
+    if (tracker := recording.tracker) is not None:
+        numbers = {"tracked": tracker.tracked, "lost": tracker.lost}
+        cost = 1000 * tracker.seconds / max(tracker.tracked + tracker.lost, 1)
+        note(f"tracking took {cost:.0f} ms of a core an image")
+    if (loops := recording.stream.cameras[0].loops) is not None and loops.is_silent:
+        note(f"no message of {loops.topic} came that tells a path, so that nothing moved")
+    if recording.corrector is not None:
+        numbers["corrections"] = correction.corrections
+        _note_corrections(correction, recording.corrector.moved)
+    return numbers
 
 
 def _stream_of(

@@ -66,7 +66,7 @@ class CorrectionReport:
         return f"{self.recording} has its corrected poses: {self.changes()}"
 
     def changes(self) -> str:
-        """What moved and changed, as the end of a line."""
+        """Counts of objects and tiles that moved or changed, as the end of a line."""
         return (
             f"{self.kept} objects moved by {self.distance:.2f} m (median), {self.new} new, "
             f"{self.removed} gone, {self.tiles} floor tiles changed"

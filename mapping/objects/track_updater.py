@@ -49,8 +49,10 @@ class TrackUpdater:
         self.locate(track, sighting, weight, frame.stamp)
         if (row := view_row(frame, sighting)) is not None:
             track.show(row)
-        side = self._share(track.size, sighting.depth or 1.0, frame)
-        visible = 0.0 if sighting.cut else self._counts * visibility(side)
+        visible = 0.0
+        if not sighting.cut:
+            side = self._share(track.size, sighting.depth or 1.0, frame)
+            visible = self._counts * visibility(side)
         track.hit(sighting.best, weight, visible)
         self.finish(track, sighting, frame.stamp, frame.id)
 

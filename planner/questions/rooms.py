@@ -132,7 +132,7 @@ class _Answerer:
         return lines or [self._none(rooms)]
 
     def _reasons(self, rooms: _Rooms) -> list[str]:
-        """What places are believed to be, and by how much evidence."""
+        """Kinds of places, and the number of views and things that tell of them."""
         lines = [
             f"{_capital(place.label)} is believed to be {_kind(self._map, place) or 'no kind'}: it "
             f"was viewed {times(place.views)}, and {len(place.evidence_objects) or 'no'} "

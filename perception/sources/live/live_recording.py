@@ -212,7 +212,7 @@ class LiveRecording:
 
     @property
     def corrector(self) -> LiveTracker | LoopClosures | None:
-        """What knows loops by which the poses of frames change after they were given."""
+        """Tracker or path whose loops change poses of frames that were given; None without."""
         return self.tracker or self.stream.cameras[0].loops
 
     def corrected_poses(self) -> dict[str, Pose]:

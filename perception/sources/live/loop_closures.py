@@ -190,8 +190,8 @@ class LoopClosures:
         if self._applied == self._messages or not self._nodes:
             return
         self._applied, stamps = self._messages, sorted(self._nodes)
-        by_odometry = np.array([inverse(self._nodes[one][0]) for one in stamps])
-        T_map_odom = np.array([self._nodes[one][1] for one in stamps]) @ by_odometry
+        by_odometry, now = np.array([self._nodes[one] for one in stamps]).swapaxes(0, 1)
+        T_map_odom = now @ _inverses(by_odometry)
         steps = logarithms(inverse(T_map_odom[0]) @ T_map_odom)
         seconds = np.array(stamps) / NANOSECONDS
         # the path knows nothing yet of frames that came after it

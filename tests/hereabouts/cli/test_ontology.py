@@ -125,7 +125,7 @@ def test_what_is_exported_loads_again_without_a_change(
 
 def test_vocabulary_of_an_edited_ontology(mine: Path, tmp_path: Path, prints: Run) -> None:
     page = prints("ontology", "vocabulary", mine)
-    assert "| `here:Mug` |  | " in page
+    assert "| `here:Mug` |  | cup | office (0.2) |" in page
     prints("ontology", "vocabulary", mine, "-o", tmp_path / "page.md")
     assert (tmp_path / "page.md").read_text() == page
 
