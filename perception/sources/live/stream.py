@@ -53,6 +53,7 @@ SETTLING: Final = 1.0  # [s] wait for further topics, once topics can be chosen
 UNPOSED: Final = 10.0  # [s] wait for poses that reach the camera, before they are estimated
 SILENT: Final = 3.0  # [s] the same wait while an advertised topic has had no message
 TICK: Final = 0.02  # [s] between two checks of the transforms
+RETRY: Final = 0.5  # [s] after which topics are tried again although no new name came
 MAX_BYTES: Final = 1 << 28  # of the images of all topics that wait
 KEPT: Final = 4000  # transforms of a link, readings of an IMU
 STAMPS_KEPT: Final = 1000  # of a stream, before topics are chosen
@@ -81,7 +82,8 @@ class FrameStream:
     _index: BagIndex = field(init=False)  # stamps, cameras and transforms of the topics
     _chosen: ChosenTopics | None = None  # the topics that frames are made of
     _tried_choice: Choice | RecordingError | None = None  # the choice among `_tried_names`
-    _tried_names: tuple[str, ...] | None = None  # topics and tf frames at the last try
+    _tried_names: tuple[str, ...] | None = None  # topics and tf frames at the last try, ...
+    _tried_at: float = 0.0  # [s] ... and its time
     _choosable_since: float | None = None  # [s] when a choice became possible
     _advertised: set[str] = field(default_factory=set)  # topics that the stream subscribes to
     _held: dict[str, HeldImages] = field(default_factory=dict)  # waiting images, by topic
@@ -350,8 +352,10 @@ class FrameStream:
         """Choose the topics once they are there; returns whether they are chosen."""
         index, now = self._index, time.monotonic()
         there = (*index.streams, *(f for tree in index.trees.values() for f in tree.frames))
-        if there != self._tried_names:
-            self._tried_names, self._tried_choice = there, choice_or_error(index, self.options)
+        # links between known frames, and a camera's numbers, may come later than the names
+        if there != self._tried_names or now >= self._tried_at + RETRY:
+            self._tried_names, self._tried_at = there, now
+            self._tried_choice = choice_or_error(index, self.options)
         if not isinstance(self._tried_choice, Choice):
             self.problem, self._choosable_since = str(self._tried_choice), None
             if self.camera:  # options of one camera do not go with several

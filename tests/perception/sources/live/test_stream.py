@@ -110,6 +110,33 @@ def test_rtabmaps_images_in_one_message_are_frames(is_ros1: bool) -> None:
     assert np.array_equal(np.nan_to_num(frame.depth * 1000).round(), view.depth)
 
 
+def test_a_link_may_come_after_both_of_its_frames_are_known() -> None:
+    maker, view = MessageMaker(True), VIEWS[2]
+    stamp = round(view.stamp * 1e9)
+    header = maker.header(stamp, "lens")
+    images = {"rgb": raw_image(view.rgb, "rgb8"), "depth": raw_image(view.depth, "16UC1")}
+    info = maker.camera_info(K, view.depth.shape, header)
+    infos = {"rgb_camera_info": info, "depth_camera_info": info}
+    whole = maker.make("rtabmap_msgs/msg/RGBDImage", header=header, **images, **infos)
+
+    def link(parent: str, child: str, T: np.ndarray, static: str = "") -> RawMessage:
+        kind, message = "tf2_msgs/msg/TFMessage", maker.transforms(stamp, parent, child, T)
+        return RawMessage(f"/tf{static}", kind, 0, serialised(kind, message, is_ros1=True))
+
+    data = serialised("rtabmap_msgs/msg/RGBDImage", whole, is_ros1=True)
+    image = RawMessage("/rgbd_image", "rtabmap_msgs/msg/RGBDImage", 0, data)
+    early = [link("base", "lens", np.eye(4), "_static"), link("map", "odom", np.eye(4)), image]
+    made = offered(FrameStream("peer"), early)
+    made.offer(link("odom", "wheel", np.eye(4)), is_ros1=True)
+    made.offer(link("base", "wheel", np.eye(4)), is_ros1=True)
+    assert made.next_frame(0) is None
+    assert "none reach the camera" in made.problem
+    assert made.next_frame(0) is None
+    made.offer(link("odom", "base", view.T), is_ros1=True)
+    frame = taken(made)
+    assert np.allclose(frame.T_map_cam, view.T, atol=1e-6)
+
+
 def test_the_newest_frame_comes_first_and_older_ones_count_as_dropped(
     room: FolderRecording, messages: Messages
 ) -> None:
