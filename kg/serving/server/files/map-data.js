@@ -83,8 +83,7 @@ export class MapData extends EventTarget {
     const { signal } = this._loading = new AbortController();
     this._missed = []; // changes that arrive while the present is read
     try {
-      if (!this.labels.size) await this._readCategories();
-      const state = await this._read(at === null ? {} : { at }, signal);
+      const [state] = await Promise.all([this._read(at === null ? {} : { at }, signal), this.labels.size || this._readCategories()]);
       if (state.objects.some((one) => !this.kinds.has(one.class))) await this._readCategories();
       if (signal.aborted) return false;
       this._show(state, at !== null);
