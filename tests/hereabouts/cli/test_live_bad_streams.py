@@ -1,4 +1,4 @@
-"""`hereabouts live` from a robot on DDS that does something wrong: a line, and mapping goes on."""
+"""`hereabouts live` from a robot that does something wrong: a line, and mapping goes on."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,12 +22,14 @@ pytest.importorskip("cyclonedds")
 from hereabouts.cli import main
 from kg.serving.opening import create_map, open_map
 from mapping.mapper import Mapper
+from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.ros.message_maker import MessageMaker
 from planner.simulation.camera import CameraModel, SimulatedCamera
 from planner.simulation.house import furnished_house
 from tests.perception.sources.live.drifting_robot import COLOUR, DEPTH, INFO, TYPES, flat
+from tests.perception.sources.live.ros1_master import fake_master
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 from tests.waiting import until
 
@@ -71,17 +73,23 @@ class BestEffort(Ros2Publisher):
 
 
 @contextmanager
-def robot(fault: Fault) -> Iterator[None]:
-    """A robot that stands and sways, five images a second."""
+def robot(fault: Fault, *, is_ros1: bool = False) -> Iterator[str]:
+    """Address of a robot that stands and sways, five images a second."""
     height = fault.width * 3 // 4
     model = CameraModel(width=160, height=120, focal=140.0)
     camera, make, over = (
         SimulatedCamera(furnished_house(), model),
-        MessageMaker(False),
+        MessageMaker(is_ros1),
         threading.Event(),
     )
-    kind = BestEffort if fault.quality else Ros2Publisher
-    publisher = kind(Ros2Domain(DOMAIN), TYPES, frozenset(["/tf_static"]))
+    kind, latched = BestEffort if fault.quality else Ros2Publisher, frozenset(["/tf_static"])
+    stack, address = ExitStack(), ROS2
+    publisher: Ros1Publisher | Ros2Publisher
+    if is_ros1:
+        master = stack.enter_context(fake_master()).address
+        publisher, address = Ros1Publisher(master, TYPES, latched), master.address
+    else:
+        publisher = kind(Ros2Domain(DOMAIN), TYPES, latched)
     mount, big = model.pose(0.0, 0.0, 0.0), fault.width // 160
 
     def tell() -> None:
@@ -102,8 +110,12 @@ def robot(fault: Fault) -> Iterator[None]:
             publisher.publish(COLOUR, make.image(rgb, "rgb8", header))
             late = make.header(now + round(fault.apart[0] * 1e9), "camera")
             publisher.publish(DEPTH, make.depth(depth, late))
-            box = {"center": {"position": {"x": 80.0, "y": 60.0}}, "size_x": 40.0, "size_y": 30.0}
-            result = {"hypothesis": {"class_id": "cup", "score": 0.9}}
+            middle: dict[str, Any] = {"x": 80.0, "y": 60.0}
+            result: dict[str, Any] = {"id": 47, "score": 0.9}
+            if not is_ros1:
+                middle = {"position": middle}
+                result = {"hypothesis": {"class_id": "cup", "score": 0.9}}
+            box = {"center": middle, "size_x": 40.0, "size_y": 30.0}
             boxes = [{"header": header, "bbox": box, "results": [result]}] * fault.boxes
             found = make.make(TYPES["/detections"], header=header, detections=boxes)
             publisher.publish("/detections", found)
@@ -111,11 +123,12 @@ def robot(fault: Fault) -> Iterator[None]:
     thread = threading.Thread(target=tell)
     thread.start()
     try:
-        yield
+        yield address
     finally:
         over.set()
         thread.join()
         publisher.close()
+        stack.close()
 
 
 @pytest.fixture(autouse=True)
@@ -123,40 +136,42 @@ def alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
 
 
-def live(into: Path, *words: str) -> int:
-    common = [
-        "live",
-        ROS2,
-        "--into",
-        str(into),
-        "--scene",
-        "none",
-        "--detector",
-        "topic:/detections",
-    ]
-    return main([*common, *words])
+def live(into: Path, *words: str, address: str = ROS2) -> int:
+    common = ["live", address, "--into", str(into), "--scene", "none"]
+    if address != ROS2:
+        labels = into.with_name("labels.csv")
+        labels.write_text("47,cup\n")
+        common += ["--labels-map", str(labels)]
+    return main([*common, "--detector", "topic:/detections", *words])
 
 
 @pytest.mark.parametrize(
-    ("fault", "words", "code", "said"),
+    ("wire", "fault", "words", "code", "said"),
     [
         (
+            "ros1",
             Fault(),
             ["--color-topic", "/none"],
             1,
             "'/none' is no topic of its kind; there are: /camera/color/",
         ),
-        (Fault(), ["--loops", "/none"], 0, "no message of /none came that tells a path"),
-        (Fault(apart=(1000.0, 0.0)), [], 1, "without depth"),
-        (Fault(apart=(0.0, -1000.0)), [], 1, "without pose"),
-        (Fault(apart=(500.0, -1000.0)), [], 1, "without depth"),
-        (Fault(width=3040), [], 0, "frames mapped"),
-        (Fault(boxes=1000), [], 0, "1000 detections of one image; the best 300 count"),
-        (Fault(quality=True), [], 0, "frames mapped"),
+        ("dds", Fault(), ["--loops", "/none"], 0, "no message of /none came that tells a path"),
+        ("dds", Fault(apart=(1000.0, 0.0)), [], 1, "without depth"),
+        ("ros1", Fault(apart=(0.0, -1000.0)), [], 1, "without pose"),
+        ("dds", Fault(apart=(500.0, -1000.0)), [], 1, "without depth"),
+        ("dds", Fault(width=3040), [], 0, "frames mapped"),
+        ("ros1", Fault(width=3040), [], 0, "frames mapped"),
+        ("dds", Fault(boxes=1000), [], 0, "1000 detections of one image; the best 300 count"),
+        ("ros1", Fault(boxes=1000), [], 0, "1000 detections of one image; the best 300 count"),
+        ("dds", Fault(quality=True), [], 0, "frames mapped"),
     ],
-    ids=["topic", "loops", "depth's clock", "tf's clock", "three clocks", "20 MB", "storm", "QoS"],
+    ids=[
+        *("topic", "loops", "depth's clock", "tf's clock", "three clocks", "20 MB"),
+        *("20 MB, ROS 1", "storm", "storm, ROS 1", "QoS"),
+    ],
 )
 def test_a_line_says_what_is_wrong(
+    wire: str,
     fault: Fault,
     words: list[str],
     code: int,
@@ -166,8 +181,8 @@ def test_a_line_says_what_is_wrong(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     into = tmp_path / "a.map"
-    with robot(fault):
-        ended = live(into, "--limit", "4", "--idle", "15", *words)
+    with robot(fault, is_ros1=wire == "ros1") as address:
+        ended = live(into, "--limit", "4", "--idle", "15", *words, address=address)
     lines = capsys.readouterr().err + caplog.text
     assert "Traceback" not in lines
     assert said in lines, lines
