@@ -7,7 +7,8 @@ without empty fields, of bounded length, page by page.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, Final, Self, cast
 
 from mcp.server.mcpserver import Image
@@ -18,6 +19,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from hereabouts.agents.answers import Page, ToolAnswer
+from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.plain_values import escaped, in_one_line
 from kg.model.errors import HereaboutsError, QueryParameterError
 
@@ -87,16 +89,22 @@ def _got(one: ErrorDetails) -> str:
 #: maximum characters of an answer: 1,500 tokens of four characters with what the protocol adds. An
 #: answer is sent twice, as text, in which quotes are escaped, and as structured content.
 MAX_CHARACTERS: Final = 5_800
+PLACES: Final = ("untrusted_place", "untrusted_into")  # fields with labels of places
 SHORT: Final = 80  # characters of each text where there is no room for whole ones
 
 
-def document_of(answer: ToolAnswer, base: str) -> dict[str, Any]:
+def document_of(
+    answer: ToolAnswer, base: str, titles: Callable[[], Mapping[str, str]] = dict
+) -> dict[str, Any]:
     """An answer as plain values: without empty fields, and with IRIs relative to `base`.
+
+    Places have their `titles`, by their labels, as people read them.
 
     A list that is too long is cut; `more` is then the `skip` of the next page. Raises
     QueryParameterError if a single entry is too long, even with texts of `SHORT` characters.
     """
     document: dict[str, Any] = _lean_fields(answer.model_dump(mode="json"), base)
+    _entitle(document, cache(titles))
     if _length(document) > MAX_CHARACTERS and not isinstance(answer, Page):
         shorter: dict[str, Any] = _shortened(document)
         return shorter
@@ -118,6 +126,19 @@ def document_of(answer: ToolAnswer, base: str) -> dict[str, Any]:
         raise QueryParameterError(
             "an entry of this answer is too long; ask for less of it, such as fewer columns"
         )
+
+
+def _entitle(value: Any, titles: Callable[[], Mapping[str, str]]) -> None:
+    """Replace the labels of places by their titles; these are read for the first of them."""
+    if isinstance(value, list):
+        for item in value:
+            _entitle(item, titles)
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            if key in PLACES and isinstance(item, str):
+                value[key] = titles().get(item, item)
+            else:
+                _entitle(item, titles)
 
 
 def _shortened(value: Any) -> Any:
@@ -167,11 +188,12 @@ class LeanTool(Tool):
     base: str = Field("", exclude=True)  # of the map
 
     @classmethod
-    def of(cls, method: Method, about: str, hints: ToolAnnotations, base: str) -> Self:
-        """The tool of `method`, which returns a ToolAnswer, or one with an Image, of map `base`."""
+    def of(cls, method: Method, about: str, hints: ToolAnnotations, context: MapContext) -> Self:
+        """The tool of `method`, which returns a ToolAnswer, or one with an Image."""
+        base = context.semantic_map.base
 
         def answering(**arguments: Any) -> CallToolResult:
-            return _result(method(**arguments), base)
+            return _result(method(**arguments), context)
 
         tool = cls.from_function(
             method, description=about, annotations=hints, structured_output=False
@@ -198,10 +220,10 @@ class LeanTool(Tool):
             return _failure("InternalError", f"{self.name} failed; another call may work")
 
 
-def _result(found: Any, base: str) -> CallToolResult:
+def _result(found: Any, context: MapContext) -> CallToolResult:
     answer, *images = found if isinstance(found, tuple) else (found,)
     assert isinstance(answer, ToolAnswer)
-    document = document_of(answer, base)
+    document = document_of(answer, context.semantic_map.base, context.place_titles)
     content: list[ContentBlock] = [TextContent(type="text", text=text_of(document))]
     content += [image.to_image_content() for image in images if isinstance(image, Image)]
     return CallToolResult(content=content, structured_content=document)

@@ -8,12 +8,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from hereabouts.agents.answers import MapState
-from hereabouts.agents.plain_values import clock
+from hereabouts.agents.plain_values import LABEL, clock, escaped
 from kg.history.timestamps import instant
 from kg.maps.semantic_map import SemanticMap
 from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
-from planner.search.goals.place_names import object_named, place_named, thing_named
+from planner.search.goals.place_names import (
+    object_named,
+    place_named,
+    thing_named,
+    titles_by_label,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +60,11 @@ class MapContext:
         Raises QueryParameterError, which lists the places, for none or several.
         """
         return place_named(self.semantic_map, text)
+
+    def place_titles(self) -> dict[str, str]:
+        """Titles of places by their labels, as answers have them for people."""
+        titles = titles_by_label(self.semantic_map)
+        return {escaped(label, LABEL): escaped(title, LABEL) for label, title in titles.items()}
 
 
 def state_of(semantic_map: SemanticMap) -> MapState:

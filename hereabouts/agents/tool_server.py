@@ -68,9 +68,8 @@ def tool_server(
     if context.author is not None:
         writing = AssertionTools(context, context.author)
         written = (writing.assert_fact, writing.retract)
-    base = context.semantic_map.base
     tools = [
-        LeanTool.of(method, f"{inspect.getdoc(method)} {_MARK}", hints, base)
+        LeanTool.of(method, f"{inspect.getdoc(method)} {_MARK}", hints, context)
         for methods, hints in ((read, _READS), (written, _WRITES))
         for method in methods
     ]

@@ -8,7 +8,7 @@ example: hereabouts ask kitchen.map "where is the cup?"
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
         if _is_plain(semantic_map, arguments):
             return _answer_plainly(semantic_map, arguments, opened)
         answer, shipped = _ask(semantic_map, arguments, parameters, opened)
-        _print(answer, arguments, shipped=shipped)
+        _print(answer, arguments, semantic_map if shipped else None)
         if arguments.format == "table" and arguments.at is None and arguments.question in _LISTS:
             place = parameters.get("place")
             where = None if place is None else semantic_map.resolve("place", str(place))
@@ -203,16 +203,36 @@ def _note_meaning(semantic_map: SemanticMap, name: str) -> None:
             note(meaning.note)
 
 
-def _print(answer: Table, arguments: argparse.Namespace, *, shipped: bool) -> None:
-    """Print an answer; a table has the details of a shipped query only with `--explain`."""
+def _print(answer: Table, arguments: argparse.Namespace, shipped: SemanticMap | None) -> None:
+    """Print an answer; `shipped` is the map of a shipped query.
+
+    Its table has titles of places, as sentences have them, and details only with `--explain`.
+    """
     for line in answer.notes:
         note(line)
     if arguments.format != "table":
         write(answer.serialise(arguments.format))
         return
-    table = answer.columns, answer.rows
-    print_table(*(without_details(*table) if shipped and not arguments.explain else table))
+    columns: Sequence[str] = answer.columns
+    rows: Sequence[Sequence[object]] = answer.rows
+    if shipped is not None:
+        if "place" in columns:
+            rows = _entitled(shipped, rows, columns.index("place"))
+        if not arguments.explain:
+            columns, rows = without_details(columns, rows)
+    print_table(columns, rows)
     note(counted(len(answer.rows), "row"))
+
+
+def _entitled(
+    semantic_map: SemanticMap, rows: Sequence[Sequence[object]], column: int
+) -> list[list[object]]:
+    """Rows whose labels of places in a column became titles."""
+    from planner.search.goals.place_names import titles_by_label
+
+    titles = titles_by_label(semantic_map)
+    called = [titles.get(str(row[column]), row[column]) for row in rows]
+    return [[*r[:column], name, *r[column + 1 :]] for r, name in zip(rows, called, strict=True)]
 
 
 def add_queries(parser: argparse.ArgumentParser) -> None:

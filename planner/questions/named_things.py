@@ -160,8 +160,9 @@ def counted_unnamed(semantic_map: SemanticMap, place: str | None = None) -> str:
     Those of a map are also counted by place, if they are in several.
     """
     found = semantic_map.query("unnamed-things").records()
+    called = spoken_places(semantic_map)
     where = [
-        (row["label"] or row["place"] or "no place", int(str(row["count"])))
+        (called.get(str(row["place"]), "no place"), int(str(row["count"])))
         for row in found
         if place in (None, row["place"])
     ]

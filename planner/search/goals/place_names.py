@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -54,6 +55,13 @@ def titled_places(semantic_map: SemanticMap) -> list[tuple[PlaceRecord, str]]:
     named = [(place.iri, place.label, place.beliefs) for place in places]
     titles = place_names.place_titles(named, semantic_map.catalogue.label)
     return list(zip(places, titles, strict=True))
+
+
+def titles_by_label(semantic_map: SemanticMap) -> dict[str, str]:
+    """Titles of places by their labels, but for labels that several places have."""
+    titled = titled_places(semantic_map)
+    count = Counter(place.label for place, _ in titled)
+    return {place.label: title for place, title in titled if count[place.label] == 1}
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:

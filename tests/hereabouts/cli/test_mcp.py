@@ -172,7 +172,7 @@ def test_tools_answer_over_stdio(flat: Path) -> None:
     assert ([one["id"] for one in at["things"]], at["place"]) == (["object/3"], "place/2")
     (door,) = way["doors"]
     assert (way["reachable"], door["between"]) == (True, ["place/1", "place/2"])
-    assert (door["untrusted_into"], way["metres"]) == ("place 2", pytest.approx(6.2, abs=0.3))
+    assert (door["untrusted_into"], way["metres"]) == ("bedroom", pytest.approx(6.2, abs=0.3))
     assert look["look"]["probability"] > 0 and look["look"]["untrusted_reasons"]
     assert (look["state"], look["untrusted_wanted"]) == ("searching", ["apple"])
     assert rows["untrusted_rows"] == [["object/1", 0.8], ["object/2", 0.8]]

@@ -27,7 +27,7 @@ def test_lists_of_the_command_line_name_them_below(
     assert main(["ask", str(path), "summary"]) == 0
     out, err = capsys.readouterr()
     assert "unnamed" not in out
-    assert f"and 3 things without a name (2 in place 1, 1 in place 3){said}" in err
+    assert f"and 3 things without a name (2 in the kitchen, 1 in place 3){said}" in err
     assert main(["ask", str(path), "objects-in-place", "-p", "place=place 1"]) == 0
     assert f"and 2 things without a name{said}" in capsys.readouterr().err
     assert main(["ask", str(path), "objects", "--json"]) == 0

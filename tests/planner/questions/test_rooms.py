@@ -114,7 +114,7 @@ def test_they_are_counted_by_place() -> None:
         assert line.startswith("Doors are not known")
     with in_memory_map() as flat:
         with_unnamed(flat)
-        told = "3 things without a name (2 in place 1, 1 in place 3)"
+        told = "3 things without a name (2 in the kitchen, 1 in place 3)"
         assert counted_unnamed(flat) == told
         assert counted_unnamed(flat, flat.place_iri(1)) == "2 things without a name"
         assert counted_unnamed(flat, flat.place_iri(2)) == ""
