@@ -84,8 +84,8 @@ class IdentityResolver:
         self.departures.add(
             [t for t in lost if not self._fixed(t) and not self._objects.asserted_absent(t.iri)]
         )
-        to_write = self._returned(new, tracks)
         gone = {id(track) for track in lost}
+        to_write = self._returned(new, [track for track in tracks if id(track) not in gone])
         min_absence = self._settings.left
         left = [t for t in touched if t.iri and t.absent >= min_absence and id(t) not in gone]
         if not (new or lost or left) or not (left or self.departures):

@@ -141,6 +141,7 @@ class Move:
     former_iri: str | None  # of that track; None where it was a candidate
     first_seen: float  # [s] of that track
     observations: int
+    had_left: bool  # whether it had left the map before it was found
 
 
 class Departures:
@@ -206,8 +207,13 @@ class Departures:
         left = [Absentee(track, 1.0, looked=True) for track in self._left]
         candidates, s = [*left, *absent], self._settings
         pairs = moved_things(candidates, appeared, departed, now, count, s, self._looks)
+        paired = set[int]()
         for old, track in pairs:
-            self._latest.append(Move(old, track, track.iri, track.first_seen, track.observations))
+            if not paired.isdisjoint(ids := {id(old), id(track)}):
+                continue  # in one frame, a thing does not lend its identity and take another one
+            paired |= ids
+            before, had_left = (track.iri, track.first_seen, track.observations), old in self._left
+            self._latest.append(Move(old, track, *before, had_left))
             track.becomes(old)
             self.forget({old.iri or ""})
         self._moves += self._latest
@@ -232,7 +238,7 @@ class Departures:
         """Discard the moves of the present frame, which could not be written."""
         for move in self._latest:
             self._moves.remove(move)
-            self._left.append(move.old)
+            self._left += [move.old] * move.had_left
         self._left = self._dropped + self._left
         self._latest, self._dropped = [], []
 

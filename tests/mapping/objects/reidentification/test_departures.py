@@ -197,6 +197,23 @@ def named(one, iri):
     return one
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_no_iri_is_given_and_given_up_in_one_frame(make_track, seed):
+    """Things that left their spot may have appeared somewhere else before."""
+    rng = np.random.default_rng(seed)
+    tracks = []
+    for number, x in enumerate(rng.uniform(0, 4, 6)):
+        first = NOW - rng.choice([3000, 2000, 1000])
+        one = track(make_track, "cup", x, first=first, last=first + rng.choice([10, 900]))
+        tracks.append(named(one, f"object/{number}"))
+    absent = [Absentee(one, 1.0, looked=bool(rng.random() < 0.7)) for one in tracks]
+    found = departures().found(absent, tracks, lambda o, age: 0.15, NOW, lambda c: 1)
+    given = [move.track.iri for move in found]
+    assert len(given) == len({*given})
+    assert {move.former_iri for move in found}.isdisjoint(given)
+    assert {id(move.old) for move in found}.isdisjoint(id(move.track) for move in found)
+
+
 def test_a_frame_that_is_not_written_takes_back_its_moves(make_track):
     cup = named(old(make_track, "cup", 0), "cup")
     memory = departures(cup)
@@ -207,6 +224,15 @@ def test_a_frame_that_is_not_written_takes_back_its_moves(make_track):
         memory.undo()
         assert (memory.tracks, memory.joined) == ([cup], ())
         assert memory.back(track(make_track, "cup", 0)) is None
+
+
+def test_what_had_not_left_is_not_remembered_by_a_frame_that_is_not_written(make_track):
+    cup, new = named(old(make_track, "cup", 0), "cup"), track(make_track, "cup", 5)
+    memory = departures()
+    absent = [Absentee(cup, 1.0, looked=True)]
+    assert memory.found(absent, [new], lambda o, age: 0.15, NOW, lambda c: 2)
+    memory.undo()
+    assert memory.tracks == []
 
 
 def test_a_frame_that_is_not_written_forgets_nothing(make_track):
