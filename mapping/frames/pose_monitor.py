@@ -10,6 +10,7 @@ them is moved by some decimetres.
 from __future__ import annotations
 
 import logging
+from collections import deque
 from dataclasses import dataclass
 from typing import Final
 
@@ -44,7 +45,8 @@ AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
 NEAR_TURN: Final = np.radians(30.0)
 DRIFT: Final = 0.15  # [m] tolerated distance of surfaces
-TIMES: Final = 2  # number of such views before the monitor warns
+TIMES: Final = 2  # number of such views before the monitor warns, ...
+RETURNS: Final = 20  # ... of so many views of former places: in a day some change their place
 _MEND: Final = "a corrected trajectory, --poses FILE, would work"
 
 _log = logging.getLogger(__name__)
@@ -78,7 +80,8 @@ class PoseMonitor:
         self._motion = np.eye(4)
         self._keys = list[_View]()
         self._unmoved, self._judge = UnmovedValues(), ColourJudge()
-        self._off = self._bad = 0  # views that were off, and bad frames that were told
+        self._bad = 0  # bad frames that were told
+        self._off = deque[bool](maxlen=RETURNS)  # whether surfaces were off, of the last returns
         self.problems = dict[str, str]()
 
     def add(self, frame: Frame) -> None:
@@ -136,13 +139,14 @@ class PoseMonitor:
         if before is None:
             return
         motion = np.linalg.inv(before.T) @ key.T
+        self._off.append(False)
         if not _contradicts(agreement(before.samples, samples, motion)):
             return
         found = register(before.samples, samples, motion)
         if found.after.share < GOOD or found.offset < DRIFT:
             return
-        self._off += 1
-        if self._off >= TIMES:
+        self._off[-1] = True
+        if sum(self._off) >= TIMES:
             self._tell(
                 "drift",
                 f"the poses drift: at frame {key.id} surfaces lie {found.offset:.2f} m from where "
