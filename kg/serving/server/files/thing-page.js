@@ -11,7 +11,6 @@ const view = new MapView(byId("canvas"), data, (one) => one.existence >= 0.5 || 
 const go = (other) => { if (other && other !== iri) location.href = `/${data.pathOf(other)}`; };
 view.onPick = go;
 const panel = new ThingPanel(data, go);
-byId("back").href = `/${sessionStorage.getItem("map") ?? ""}`; // as it was left
 
 /** Show what the feed of changes brings. */
 function renew() {
