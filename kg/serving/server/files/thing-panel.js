@@ -3,6 +3,7 @@ import { byId, drawing, element, examplesOf, linkButton, linkTo, named, percent,
 import { read, request, select } from "/files/server.js";
 import { clock } from "/files/time-axis.js";
 
+const HERE = "https://w3id.org/hereabouts#";
 const TURNED = { on: "with … on it", inside: "with … in it" };
 const ASIDES = new Set(["model", "pose", "commit", "change", "person"]); // reasons in small print
 const BESIDE = 0.15 / 1.3; // of the longer side of a picture, from its edge to the box (perception/annotate.py)
