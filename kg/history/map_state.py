@@ -11,15 +11,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from pyoxigraph import Literal, NamedNode, Quad, QueryResultsFormat, QuerySolutions, Store
+from pyoxigraph import Literal, NamedNode, QueryResultsFormat, QuerySolutions, Store
 
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import quads_of
-from kg.history.timestamps import short, word
 from kg.model import vocabulary as v
-from kg.model.place_names import NUMBERED, place_titles
+from kg.model.place_names import place_titles
 from kg.rdf.literals import text_of, tsv_text
-from kg.rdf.quad_store import QuadStore, Term
+from kg.rdf.quad_store import QuadStore
 
 State = dict[str, Any]
 Row = dict[str, Any]
@@ -80,15 +79,6 @@ _KINDS: Final = {
 }
 
 
-_VERBS: Final = {
-    v.RDFS_LABEL: "is called",
-    v.IN_PLACE: "is in",
-    v.ON: "is on",
-    v.INSIDE: "is inside",
-    v.BESIDE: "is beside",
-}
-
-
 @dataclass(frozen=True, slots=True)
 class Categories:
     """The categories of objects, and the labels of all categories."""
@@ -114,67 +104,6 @@ class Categories:
         if not labels:
             return iri.rpartition("#")[2].rpartition("/")[2]
         return min((not _is_english(label), label.value) for label in labels)[1]
-
-
-class ThingNames:
-    """Names of what a store holds, as sentences have them; other terms as `short` has them."""
-
-    def __init__(self, engine: QuadStore, base: str) -> None:
-        self._engine, self._base = engine, base
-        self._categories = Categories.of(engine)
-        self._titles: dict[str, str] | None = None
-
-    def label(self, term: Term) -> str:
-        """``cup 9``, ``place 6``, ``hair drier``: the label of a thing, place or category."""
-        if isinstance(term, NamedNode):
-            for label in self._values(term, v.RDFS_LABEL, v.MAP_GRAPH):
-                return str(label.value)
-            if self._values(term, v.RDFS_LABEL, v.ONTOLOGY_GRAPH):
-                return self._categories.label(term.value)
-        return short(term, self._base)
-
-    def spoken(self, term: Term) -> str:
-        """The same, but ``the kitchen`` for a place that alone is one (`place_titles`)."""
-        if not isinstance(term, NamedNode) or not term.value.startswith(f"{self._base}place/"):
-            return self.label(term)
-        if self._titles is None:
-            self._titles = dict(self._places())
-        return self._titles.get(term.value, self.label(term))
-
-    def fact(self, quad: Quad | tuple[Term, Term, Term]) -> str:
-        """A fact as a sentence: ``cup 9 is a cup``, ``cup 9 is in the kitchen``."""
-        subject, predicate, value = quad[:3]
-        name, named = self.label(subject), self.spoken(value)
-        if predicate == v.RDF_TYPE:
-            return f"{name} is {indefinite(named)}"
-        verb = _VERBS.get(getattr(predicate, "value", ""))
-        return f"{name} {verb} {named}" if verb else f"{name}: {word(predicate)} {named}"
-
-    def _values(self, iri: NamedNode, predicate: str, graph: NamedNode) -> list[Any]:
-        quads = self._engine.quads_for_pattern(iri, NamedNode(predicate), None, graph)
-        return [quad.object for quad in quads]
-
-    def _places(self) -> Iterator[tuple[str, str]]:
-        graph, named = v.MAP_GRAPH, list[tuple[str, str, dict[str, float]]]()
-        for quad in self._engine.quads_for_pattern(None, v.RDF_TYPE, NamedNode(v.PLACE), graph):
-            place = quad.subject
-            assert isinstance(place, NamedNode)
-            beliefs = {
-                category.value: float(belief.value)
-                for node in self._values(place, v.HAS_BELIEF, graph)
-                for category in self._values(node, v.OF_CATEGORY, graph)
-                for belief in self._values(node, v.BELIEF, graph)
-            }
-            named.append((place.value, self.label(place), beliefs))
-        titles = place_titles(named, self._categories.label)
-        for (iri, label, beliefs), title in zip(named, titles, strict=True):
-            is_kind = title != label or label in map(self._categories.label, beliefs)
-            yield iri, f"the {title}" if is_kind and not NUMBERED.match(title) else title
-
-
-def indefinite(name: str) -> str:
-    """``an apple``, ``a cup``."""
-    return f"{'an' if name[:1].lower() in 'aeiou' else 'a'} {name}"
 
 
 def _is_english(label: Literal) -> bool:

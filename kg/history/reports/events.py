@@ -10,7 +10,6 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.map_state import ThingNames
 from kg.history.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
 from kg.history.reports.explanation import Explanation
@@ -21,7 +20,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
 from kg.model.transactions import Cause
-from kg.rdf.quad_store import QuadStore, Term
+from kg.rdf.quad_store import Term
 
 _Sides = tuple[list[Quad], list[Quad]]  # removed, added
 
@@ -55,13 +54,10 @@ class HistoryEvent:
         return ", ".join(self.changes)
 
 
-def history_events(
-    log: HistoryLog, iri: NamedNode, base: str, engine: QuadStore
-) -> Iterator[HistoryEvent]:
+def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[HistoryEvent]:
     """The transactions that changed `iri`, its observation, beliefs or relations; oldest first.
 
-    Other things have their names of now, in `engine`. Raises QueryParameterError if the history
-    does not contain the IRI.
+    Raises QueryParameterError if the history does not contain the IRI.
     """
     subjects = [
         *(subject_line(one) for one in (iri.value, observation_iri(base, iri.value))),
@@ -77,7 +73,7 @@ def history_events(
             f"the history knows nothing of {short(iri, base)}; "
             "`hereabouts ask MAP objects` lists what there is"
         )
-    summary = _Summary(iri, ThingNames(engine, base))
+    summary = _Summary(iri, base)
     for sequence, lines_of in sorted(found.items()):
         commit = log.commit(sequence)
         if commit is not None:
@@ -90,8 +86,8 @@ def history_events(
 class _Summary:
     """Summary of the changes of one thing: those that differ from the summary so far."""
 
-    def __init__(self, iri: NamedNode, names: ThingNames) -> None:
-        self._iri, self._names = iri, names
+    def __init__(self, iri: NamedNode, base: str) -> None:
+        self._iri, self._base = iri, base
         self._at: tuple[float, ...] = ()  # [m] position in the summary
         self._existence = math.nan  # in the summary
         self._numbers: dict[str, float] = {}  # present values
@@ -117,8 +113,8 @@ class _Summary:
         for predicate, words in _STATED.items():
             now = added.get(NamedNode(predicate), [])
             gone = removed.get(NamedNode(predicate), []) if not now else []
-            yield from (f"{words} {self._names.spoken(value)}".strip() for value in now)
-            yield from (f"no longer {words} {self._names.spoken(value)}" for value in gone)
+            yield from (f"{words} {short(value, self._base)}".strip() for value in now)
+            yield from (f"no longer {words} {short(value, self._base)}" for value in gone)
 
     def _kind(
         self, removed: dict[Term, list[Term]], added: dict[Term, list[Term]]

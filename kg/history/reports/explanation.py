@@ -12,12 +12,11 @@ from typing import Literal as Choice
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.map_state import indefinite
 from kg.history.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
 from kg.history.reports.explanation_rules import FactChanges, FactReader, same
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.timestamps import iso, short, statement, word
+from kg.history.timestamps import iso, short, statement
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import agent_iri, agent_name
@@ -168,7 +167,7 @@ class Explainer(FactReader):
     def fact(self, quad: Quad) -> Explanation:
         """Explanation of a fact of the map."""
         triple = quad.subject, quad.predicate, quad.object
-        text = self._names.fact(triple)
+        text = " ".join(short(term, self._base) for term in triple)
         return Explanation("fact", text, None, tuple(self._behind(quad)), triple)
 
     def _behind(self, quad: Quad) -> Iterator[Explanation]:
@@ -201,7 +200,7 @@ class Explainer(FactReader):
         """An assertion with its time and its author."""
         (value,) = self._values(node, v.ASSERTED_VALUE)
         when = iso(seconds(self._text(node, v.PROV_GENERATED_AT)))
-        text = f"{prop} {self._names.spoken(value)}, asserted at {when}"
+        text = f"{prop} {short(value, self._base)}, asserted at {when}"
         agents = self._values(node, v.PROV_ATTRIBUTED_TO)
         people = tuple(
             Explanation("person", agent_name(self._base, agent.value), agent.value)
@@ -253,7 +252,6 @@ class Explainer(FactReader):
         frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
         detected = model != SURFACE
         number = f"score {score}" if detected else f"share in the open {score}"
-        recording = recording.removeprefix("recording/")
         text = f"seen in {frame} of {recording} at {when}: box {box} px, {number}"
         behind = [Explanation("model", f"detector {model}")] if detected else []
         for quad in self._quads(node, v.FRAME)[:1]:
@@ -273,8 +271,7 @@ class Explainer(FactReader):
     def _belief(self, place: NamedNode, category: Term) -> Iterator[Explanation]:
         for node in self._values(place, v.HAS_BELIEF):
             if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
-                kind = indefinite(self._names.label(category))
-                text = f"{self._text(node, v.BELIEF)} that it is {kind}"
+                text = f"belief {self._text(node, v.BELIEF)} in {short(category, self._base)}"
                 yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
 
     def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
@@ -288,7 +285,8 @@ class Explainer(FactReader):
             share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
             yield Explanation("belief", f"by the views alone {share}", node.value)
         for thing in evidence:
-            text = f"{self._names.label(thing)}, existence {self._text(thing, v.EXISTENCE)}"
+            named = f"{short(thing, self._base)} ({self._text(thing, v.RDFS_LABEL)})"
+            text = f"{named}, existence {self._text(thing, v.EXISTENCE)}"
             yield Explanation("thing", text, thing.value, tuple(self._observation(thing)))
 
     def _views(self, place: NamedNode) -> Explanation:
@@ -301,7 +299,7 @@ class Explainer(FactReader):
             if isinstance(quad.subject, NamedNode)
         }
         behind = tuple(Explanation("model", f"scene model {name}") for name in sorted(models))
-        text = f"{count} views of {self._names.spoken(place)}" + (f", last {latest}" * bool(latest))
+        text = f"{count} views of {short(place, self._base)}" + (f", last {latest}" * bool(latest))
         return Explanation("view", text, place.value, behind)
 
     def _background_or_removed(self, iri: NamedNode) -> Explanation:
@@ -350,16 +348,14 @@ class Explainer(FactReader):
     ) -> Explanation:
         """Explanation of the removal of a fact; `present` are facts with the same predicate."""
         removals = self._changes.changes_of(subject, predicate.value, removed=True, value=value)
+        text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
         if not removals:
-            text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x)
             now = ", ".join(short(q.object, self._base) for q in present) or "nothing"
             raise QueryParameterError(
                 f"the map does not hold {text}, and never did in its recorded history; "
                 f"of that it holds: {now}"
             )
         commit = self._commit(removals[-1].sequence)
-        fact = f"{self._names.label(subject)}: {word(predicate)}"
-        text = fact if value is None else self._names.fact((subject, predicate, value))
         return Explanation("was", f"{text}: no longer", subject.value, (commit,))
 
     def _last(self, facts: list[Quad]) -> Iterator[Explanation]:

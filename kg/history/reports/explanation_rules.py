@@ -11,7 +11,6 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.map_state import ThingNames
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_of
 from kg.history.timestamps import short
@@ -160,7 +159,6 @@ class FactReader:
 
     def __init__(self, engine: QuadStore, base: str) -> None:
         self._engine, self._base = engine, base
-        self._names = ThingNames(engine, base)
 
     def _quads(self, iri: NamedNode, predicate: str | None = None) -> list[Quad]:
         """The stated facts about a thing, sorted."""
@@ -172,7 +170,7 @@ class FactReader:
         return [q.object for q in self._quads(iri, predicate)]
 
     def _text(self, iri: NamedNode, predicate: str) -> str:
-        return ", ".join(map(self._names.label, self._values(iri, predicate))) or "?"
+        return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
 
     def _texts(self, quads: Iterable[Quad]) -> dict[str, str]:
         return {q.predicate.value: short(q.object, self._base) for q in quads}
@@ -195,17 +193,17 @@ class FactReader:
         return v.UNNAMED_THING in kinds or any(by_surface)
 
     def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
-        """A thing with its label and IRI, position, and what it is on or inside of."""
-        texts, name = self._texts(facts), self._names.label(iri)
-        number = f" ({short(iri, self._base)})" if v.RDFS_LABEL in texts else ""
+        """A thing with its label, position, and what it is on or inside of."""
+        texts = self._texts(facts)
+        label = f" ({texts[v.RDFS_LABEL]})" if v.RDFS_LABEL in texts else ""
         where = f" at ({texts[v.X]}, {texts[v.Y]}) m" if v.X in texts and v.Y in texts else ""
         related = "".join(
-            f", {word} {self._names.spoken(quad.object)}"
-            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"), (v.IN_PLACE, "in"))
+            f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
+            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
             for quad in facts
-            if quad.predicate.value == predicate
+            if quad.predicate.value == predicate and isinstance(quad.object, NamedNode)
         )
-        return f"{name}{number}{where}{related}"
+        return f"{short(iri, self._base)}{label}{where}{related}"
 
 
 class FactChanges:

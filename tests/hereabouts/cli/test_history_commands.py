@@ -27,7 +27,7 @@ def test_from_an_object_to_the_frame_behind_it(mapped: Path, prints: Prints) -> 
     name = "/".join(first["object"].split("/")[-2:])
     tree = prints("why", mapped, name)
     assert name in tree and "evidence: seen in frame-0000" in tree
-    assert "of kitchen at" in tree and "pose: camera at" in tree
+    assert "of recording/kitchen" in tree and "pose: camera at" in tree
     assert "written: transaction #" in tree
     (explained,) = json.loads(prints("why", mapped, name, "--format", "json"))
     assert explained["iri"] == first["object"]

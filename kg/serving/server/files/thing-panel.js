@@ -202,10 +202,11 @@ function boxed(picture) {
 /** A line of an explanation in the words of the page: names, clock times, percentages. */
 function plain(data, text) {
   return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with (\d+ %)/g, "$1 sure")
-    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at")
+    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at").replace("rdf:type here:", "is a here:")
     .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time))
-    .replace(/\b(?:object|place)\/\d+(?: \([^)]*\))?/g, (path) => data.nameAt(data.fullOf(path.split(" ")[0])));
+    .replace(/\b(?:object|place)\/\d+(?: \([^)]*\))?/g, (path) => data.nameAt(data.fullOf(path.split(" ")[0])))
+    .replace(/\bhere:(\w+)/g, (_, name) => data.labels.get(HERE + name) ?? name.replace(/([A-Z])/g, (capital) => ` ${capital.toLowerCase()}`));
 }
 
 /** What happened to it, as `/log` tells it, the last first. */
