@@ -42,7 +42,7 @@ class ChangeTools:
                     time=clock(entry.time),
                     kind=entry.cause.kind,
                     untrusted_by=entry.cause.by,
-                    untrusted_note=entry.cause.note,
+                    untrusted_note=entry.cause_words.removeprefix(entry.cause.kind).strip(),
                     untrusted_changes=list(entry.changes[:_MAX_CHANGES]),
                     changes_left_out=max(len(entry.changes) - _MAX_CHANGES, 0) or None,
                 )

@@ -54,7 +54,8 @@ def assertion(arguments: argparse.Namespace) -> int:
 
     if arguments.by is None and not is_url(arguments.map):
         arguments.usage_error("an assertion needs an author: --by NAME")
-    value, by = " ".join(arguments.value), arguments.by or ""
+    value = given = " ".join(arguments.value)
+    by = arguments.by or ""
     with open_map(arguments.map) as semantic_map:
         thing = thing_named(semantic_map, arguments.thing)
         if arguments.property in ("on", "inside") and value != "nothing":
@@ -81,7 +82,7 @@ def assertion(arguments: argparse.Namespace) -> int:
         return 0
     done = f"transaction {change.sequence}" if change else "nothing changed"
     against = "; perception contradicts it" if made.since is not None else ""
-    fact = f"{arguments.thing}: {arguments.property} is {value}"
+    fact = f"{arguments.thing}: {arguments.property} is {given}"
     note(f"{fact} (asserted by {made.by}{against}); {done}")
     notes_of(change, shown=True)
     return 0

@@ -55,7 +55,7 @@ def log(arguments: argparse.Namespace) -> int:
         (
             e.sequence,
             datetime.fromtimestamp(e.time, UTC),
-            f"{e.cause.kind} {e.cause.note}",
+            e.cause_words,
             e.cause.by or "",
             e.words if arguments.explain else ", ".join(e.told),
         )
@@ -123,17 +123,18 @@ def diff(arguments: argparse.Namespace) -> int:
         found = read_since(
             semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
         )
-    rows = _rows(found, only_moved=arguments.moved)
+    rows = _rows(found, only_moved=arguments.moved, named=not arguments.json)
     print_answer(_COLUMNS, rows, arguments.json)
     note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
     return 0
 
 
-def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
+def _rows(found: Comparison, *, only_moved: bool, named: bool) -> list[tuple[object, ...]]:
+    """Rows of `_COLUMNS`; things are `named`, or have their IRIs."""
     objects: list[tuple[object, ...]] = [
         (
             one.kind,
-            one.iri,
+            one.name if named else one.iri,
             one.category,
             *one.sides,
             round(one.metres, 2) if one.kind == "moved" and one.metres is not None else None,
@@ -141,7 +142,10 @@ def _rows(found: Comparison, *, only_moved: bool) -> list[tuple[object, ...]]:
         for one in found.changes
         if one.kind == "moved" or not only_moved
     ]
-    rooms = [(one.kind, one.iri, one.title, one.before, one.after, None) for one in found.rooms]
+    rooms = [
+        (one.kind, one.title if named else one.iri, one.title, one.before, one.after, None)
+        for one in found.rooms
+    ]
     return objects if only_moved else [*objects, *rooms]
 
 
@@ -283,5 +287,6 @@ def _record(reason: Explanation) -> dict[str, object]:
         "kind": reason.kind,
         "text": reason.text,
         "iri": reason.iri,
+        "fact": None if reason.fact is None else [str(term) for term in reason.fact],
         "because": [_record(behind) for behind in reason.because],
     }

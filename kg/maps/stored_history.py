@@ -78,7 +78,7 @@ class StoredHistory:
         """The history events of one thing."""
         from kg.history.reports.events import history_events
 
-        return history_events(self.log, thing(iri, self._base), self._base)
+        return history_events(self.log, self._store.engine, thing(iri, self._base), self._base)
 
     def explain(self, what: str) -> tuple[Explanation, ...]:
         """The reasons for a thing or a fact; without a history, only those in the graph."""

@@ -42,6 +42,7 @@ class ObjectChange:
     now: Point | None = None  # [m] position at the second moment
     before: str | None = None  # former name, of an object that is relabelled
     after: str | None = None
+    name: str = ""  # what sentences call it
 
     @property
     def metres(self) -> float | None:
@@ -153,7 +154,9 @@ def _present(state: State) -> Iterator[Row]:
 
 def _change(kind: Kind, row: Row, label: Callable[[str], str]) -> ObjectChange:
     was, now = (_point(row), None) if kind == "gone" else (None, _point(row))
-    return ObjectChange(kind, row["iri"], label(row["class"]), row.get("place"), was, now)
+    category = label(row["class"])
+    name = row.get("label") or category
+    return ObjectChange(kind, row["iri"], category, row.get("place"), was, now, name=name)
 
 
 def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
@@ -161,13 +164,13 @@ def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
     was, now, place = _point(old), _point(new), new.get("place")
     deviation = math.hypot(old.get("deviation", 0.0), new.get("deviation", 0.0))
     category = categories.label(new["class"])
-    if was != now and math.dist(was, now) >= SURE * deviation:
-        yield ObjectChange("moved", new["iri"], category, place, was, now)
     names = [row.get("label") or categories.label(row["class"]) for row in (old, new)]
+    if was != now and math.dist(was, now) >= SURE * deviation:
+        yield ObjectChange("moved", new["iri"], category, place, was, now, name=names[1])
     if names[0] != names[1] or old["class"] != new["class"]:
         kinds = [categories.label(row["class"]) for row in (old, new)]
         texts = names if names[0] != names[1] else kinds
-        yield ObjectChange("relabelled", new["iri"], category, place, was, now, *texts)
+        yield ObjectChange("relabelled", new["iri"], category, place, was, now, *texts, names[1])
 
 
 def _point(row: Row) -> Point:

@@ -13,14 +13,15 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.history.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
 from kg.history.reports.explanation import Explanation
+from kg.history.reports.names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, quads_of
-from kg.history.timestamps import brief, iso, short, word
+from kg.history.timestamps import iso, short, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
 from kg.model.transactions import Cause
-from kg.rdf.quad_store import Term
+from kg.rdf.quad_store import QuadStore, Term
 
 _Sides = tuple[list[Quad], list[Quad]]  # removed, added
 
@@ -47,6 +48,7 @@ class HistoryEvent:
     changes: tuple[str, ...]  # in words, e.g. "x 1.20 -> 1.23"
     #: the changes in a summary; () where they are counters, and corrections within the uncertainty
     told: tuple[str, ...] = ()
+    cause_words: str = ""  # kind and note of the cause, with names in place of IRIs
 
     @property
     def words(self) -> str:
@@ -54,8 +56,12 @@ class HistoryEvent:
         return ", ".join(self.changes)
 
 
-def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[HistoryEvent]:
+def history_events(
+    log: HistoryLog, engine: QuadStore, iri: NamedNode, base: str
+) -> Iterator[HistoryEvent]:
     """The transactions that changed `iri`, its observation, beliefs or relations; oldest first.
+
+    Other things have the names that they have in `engine`.
 
     Raises QueryParameterError if the history does not contain the IRI.
     """
@@ -73,21 +79,24 @@ def history_events(log: HistoryLog, iri: NamedNode, base: str) -> Iterator[Histo
             f"the history knows nothing of {short(iri, base)}; "
             "`hereabouts ask MAP objects` lists what there is"
         )
-    summary = _Summary(iri, base)
+    names = Names(engine, base)
+    summary = _Summary(iri, names)
     for sequence, lines_of in sorted(found.items()):
         commit = log.commit(sequence)
         if commit is not None:
             changes = [(quads_of(removed), quads_of(added)) for removed, added in lines_of]
-            lines = tuple(text for change in changes for text in _words(change, base))
+            lines = tuple(text for change in changes for text in _words(change, base, names))
             told = tuple(text for change in changes for text in summary.of(change))
-            yield HistoryEvent(sequence, commit.time, commit.cause, lines, told)
+            cause = commit.cause
+            words = " ".join(filter(None, (cause.kind, names.text(cause.note))))
+            yield HistoryEvent(sequence, commit.time, cause, lines, told, words)
 
 
 class _Summary:
     """Summary of the changes of one thing: those that differ from the summary so far."""
 
-    def __init__(self, iri: NamedNode, base: str) -> None:
-        self._iri, self._base = iri, base
+    def __init__(self, iri: NamedNode, names: Names) -> None:
+        self._iri, self._names = iri, names
         self._at: tuple[float, ...] = ()  # [m] position in the summary
         self._existence = math.nan  # in the summary
         self._numbers: dict[str, float] = {}  # present values
@@ -113,8 +122,8 @@ class _Summary:
         for predicate, words in _STATED.items():
             now = added.get(NamedNode(predicate), [])
             gone = removed.get(NamedNode(predicate), []) if not now else []
-            yield from (f"{words} {short(value, self._base)}".strip() for value in now)
-            yield from (f"no longer {words} {short(value, self._base)}" for value in gone)
+            yield from (f"{words} {self._names(value)}".strip() for value in now)
+            yield from (f"no longer {words} {self._names(value)}" for value in gone)
 
     def _kind(
         self, removed: dict[Term, list[Term]], added: dict[Term, list[Term]]
@@ -125,7 +134,8 @@ class _Summary:
         known = v.RDF_TYPE in removed or bool(self._at)
         for kind in added.get(v.RDF_TYPE, ()):
             if kind != NamedNode(v.BOT_SPACE):  # each place is one
-                yield f"a {word(kind)} now" if known else f"new: {word(kind)}"
+                kind_name = self._names(kind)
+                yield f"a {kind_name} now" if known else f"new: {kind_name}"
 
     def _numbers_told(self) -> Iterator[str]:
         x, y, existence = (self._numbers.get(name, math.nan) for name in (v.X, v.Y, v.EXISTENCE))
@@ -160,7 +170,7 @@ def _floats(values: Iterable[Term]) -> Iterator[float]:
             return
 
 
-def _words(change: _Sides, base: str) -> Iterator[str]:
+def _words(change: _Sides, base: str, names: Names) -> Iterator[str]:
     removed_quads, added_quads = change
     about = _about((removed_quads + added_quads)[0].subject, base)
     removed, added = _by_predicate(removed_quads), _by_predicate(added_quads)
@@ -170,7 +180,7 @@ def _words(change: _Sides, base: str) -> Iterator[str]:
     if v.RDF_TYPE in removed and _DEPARTED in added.get(v.RDF_TYPE, ()):
         yield "left where it stood"
         return
-    lines = _steps(removed, added, base)
+    lines = _steps(removed, added, names)
     if about:
         yield f"{about}: {'; '.join(lines)}"
     else:
@@ -178,15 +188,15 @@ def _words(change: _Sides, base: str) -> Iterator[str]:
 
 
 def _steps(
-    removed: dict[Term, list[Term]], added: dict[Term, list[Term]], base: str
+    removed: dict[Term, list[Term]], added: dict[Term, list[Term]], names: Names
 ) -> Iterator[str]:
     new = v.RDF_TYPE in added and v.RDF_TYPE not in removed
     if new:
-        yield "new " + ", ".join(short(kind, base) for kind in added[v.RDF_TYPE])
+        yield "new " + ", ".join(names(kind) for kind in added[v.RDF_TYPE])
     for predicate in sorted({*removed, *added}, key=word):
         if predicate != v.RDF_TYPE or not new:
             old, now = (
-                ", ".join(brief(value, base) for value in side.get(predicate, ()))
+                ", ".join(names(value) for value in side.get(predicate, ()))
                 for side in (removed, added)
             )
             yield f"{word(predicate)} {_step(old, now)}"
@@ -243,12 +253,9 @@ def difference_text(found: Difference, base: str) -> str:
 def comparison_text(found: Comparison) -> str:
     """A line for each change of an object or a room, and one for floor and surface."""
     changes = (
-        f"{one.kind} {one.iri} {one.category}: {_words_of(*one.sides)}" for one in found.changes
+        f"{one.kind} {one.name or one.category}: {_words_of(*one.sides)}" for one in found.changes
     )
-    rooms = (
-        f"{one.kind} {one.iri} {one.title}: {_words_of(one.before, one.after)}"
-        for one in found.rooms
-    )
+    rooms = (f"{one.kind} {one.title}: {_words_of(one.before, one.after)}" for one in found.rooms)
     return _lines((*changes, *rooms, found.area_words))
 
 
@@ -268,8 +275,8 @@ def label_of(step: Explanation) -> str:
 
 
 def _cause(entry: HistoryEvent) -> str:
-    cause = entry.cause
-    return " ".join(filter(None, (cause.kind, cause.note, cause.by and f"by {cause.by}")))
+    by = entry.cause.by
+    return f"{entry.cause_words} by {by}" if by else entry.cause_words
 
 
 def _words_of(before: str, after: str) -> str:

@@ -16,7 +16,7 @@ from kg.history.point_in_time import state_of
 from kg.history.reports import explanation_rules as known
 from kg.history.reports.explanation_rules import FactChanges, FactReader, same
 from kg.history.storage.log import BACKGROUND, HistoryLog
-from kg.history.timestamps import iso, short, statement
+from kg.history.timestamps import iso, short, statement, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import agent_iri, agent_name
@@ -115,7 +115,7 @@ class Explainer(FactReader):
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
         sizes = self._size_reasons(facts)
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
-            text = f"may also be {self._text(node, v.OF_CATEGORY)}, probability {likely[node]}"
+            text = f"may also be {self._called(node, v.OF_CATEGORY)}, probability {likely[node]}"
             rule = Explanation("rule", known.RULES[v.LABEL_PROBABILITY])
             size = [r for category in self._values(node, v.OF_CATEGORY) for r in sizes(category)]
             yield Explanation("belief", text, node.value, (*size, rule))
@@ -167,8 +167,9 @@ class Explainer(FactReader):
     def fact(self, quad: Quad) -> Explanation:
         """Explanation of a fact of the map."""
         triple = quad.subject, quad.predicate, quad.object
-        text = " ".join(short(term, self._base) for term in triple)
-        return Explanation("fact", text, None, tuple(self._behind(quad)), triple)
+        return Explanation(
+            "fact", self._names.fact(*triple), None, tuple(self._behind(quad)), triple
+        )
 
     def _behind(self, quad: Quad) -> Iterator[Explanation]:
         if quad.graph_name in BACKGROUND:
@@ -200,7 +201,7 @@ class Explainer(FactReader):
         """An assertion with its time and its author."""
         (value,) = self._values(node, v.ASSERTED_VALUE)
         when = iso(seconds(self._text(node, v.PROV_GENERATED_AT)))
-        text = f"{prop} {short(value, self._base)}, asserted at {when}"
+        text = f"{prop} {self._names(value)}, asserted at {when}"
         agents = self._values(node, v.PROV_ATTRIBUTED_TO)
         people = tuple(
             Explanation("person", agent_name(self._base, agent.value), agent.value)
@@ -249,7 +250,7 @@ class Explainer(FactReader):
 
     def _sighting(self, node: NamedNode) -> Iterator[Explanation]:
         wanted = (v.FRAME, v.FROM_RECORDING, v.SOSA_RESULT_TIME, v.BOX, v.SCORE, v.MODEL)
-        frame, recording, when, box, score, model = (self._text(node, name) for name in wanted)
+        frame, recording, when, box, score, model = (self._called(node, name) for name in wanted)
         detected = model != SURFACE
         number = f"score {score}" if detected else f"share in the open {score}"
         text = f"seen in {frame} of {recording} at {when}: box {box} px, {number}"
@@ -271,7 +272,7 @@ class Explainer(FactReader):
     def _belief(self, place: NamedNode, category: Term) -> Iterator[Explanation]:
         for node in self._values(place, v.HAS_BELIEF):
             if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
-                text = f"belief {self._text(node, v.BELIEF)} in {short(category, self._base)}"
+                text = f"belief {self._text(node, v.BELIEF)} in {self._names(category)}"
                 yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
 
     def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
@@ -285,8 +286,7 @@ class Explainer(FactReader):
             share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
             yield Explanation("belief", f"by the views alone {share}", node.value)
         for thing in evidence:
-            named = f"{short(thing, self._base)} ({self._text(thing, v.RDFS_LABEL)})"
-            text = f"{named}, existence {self._text(thing, v.EXISTENCE)}"
+            text = f"{self._names(thing)}, existence {self._text(thing, v.EXISTENCE)}"
             yield Explanation("thing", text, thing.value, tuple(self._observation(thing)))
 
     def _views(self, place: NamedNode) -> Explanation:
@@ -299,15 +299,16 @@ class Explainer(FactReader):
             if isinstance(quad.subject, NamedNode)
         }
         behind = tuple(Explanation("model", f"scene model {name}") for name in sorted(models))
-        text = f"{count} views of {short(place, self._base)}" + (f", last {latest}" * bool(latest))
+        text = f"{count} views of {self._names(place)}" + (f", last {latest}" * bool(latest))
         return Explanation("view", text, place.value, behind)
 
     def _background_or_removed(self, iri: NamedNode) -> Explanation:
         texts = self._texts(self._quads(iri))
         if v.RELATION_SUBJECT in texts:
             kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
-            ends = texts[v.RELATION_SUBJECT], kind, texts[v.RELATION_TARGET]
-            text = f"{' '.join(ends)} with probability {texts[v.RELATION_PROBABILITY]}"
+            one, other = (self._called(iri, p) for p in (v.RELATION_SUBJECT, v.RELATION_TARGET))
+            verb = word(NamedNode(v.HERE + kind))
+            text = f"{one} {verb} {other} with probability {texts[v.RELATION_PROBABILITY]}"
             return Explanation("relation", text, iri.value, tuple(self._sources(iri)))
         if texts:
             found = self._engine.quads_for_pattern(None, _SUBJECT, iri, BACKGROUND[1])
@@ -317,8 +318,7 @@ class Explainer(FactReader):
                 if isinstance(q.subject, NamedNode)
             ]
             source = Explanation("source", "the ontology", v.ONTOLOGY_GRAPH.value)
-            text = f"{short(iri, self._base)} ({texts.get(v.RDFS_LABEL, 'no label')})"
-            return Explanation("thing", text, iri.value, (source, *relations))
+            return Explanation("thing", self._names(iri), iri.value, (source, *relations))
         removals = self._changes.changes_of(iri, v.RDF_TYPE.value, removed=True)
         if not removals:
             raise QueryParameterError(
@@ -326,11 +326,11 @@ class Explainer(FactReader):
                 "recorded history; `hereabouts ask MAP objects` lists what there is"
             )
         last = removals[-1]
-        before = [q.object for q in state_of(self._log, iri.value, last.sequence - 1)]
-        unnamed = NamedNode(v.UNNAMED_THING) in before
+        before = state_of(self._log, iri.value, last.sequence - 1)
+        unnamed = NamedNode(v.UNNAMED_THING) in (quad.object for quad in before)
         rule = Explanation("rule", known.REMOVAL_OF_UNNAMED if unnamed else known.REMOVAL)
         reasons = (rule,) if last.cause.kind in ("frame", "search") else ()
-        text = f"{short(iri, self._base)} is no longer in the map"
+        text = f"{self._texts(before).get(v.RDFS_LABEL, self._names(iri))} is no longer in the map"
         return Explanation("was", text, iri.value, (*reasons, self._commit(last.sequence)))
 
     def _departed(self, iri: NamedNode, type_quad: Quad) -> Explanation:
@@ -348,9 +348,9 @@ class Explainer(FactReader):
     ) -> Explanation:
         """Explanation of the removal of a fact; `present` are facts with the same predicate."""
         removals = self._changes.changes_of(subject, predicate.value, removed=True, value=value)
-        text = " ".join(short(x, self._base) for x in (subject, predicate, value) if x is not None)
+        text = self._names.fact(subject, predicate, value)
         if not removals:
-            now = ", ".join(short(q.object, self._base) for q in present) or "nothing"
+            now = ", ".join(self._names(q.object) for q in present) or "nothing"
             raise QueryParameterError(
                 f"the map does not hold {text}, and never did in its recorded history; "
                 f"of that it holds: {now}"
@@ -374,7 +374,7 @@ class Explainer(FactReader):
             text = f"since before the history begins (#{self._log.floor}, {when})"
             return Explanation("commit", text, iri, (), None, self._log.floor_time)
         cause = commit.cause
-        note = f" ({cause.note})" if cause.note else ""
+        note = f" ({self._names.text(cause.note)})" if cause.note else ""
         text = f"transaction #{sequence} at {iso(commit.time)}: {cause.kind}{note}"
         by = cause.by
         agents = (Explanation("person", by, agent_iri(self._base, by)),) if by else ()

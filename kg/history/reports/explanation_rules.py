@@ -11,6 +11,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
+from kg.history.reports.names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_of
 from kg.history.timestamps import short
@@ -159,6 +160,7 @@ class FactReader:
 
     def __init__(self, engine: QuadStore, base: str) -> None:
         self._engine, self._base = engine, base
+        self._names = Names(engine, base)
 
     def _quads(self, iri: NamedNode, predicate: str | None = None) -> list[Quad]:
         """The stated facts about a thing, sorted."""
@@ -171,6 +173,10 @@ class FactReader:
 
     def _text(self, iri: NamedNode, predicate: str) -> str:
         return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
+
+    def _called(self, iri: NamedNode, predicate: str) -> str:
+        """The values of a predicate by their names."""
+        return ", ".join(map(self._names, self._values(iri, predicate))) or "?"
 
     def _texts(self, quads: Iterable[Quad]) -> dict[str, str]:
         return {q.predicate.value: short(q.object, self._base) for q in quads}
@@ -193,17 +199,18 @@ class FactReader:
         return v.UNNAMED_THING in kinds or any(by_surface)
 
     def _name(self, iri: NamedNode, facts: list[Quad]) -> str:
-        """A thing with its label, position, and what it is on or inside of."""
+        """A thing with its name, position, and what it is on or inside of."""
         texts = self._texts(facts)
-        label = f" ({texts[v.RDFS_LABEL]})" if v.RDFS_LABEL in texts else ""
         where = f" at ({texts[v.X]}, {texts[v.Y]}) m" if v.X in texts and v.Y in texts else ""
-        related = "".join(
-            f", {word} {self._text(quad.object, v.RDFS_LABEL)}"
-            for predicate, word in ((v.INSIDE, "inside"), (v.ON, "on"))
-            for quad in facts
-            if quad.predicate.value == predicate and isinstance(quad.object, NamedNode)
+        place, *related = (
+            "".join(
+                f"{word} {self._names(quad.object)}"
+                for quad in facts
+                if quad.predicate.value == predicate
+            )
+            for predicate, word in ((v.IN_PLACE, " in"), (v.INSIDE, ", inside"), (v.ON, ", on"))
         )
-        return f"{short(iri, self._base)}{label}{where}{related}"
+        return f"{self._names(iri)}{place}{where}{''.join(related)}"
 
 
 class FactChanges:

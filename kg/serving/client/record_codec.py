@@ -121,6 +121,7 @@ def entry_to_json(entry: HistoryEvent) -> Json:
         **cause_to_json(entry.cause),
         "changes": list(entry.changes),
         "told": list(entry.told),
+        "cause": entry.cause_words,
     }
 
 
@@ -128,9 +129,9 @@ def entry_from_json(data: Mapping[str, Any]) -> HistoryEvent:
     """The inverse of `entry_to_json`."""
     changes = tuple(data["changes"])
     told = tuple(data["told"]) if "told" in data else changes
-    return HistoryEvent(
-        data["sequence"], moment(data["time"]), cause_from_json(data), changes, told
-    )
+    cause = cause_from_json(data)
+    words = str(data.get("cause", f"{cause.kind} {cause.note}".strip()))
+    return HistoryEvent(data["sequence"], moment(data["time"]), cause, changes, told, words)
 
 
 def difference_to_json(found: Difference) -> Json:

@@ -220,7 +220,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     if not any(change.endswith("removed") for change in last.changes):
         raise QueryParameterError(f"{what} is no object; `hereabouts ask MAP objects` lists them")
     when = datetime.fromtimestamp(last.time, UTC)
-    by = last.cause.by or last.cause.note or last.cause.kind
+    by = last.cause.by or last.cause_words
     value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
     proof = f"left the map by transaction #{last.sequence} ({by}), {stamp(when)}"
     return Status(what, value, proof, ())

@@ -92,3 +92,20 @@ def test_a_move_counts_beyond_twice_the_uncertainty_of_both_positions() -> None:
             semantic_map.apply(MapUpdate(objects=cups))
         (change,) = semantic_map.history.compare(semantic_map.sequence - 1).changes
         assert (change.kind, change.iri) == ("moved", "object/1")
+
+
+def test_causes_places_and_other_things_have_the_names_that_answers_print() -> None:
+    with in_memory_map() as semantic_map:
+        base, at = semantic_map.base, np.array([1.0, 2.0, 0.5])
+        kinds = {v.HERE + "Kitchen": 0.9}
+        place = PlaceRecord(base + "place/7", "place 7", 0.0, 4.0, 0.0, 4.0, 3, kinds)
+        things = tuple(
+            ObjectRecord(f"{base}object/{n}", kind, at, 3, 0.9, 3, 1.0, 3, place=place.iri)
+            for n, kind in ((1, CUP), (2, v.HERE + "DiningTable"))
+        )
+        semantic_map.apply(MapUpdate(places=(place,), objects=things))
+        semantic_map.assertions.add("object/1", "on", "object/2", by="ann")
+        new, placed = semantic_map.history.events("object/1")
+    assert "in the kitchen" in new.told
+    assert placed.told == ("on dining table 2",)
+    assert placed.cause_words == "assert cup 1 on dining table 2"

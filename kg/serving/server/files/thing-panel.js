@@ -3,7 +3,6 @@ import { byId, drawing, element, examplesOf, linkButton, linkTo, named, percent,
 import { read, request, select } from "/files/server.js";
 import { clock } from "/files/time-axis.js";
 
-const HERE = "https://w3id.org/hereabouts#";
 const TURNED = { on: "with … on it", inside: "with … in it" };
 const ASIDES = new Set(["model", "pose", "commit", "change", "person"]); // reasons in small print
 const BESIDE = 0.15 / 1.3; // of the longer side of a picture, from its edge to the box (perception/annotate.py)
@@ -177,7 +176,7 @@ async function whyOf(data, what) {
 /** Steps, each with where and when it was made in small print; what was seen has its picture. */
 function stepsOf(data, reasons, iri) {
   return element("ol", "", ...reasons.map((reason) => {
-    const { text, because } = reason, made = element("li", "", element("span", plain(data, text)), element("small", asidesOf(reason).map((one) => plain(data, one)).join("; ")));
+    const { text, because } = reason, made = element("li", "", element("span", plain(text)), element("small", asidesOf(reason).map(plain).join("; ")));
     const steps = because.filter(({ kind }) => !ASIDES.has(kind));
     if (reason.kind === "observation") pictureOf(data, iri).then((picture) => picture && made.prepend(boxed(picture)), () => {});
     if (steps.length) made.append(stepsOf(data, steps, iri));
@@ -199,23 +198,21 @@ function boxed(picture) {
   return Object.assign(c.canvas, { role: "img", ariaLabel: `${picture.ariaLabel}, in its box` });
 }
 
-/** A line of an explanation in the words of the page: names, clock times, percentages. */
-function plain(data, text) {
+/** A line of an explanation in the words of the page: clock times, percentages. */
+function plain(text) {
   return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with (\d+ %)/g, "$1 sure")
-    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at").replace("rdf:type here:", "is a here:")
+    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at")
     .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
-    .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time))
-    .replace(/\b(?:object|place)\/\d+(?: \([^)]*\))?/g, (path) => data.nameAt(data.fullOf(path.split(" ")[0])))
-    .replace(/\bhere:(\w+)/g, (_, name) => data.labels.get(HERE + name) ?? name.replace(/([A-Z])/g, (capital) => ` ${capital.toLowerCase()}`));
+    .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time));
 }
 
 /** What happened to it, as `/log` tells it, the last first. */
 async function historyOf(data, iri) {
   const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`);
   const events = log.filter(({ sequence, told }) => told.length && (data.past === null || sequence <= data.past));
-  return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, note, told }) => {
-    const item = element("li", "", element("small", clock(time)), plain(data, told.join("; ")) + (by ? ` (${by})` : ""));
-    item.title = note ?? "";
+  return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, cause, told }) => {
+    const item = element("li", "", element("small", clock(time)), plain(told.join("; ")) + (by ? ` (${by})` : ""));
+    item.title = cause;
     return item;
   }))];
 }

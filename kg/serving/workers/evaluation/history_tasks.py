@@ -56,7 +56,7 @@ def history_report(store: Store, request: Mapping[str, Any]) -> str:
 
 def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
     base = request["base"]
-    entries = list(history_events(log, thing(request["iri"], base), base))
+    entries = list(history_events(log, store, thing(request["iri"], base), base))
     if request["last"] is not None:
         entries = entries[max(0, len(entries) - int(request["last"])) :]
     if request["media_type"] == TEXT:
