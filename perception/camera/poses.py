@@ -396,7 +396,7 @@ def read_trajectory(path: Path) -> Trajectory:
     if not table and not lost:
         raise RecordingError(f"{path} holds no poses")
     sheet = np.array(table).reshape(-1, 8)
-    sheet[:, 0] = in_seconds(sheet[:, 0])
+    sheet[:, 0] = in_seconds(sheet[:, 0], path)
     sheet = sheet[np.unique(sheet[:, 0], return_index=True)[1]]
     q = sheet[:, 4:] / np.linalg.norm(sheet[:, 4:], axis=1, keepdims=True)
     return Trajectory(sheet[:, 0], sheet[:, 1:4], q)

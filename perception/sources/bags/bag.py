@@ -143,7 +143,7 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
             index.path,
         )
     if poses is not None:
-        warn_of_publishers(str(index.path), poses, colour.frame)
+        warn_of_publishers(str(index.path), poses, colour.frame, float(colour.seconds[0]))
     if poses is not None and poses.others and poses.topic is not None:
         _log.warning(
             "%s: poses of %s are taken for those of %s; --pose-frame %s if they are of that frame",

@@ -163,7 +163,8 @@ def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
         stamps = [STAMP.search(path.stem) for path in paths]
         if not paths or not all(stamps):
             return []
-        found.append((paths, in_seconds(np.array([float(stamp[0]) for stamp in stamps if stamp]))))
+        numbers = np.array([float(stamp[0]) for stamp in stamps if stamp])
+        found.append((paths, in_seconds(numbers, folder)))
     (colours, a), (depths, b) = found
     pairs = sorted(nearest_pairs(a, b, TOLERANCE))
     if not pairs:

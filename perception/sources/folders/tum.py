@@ -111,7 +111,9 @@ def _pairs(folder: Path) -> list[_Pair]:
         stamps = [floats(words[colour : colour + 1], where)[0] for where, words in rows]
         return [
             (float(stamp), words[colour + 1], words[depth + 1])
-            for stamp, (_, words) in zip(in_seconds(np.array(stamps)), rows, strict=True)
+            for stamp, (_, words) in zip(
+                in_seconds(np.array(stamps), associations), rows, strict=True
+            )
         ]
     if not (folder / "rgb.txt").is_file():
         depths = subfolder(folder, "aligned_depth", "depth")  # both in OpenLORIS-Scene
@@ -126,7 +128,7 @@ def _pairs(folder: Path) -> list[_Pair]:
 
 def _list(path: Path) -> list[tuple[float, str]]:
     table = _checked(path, 2, "stamp file")
-    stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]))
+    stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]), path)
     return [
         (float(stamp), _file(path.parent, words[1:]))
         for stamp, (_, words) in zip(stamps, table, strict=True)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError, did_you_mean
 from perception.camera.poses import (
@@ -30,9 +31,11 @@ MAX_DEPTH: Final = 100  # links between a frame and its root
 MAX_TRANSFORMS: Final = 1_000  # in a message
 MAP_FRAMES: Final = ("map", "world", "odom")  # the parents that lead to them are preferred
 CORRECTED: Final = "odom"  # frame whose transform in its parent corrects odometry
-APART: Final = 0.05  # [m] between transforms of one moment by two publishers ...
+APART: Final = 0.05  # [m] between transforms of one moment by two publishers, or ...
+TURNED: Final = np.radians(5.0)  # ... the angle between them, ...
 TOLD: Final = 0.05  # ... of this share of all, ...
 MIN_TOLD: Final = 10  # ... which are so many
+Table = NDArray[np.float64]
 TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
@@ -199,9 +202,14 @@ class TransformTree:
             if parent is not None and len(parents) > 1
         ]
 
-    def contradiction(self, child: str) -> float:
-        """Distance [m] between what two publishers tell of a frame in its parent; 0 for one."""
-        return 0.0 if self.parent(child) is None else self._link(child).contradiction()
+    def contradiction(self, child: str, begin: float = -np.inf) -> tuple[float, float]:
+        """Distance [m] and angle [rad] between what two publishers tell of a frame in its parent.
+
+        Both 0 for one publisher. Static transforms contradict each other where they are of one
+        stamp, or of stamps up to `begin` [s].
+        """
+        none = 0.0, 0.0
+        return none if self.parent(child) is None else self._link(child).contradiction(begin)
 
     def is_static(self, child: str) -> bool:
         """Whether the link of `child` to its parent is static."""
@@ -311,21 +319,33 @@ def _is_odom(frame: str) -> bool:
     return frame.rpartition("/")[2] == CORRECTED
 
 
+def _apart(a: Table, b: Table) -> tuple[Table, Table]:
+    """Distances (n,) [m] and angles (n,) [rad] of transforms in rows (n, 8) of a link."""
+    q = [rows[:, 4:] / np.linalg.norm(rows[:, 4:], axis=1, keepdims=True) for rows in (a, b)]
+    cos = np.abs(np.sum(q[0] * q[1], axis=1)).clip(0, 1)
+    return np.linalg.norm(a[:, 1:4] - b[:, 1:4], axis=1), 2 * np.arccos(cos)
+
+
 class _Link:
     """One link's transforms over time."""
 
-    __slots__ = ("_ordered", "_rows", "_run", "static")
+    __slots__ = ("_mixed", "_ordered", "_rows", "_run", "static")
 
     def __init__(self) -> None:
         self.static = False
         self._run = 0  # where the rows begin that came after stamps jumped back
         self._rows = array("d")  # stamp, x, y, z, qx, qy, qz, qw
         self._ordered: Trajectory | None = None
+        self._mixed = 0.0, 0.0  # [m], [rad] between static transforms and those over time
 
     def __len__(self) -> int:
         return len(self._rows) // 8
 
     def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
+        if static != self.static and len(self):
+            apart = _apart(*np.array([[self._rows[-8:]], [(0.0, *numbers)]]))
+            far, turned = self._mixed
+            self._mixed = max(far, float(apart[0][0])), max(turned, float(apart[1][0]))
         if static and not self.static:
             self.static, self._run, self._rows = True, 0, array("d")
         elif self.static and not static:
@@ -359,22 +379,36 @@ class _Link:
             self._ordered = Trajectory(table[:, 0], table[:, 1:4], q)
         return self._ordered
 
-    def contradiction(self) -> float:
-        """Distance [m] of transforms that jump away and back, as by two publishers; else 0."""
-        if self.static or len(self) < MIN_TOLD:
-            return 0.0
+    def contradiction(self, begin: float) -> tuple[float, float]:
+        """Distance [m] and angle [rad] of transforms by two publishers; 0 where there is one.
+
+        They jump away and back, have one stamp, are static and moving, or static before `begin`.
+        """
         table = np.frombuffer(self._rows).reshape(-1, 8)
         table = table[np.argsort(table[:, 0], kind="stable")]
-        before, now, after = (table[i : len(table) - 2 + i, 1:4] for i in range(3))
-        off = np.linalg.norm(now - (before + after) / 2, axis=1)
-        there = np.linalg.norm(after - before, axis=1)
-        away = (off > APART) & (off > 2 * there)
         same = np.diff(table[:, 0]) == 0
-        apart = np.linalg.norm(np.diff(table[:, 1:4], axis=0), axis=1)
-        twice = apart[same & (apart > APART)]
-        if away.mean() < TOLD and len(twice) < TOLD * len(table):
-            return 0.0
-        return float(np.median(np.concatenate([off[away], twice])))
+        next_ = _apart(table[:-1], table[1:])
+        if self.static:
+            at_once = same | (table[1:, 0] <= begin)
+            result = [
+                max(mixed, float(np.max(values[at_once], initial=0.0)))
+                for values, mixed in zip(next_, self._mixed, strict=True)
+            ]
+            return (
+                result[0] if result[0] > APART else 0.0,
+                result[1] if result[1] > TURNED else 0.0,
+            )
+        if len(self) < MIN_TOLD:
+            return 0.0, 0.0
+        result = []
+        beyond = _apart(table[:-2], table[2:])
+        for values, back, least in zip(next_, beyond, (APART, TURNED), strict=True):
+            off = (values[:-1] + values[1:]) / 2
+            away = (off > least) & (off > 2 * back)
+            twice = values[same & (values > least)]
+            few = away.mean() < TOLD and len(twice) < TOLD * len(table)
+            result.append(0.0 if few else float(np.median(np.concatenate([off[away], twice]))))
+        return result[0], result[1]
 
     def at(self, stamp: float) -> Pose | None:
         trajectory = self.trajectory()
