@@ -218,12 +218,8 @@ def _contradicts(found: Agreement) -> bool:
 
 def _fit(a: _View, b: _View) -> float:
     """Share of agreeing points of two images in one another; 1 where too few are in view."""
-    motion: Floats = np.linalg.inv(a.T) @ b.T
-    there = agreement(a.samples, b.samples, motion)
-    back = agreement(b.samples, a.samples, np.linalg.inv(b.T) @ a.T)
-    agreeing = there.agreeing + back.agreeing
-    judged = agreeing + there.contradicting + back.contradicting
-    return agreeing / judged if judged >= MIN_POINTS else 1.0
+    found = agreement(a.samples, b.samples, np.linalg.inv(a.T) @ b.T)
+    return found.share if found.agreeing + found.contradicting >= MIN_POINTS else 1.0
 
 
 def _turn(T: Floats) -> float:

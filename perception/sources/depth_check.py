@@ -37,6 +37,7 @@ from perception.sources.depth_readings import (
     another_scale,
     pairs_by,
     share_of,
+    two_causes,
 )
 
 EDGE_FRAMES: Final = 24  # whose edges are compared
@@ -115,11 +116,13 @@ def depth_findings(
         error = another_scale(name, pairs, convention, depth_scale, share)
         error = error or another_cause(name, pairs, convention, share)
         error = error or another_body(name, poses, briefly, share)
+        error = error or two_causes(name, poses, convention, depth_scale, briefly, share)
         error = error or (
             f"{name}: depth does not fit the poses: {int(100 * share)}% of the points that two "
             f"frames share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps "
-            "are wrong, or much of the scene moves; --poses FILE gives other poses, --poses "
-            "estimate finds some in the images, --no-check maps it as it is"
+            "are wrong, perhaps two of them, or much of the scene moves; --poses FILE gives other "
+            "poses, --poses estimate finds some in the images, which works where depth and "
+            "intrinsics are right, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     offset, told = _colour_findings(name, shown)
