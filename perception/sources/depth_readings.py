@@ -42,6 +42,7 @@ MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anyth
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
+LONE: Final = 0.6  # the same of a frame that does not belong to those before and after
 POOR: Final = 0.8  # another reading may be the right one
 BETTER: Final = 0.15  # by how much another reading must agree better
 SCALES: Final = 2.0 ** np.arange(-5, 5.01, 0.25)  # factors of depth that are tried
@@ -61,6 +62,7 @@ class FramePair:
     a: DepthSamples
     b: DepthSamples
     poses: tuple[Pose, Pose]  # camera -> world, as read
+    numbers: tuple[int, int] = (0, 0)  # of the frames
 
     def share(self, convention: str, scale: float, readings: Readings = CONVENTIONS) -> Agreement:
         """Agreement by another reading of the poses and depth `scale` times as large."""
@@ -73,7 +75,9 @@ class FramePair:
 def pairs_by(poses: Sequence[Pose], convention: str, samples_at: SamplesAt) -> list[FramePair]:
     """Pairs of frames as of `chosen_pairs`; `samples_at` gives the depth of a frame."""
     chosen = chosen_pairs(poses, convention)
-    return [FramePair(samples_at(i), samples_at(j), (poses[i], poses[j])) for i, j in chosen]
+    return [
+        FramePair(samples_at(i), samples_at(j), (poses[i], poses[j]), (i, j)) for i, j in chosen
+    ]
 
 
 def chosen_pairs(
@@ -106,6 +110,40 @@ def chosen_pairs(
 def _is_near(a: Pose, b: Pose) -> bool:
     distance, turn = motion(a, b)
     return bool(distance < APART and turn <= TURNED)
+
+
+def lone_frames(
+    poses: Sequence[Pose],
+    convention: str,
+    pairs: Sequence[FramePair],
+    samples_at: SamplesAt,
+) -> set[int]:
+    """Frames of poor pairs that contradict the frames before and after, which agree."""
+    poor = (pair for pair in pairs if _judged(pair, convention) < LONE)
+    doubted = {number for pair in poor for number in pair.numbers}
+
+    def share(i: int, j: int) -> float:
+        return _judged(FramePair(samples_at(i), samples_at(j), (poses[i], poses[j])), convention)
+
+    return {
+        n
+        for n in doubted
+        if 0 < n < len(poses) - 1
+        and share(n - 1, n + 1) >= GOOD
+        and max(share(n - 1, n), share(n, n + 1)) < LONE
+    }
+
+
+def share_without(pairs: Sequence[FramePair], lone: set[int], convention: str) -> float:
+    """Share of agreeing points of pairs without the `lone` frames; 0 where too few are left."""
+    left = [pair for pair in pairs if not lone & {*pair.numbers}]
+    return share_of(left, convention, 1.0) or 0.0
+
+
+def _judged(pair: FramePair, convention: str) -> float:
+    """Share of agreeing points of a pair; 1 where it shows too little of one scene."""
+    found = pair.share(convention, 1.0)
+    return found.share if found.overlap >= OVERLAP else 1.0
 
 
 def better_convention(
@@ -173,7 +211,8 @@ def two_causes(
 
     All pairs of a mistake in poses and one in depth are tried, and those of two in either.
     """
-    of_depth, of_poses = [c for c in _causes() if c.in_depth], [c for c in _causes() if c.in_poses]
+    of_depth = [c for c in _causes() if c.of_depth is not _same]
+    of_poses = [c for c in _causes() if c.of_pose is not _same]
     others = [_convention(one) for one in CONVENTIONS if one != convention]
     least, tried = max(GOOD, given + BETTER), list[tuple[float, float, tuple[_Cause, ...]]]()
     readings = [(), *((c,) for c in others), *((c,) for c in of_poses), tuple(of_poses)]
@@ -277,14 +316,6 @@ class _Cause:
     of_pose: Callable[[Pose], Pose] = _same
     convention: str = ""  # by which poses are read instead
     shortens: bool = False  # whether motions become much shorter, as nothing may contradict
-
-    @property
-    def in_depth(self) -> bool:
-        return self.of_depth is not _same
-
-    @property
-    def in_poses(self) -> bool:
-        return self.of_pose is not _same
 
     def undone(self, pair: FramePair) -> FramePair:
         """The pair without the mistake."""

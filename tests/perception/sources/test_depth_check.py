@@ -93,6 +93,19 @@ CAUSES = {
 }
 
 
+def test_a_minority_of_wrong_depth_is_told_by_name(tmp_path, caplog):
+    def every_fifth(frame: Frame) -> Frame:
+        factor = 4 if int(frame.id[-6:]) % 5 == 3 else 1
+        return replace(frame, depth=frame.depth * np.float32(factor))
+
+    recording = open_recording(write(tmp_path / "room", change=every_fifth))
+    assert len(recording) == 40
+    said = next(text for text in caplog.messages if "contradicts the frames before" in text)
+    named = [int(word[-6:]) for word in said.replace(",", " ").replace(";", " ").split()
+             if word.startswith("frame-")]  # fmt: skip
+    assert named and all(number % 5 == 3 for number in named)
+
+
 @pytest.mark.parametrize("causes", TWO_CAUSES)
 def test_two_causes_at_once_are_named(tmp_path, causes):
     as_written, change, remedy = TWO_CAUSES[causes]
