@@ -353,8 +353,8 @@ class Trajectory:
     @property
     def reach(self) -> str:
         """The first and the last stamp, for people."""
-        whole = len(self.stamp) > 0
-        return f"{self.stamp[0]:.3f} to {self.stamp[-1]:.3f}" if whole else "none is finite"
+        ends = self.stamp[[0, -1]] if len(self.stamp) else ()
+        return " to ".join(f"{end:.3f}" for end in ends) or "none is finite"
 
     def _between(self, i: int, stamp: float) -> Pose:
         share = (stamp - self.stamp[i]) / (self.stamp[i + 1] - self.stamp[i])
@@ -375,8 +375,7 @@ def read_trajectory(path: Path) -> Trajectory:
     """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line.
 
     A number of the pose may follow, as RTAB-Map writes it; a CSV file has qw before qx and perhaps
-    velocities, as EuRoC's. Stamps are in seconds, or since 1970 in milli-, micro- or nanoseconds.
-    Lines that are not finite are left out. Raises RecordingError for a file without lines.
+    velocities, as EuRoC's. Stamps are as of `in_seconds`; lines that are not finite are left out.
     """
     table, csv, lost = list[list[float]](), path.suffix == ".csv", False
     for where, words in rows(path):
@@ -389,7 +388,7 @@ def read_trajectory(path: Path) -> Trajectory:
             raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
         numbers = numbers[:8]
         if not np.isfinite(numbers).all():
-            lost = True  # tracking was
+            lost = True
             continue
         pose_from_quaternion(np.array(numbers[1:4]), np.array(numbers[4:]), where)
         table.append(numbers)
