@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +18,10 @@ LFS: Final = b"version https://git-lfs"  # beginning of a file that stands for a
 _UTF16: Final = (b"\xff\xfe", b"\xfe\xff")
 #: from which stamps are in another unit than seconds, and that unit [s]
 _UNITS: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+DATES: Final = (9e8, 3e9)  # [s] since 1970: 1998 to 2065
+LONGEST: Final = 15.0  # [s] between two images of a recording, in the middle ...
+USUAL: Final = 0.06  # [s] ... and as is usual
+_log = logging.getLogger(__name__)
 
 
 def check_pointer(data: bytes, where: object, wanted: str = "not the file itself") -> None:
@@ -25,10 +30,23 @@ def check_pointer(data: bytes, where: object, wanted: str = "not the file itself
         raise RecordingError(f"{where} is a Git LFS pointer, {wanted}; `git lfs pull` fetches it")
 
 
-def in_seconds(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Stamps (n,) since 1970 in seconds, where they are in milli-, micro- or nanoseconds."""
+def in_seconds(stamps: NDArray[np.float64], where: Path) -> NDArray[np.float64]:
+    """Stamps (n,) in seconds, where they are in milli-, micro- or nanoseconds.
+
+    Those since 1970 tell their unit. Of others, as of a computer's time since its start, the step
+    from one to the next tells it, with a line; with a fraction they are seconds.
+    """
     largest = float(np.max(stamps, initial=0.0))
     unit = next((unit for least, unit in _UNITS if largest >= least), 1.0)
+    step = float(np.median(np.diff(np.unique(stamps)))) if len(stamps) > 2 else 0.0
+    dated = DATES[0] < largest * unit < DATES[1]
+    whole = bool((stamps == np.rint(stamps)).all())
+    if whole and (step * unit >= LONGEST or (step >= LONGEST and not dated)):
+        unit = min((unit for _, unit in _UNITS), key=lambda one: abs(np.log(step * one / USUAL)))
+        text = "%s: its stamps, %g apart, are taken for %s"
+        _log.warning(
+            text, where, step, {1e-3: "milli", 1e-6: "micro", 1e-9: "nano"}[unit] + "seconds"
+        )
     return stamps if unit == 1.0 else np.round(stamps * unit, 9)
 
 

@@ -107,6 +107,18 @@ def images(
     return layout
 
 
+def without(make: Folder, *names: str) -> Folder:
+    """A folder without some of its files."""
+
+    def layout(shots: Sequence[Shot], scratch: Path) -> Path:
+        folder = make(shots, scratch)
+        for name in names:
+            (folder / name).unlink()
+        return folder
+
+    return layout
+
+
 def open3d(shots: Sequence[Shot], folder: Path) -> None:
     """The camera as Open3D's reader of Azure Kinect writes it."""
     height, width = shots[0].depth.shape
@@ -153,21 +165,25 @@ def neural_rgbd(shots: Sequence[Shot], folder: Path) -> None:
 def tum(
     colour: str = "rgb/{stamp}.png", *, lists: bool = True, line: str = "\n", begin: str = "",
     associations: str = "", poses: str = "groundtruth.txt",
+    stamp: Callable[[Shot], str] = stamp_of, depth: str = "depth/{stamp}.png",
 ) -> Folder:  # fmt: skip
-    """TUM RGB-D."""
+    """TUM RGB-D; `stamp` is that of a frame in lists and poses."""
 
     def more(shots: Sequence[Shot], folder: Path) -> None:
         write(folder / "intrinsics.json", camera(shots[0], depth_scale=5000))
-        text = begin + "".join(map(tum_row, shots))
+        text = begin + "".join(f"{stamp(s)} {tum_row(s).partition(' ')[2]}" for s in shots)
         write(folder / poses, text.replace("\n", line))
-        for name, pattern in {"rgb": colour, "depth": "depth/{stamp}.png"}.items() if lists else ():
-            rows = [f"{stamp_of(s)} {pattern.format(stamp=stamp_of(s))}\n" for s in shots]
+        for name, pattern in {"rgb": colour, "depth": depth}.items() if lists else ():
+            rows = [
+                f"{stamp(s)} {pattern.format(n=i * GRID, stamp=stamp_of(s))}\n"
+                for i, s in enumerate(shots)
+            ]
             write(folder / f"{name}.txt", (begin + "".join(rows)).replace("\n", line))
         if associations:
             rows = [associations.format(stamp=stamp_of(s)) + "\n" for s in shots]
             write(folder / "associations.txt", "".join(rows))
 
-    return images(colour, "depth/{stamp}.png", in_units(5000), more=more)
+    return images(colour, depth, in_units(5000), more=more)
 
 
 def nerfstudio(*, missing: int = 0, **more: Any) -> Folder:

@@ -51,6 +51,32 @@ def _scaled(m: Message, width: int, height: int) -> Message:
     return changed(m, k=K.ravel(), width=width, height=height)
 
 
+def of_frames(topic: str, numbers: range, how: Callable[[Message], Message]) -> Change:
+    """A change of some of a topic's messages, by their places."""
+
+    def change(messages: Messages) -> Messages:
+        chosen = {id([m for m in messages if m.topic == topic][n]) for n in numbers}
+        return [how(m) if id(m) in chosen else m for m in messages]
+
+    return change
+
+
+def times(factor: float) -> Callable[[Message], Message]:
+    """Depth in another unit."""
+    return lambda m: packed(m, (depth_of(m) * factor).astype(np.uint16), "16UC1")
+
+
+def smaller(m: Message) -> Message:
+    """Colour of half the size."""
+    half = np.ascontiguousarray(rgb_of(m)[::2, ::2])
+    return changed(m, **image(0, "", half, "rgb8") | {"header": m.fields["header"]})
+
+
+def mirrored(m: Message) -> Message:
+    """Colour flipped left to right."""
+    return packed(m, np.ascontiguousarray(rgb_of(m)[:, ::-1]), "rgb8")
+
+
 def wider_depth(share: float) -> Change:
     """Depth of a wider lens at the same place and of the same size, by its own CameraInfo."""
 

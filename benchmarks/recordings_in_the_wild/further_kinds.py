@@ -11,7 +11,17 @@ from benchmarks.recordings_in_the_wild import containers as to
 from benchmarks.recordings_in_the_wild import folders as f
 from benchmarks.recordings_in_the_wild import further_changes as d
 from benchmarks.recordings_in_the_wild.kind import Kind
-from benchmarks.recordings_in_the_wild.robot import COLOUR, COMPRESSED, DEPTH, DEPTH_INFO, INFO
+from benchmarks.recordings_in_the_wild.robot import (
+    BEGIN,
+    COLOUR,
+    COMPRESSED,
+    DEPTH,
+    DEPTH_INFO,
+    INFO,
+    STATIC,
+    T_BASE_BODY,
+    pose,
+)
 
 DRIVERS: Final = (
     Kind("depth of half the size", change=(d.resized_depth(160, 120),), holes=True),
@@ -67,6 +77,45 @@ CLOCKS_AND_TREES: Final = (
     Kind("map -> odom every 2 s", change=(d.of_link("odom", lambda n: n % 20 == 0),)),
     Kind("map -> odom once, on /tf", change=(d.of_link("odom", lambda n: n == 0),)),
     Kind("tf of 3000 more frames", change=(d.many_frames(3000),)),
+)  # fmt: skip
+
+_FEW: Final = range(4, 50, 10)  # frames, between those that are compared
+MINORITIES: Final = (
+    Kind("5 of 50 depth images in another unit", change=(d.of_frames(DEPTH, _FEW, d.times(4)),),
+         holes=True, said="contradicts the frames before"),
+    Kind("5 of 50 depth images 15 % too far", change=(d.of_frames(DEPTH, _FEW, d.times(1.15)),),
+         holes=True, said="contradicts the frames before"),
+    Kind("5 of 50 colour images of another size", change=(
+        d.of_frames(COLOUR, _FEW, d.smaller),), holes=True, said="is left out"),
+    Kind("5 of 50 colour images mirrored", change=(
+        d.of_frames(COLOUR, _FEW, d.mirrored),), holes=True, said="does not show"),
+    Kind("two mounts of the camera on /tf_static", change=(
+        c.with_links(("base_link", "camera_link", T_BASE_BODY @ pose(0.3, 0, 0)), topic=STATIC),),
+         said="contradict each other"),
+    *(Kind(f"{name}, an image of each missing", folder=f.without(folder, *images), holes=True,
+           said="left out") for name, folder, images in (
+        ("pose files", f.images(pose="pose/{n:06d}.txt"), ("depth/000012.png", "rgb/000030.png")),
+        ("Polycam", f.images("keyframes/images/{n:06d}.jpg", "keyframes/depth/{n:06d}.png",
+                             more=f.polycam),
+         ("keyframes/depth/000012.png", "keyframes/images/000030.jpg")),
+        ("BundleFusion", f.images("frame-{n:06d}.color.jpg", "frame-{n:06d}.depth.png",
+                                  pose="frame-{n:06d}.pose.txt", more=f.bundle_fusion),
+         ("frame-000012.depth.png", "frame-000030.color.jpg")))),
+    Kind("pose files, 6 of 50 depth images missing", folder=f.without(
+        f.images(pose="pose/{n:06d}.txt"), *(f"depth/{n:06d}.png" for n in range(0, 36, 6))),
+         hopeless=True, said="6 of 50 frames"),
+    Kind("pose files that are all nan", folder=f.images(
+        pose="pose/{n:06d}.txt", of_pose=lambda T: np.full_like(T, np.nan)),
+         remedy=("--poses", "estimate"), said="--poses estimate", holes=True),
+    *(Kind(f"TUM, stamps in {unit} since the computer was started", folder=f.tum(
+        "rgb/{n:06d}.png", depth="depth/{n:06d}.png",
+        stamp=lambda s, per=per: str((s.stamp - BEGIN + 86_400 * 10**9) // per)),
+           said="are taken for", holes=True)
+      for unit, per in (("milliseconds", 10**6), ("nanoseconds", 1))),
+    Kind("pose files in millimetres, images mirrored", folder=f.images(
+        of_depth=lambda s: f.MILLIMETRES(s)[:, ::-1], of_colour=lambda s: s.rgb[:, ::-1],
+        pose="pose/{n:06d}.txt", of_pose=lambda T: np.vstack([T[:3] * [1, 1, 1, 1000], T[3]])),
+         hopeless=True, said="millimetres and colour and depth are mirrored"),
 )  # fmt: skip
 
 FOLDERS: Final = (

@@ -12,7 +12,12 @@ from mcap.writer import CompressionType, IndexType
 from benchmarks.recordings_in_the_wild import changes as c
 from benchmarks.recordings_in_the_wild import containers as to
 from benchmarks.recordings_in_the_wild import image_changes as i
-from benchmarks.recordings_in_the_wild.further_kinds import CLOCKS_AND_TREES, DRIVERS, FOLDERS
+from benchmarks.recordings_in_the_wild.further_kinds import (
+    CLOCKS_AND_TREES,
+    DRIVERS,
+    FOLDERS,
+    MINORITIES,
+)
 from benchmarks.recordings_in_the_wild.kind import Kind
 from benchmarks.recordings_in_the_wild.robot import (
     COLOUR,
@@ -280,7 +285,7 @@ RARE: Final = (
         i.depth(lambda mm: np.where(mm == 0, np.float32(np.inf), i.metres(mm)), "32FC1"),)),
     *(Kind(f"a far plane of {far} m where nothing returns", change=(
         i.depth(lambda mm, far=far: np.where(mm == 0, np.float32(far), i.metres(mm)), "32FC1"),),
-        said="no return") for far in (0.2, 8.0, 1000.0)),
+        said="no return") for far in (0.2, 8.0, 1000.0, 3.4e38)),
     Kind("frames of the images in capitals", change=(c.image_frames(OPTICAL.upper()),),
          remedy=("--camera-frame", OPTICAL)),
     Kind("every fifth colour image without pixels", change=(c.without_pixels(COLOUR),),
@@ -296,4 +301,4 @@ LIVE: Final = tuple(
 def kinds() -> list[Kind]:
     """All kinds."""
     bags = (*CONTAINERS, *IMAGES, *CAMERAS, *BODY, *RARE, *DRIVERS, *CLOCKS_AND_TREES)
-    return [*bags, *FOLDERS, *LIVE]
+    return [*bags, *MINORITIES, *FOLDERS, *LIVE]

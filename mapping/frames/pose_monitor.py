@@ -1,6 +1,7 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
+Lone: the depth of single frames contradicts those before and after, which agree with each other.
 Colour: some frames' colour does not show what their depth shows, as a minority of late images.
 Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
@@ -36,6 +37,7 @@ STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
 JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
 JUMP_TURN: Final = np.radians(8.0)  # ... turn
 MIN_POINTS: Final = 200  # fewest points in both images for a conclusion
+LONE: Final = 0.6  # share of agreeing points of a frame that does not belong to its neighbours
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
 GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
@@ -77,6 +79,8 @@ class PoseMonitor:
     def __init__(self, name: str) -> None:
         self._name = name
         self._last: _View | None = None
+        self._before: _View | None = None  # the last, where the last one contradicts it
+        self._lone = list[str]()  # names of frames between two that agree
         self._motion = np.eye(4)
         self._keys = list[_View]()
         self._unmoved, self._judge = UnmovedValues(), ColourJudge()
@@ -94,6 +98,7 @@ class PoseMonitor:
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view
+        self._check_lone(last, view)
         if last is not None:
             motion = np.linalg.inv(last.T) @ view.T
             if "jump" not in self.problems and _moved(motion, STEP, STEP_TURN):
@@ -110,6 +115,26 @@ class PoseMonitor:
                 "constant",
                 f"depth of {told(found)} stays the same while the camera moves, up to frame "
                 f"{frame.id}: it seems to mean no return; nan in its place would work",
+            )
+
+    def _check_lone(self, last: _View | None, view: _View) -> None:
+        """Look for a frame between two that agree with each other and not with it."""
+        before, self._before = self._before, None
+        if last is None or _fit(last, view) >= LONE:
+            return
+        self._before = last
+        if before is None or _fit(before, view) < GOOD:
+            return
+        self._before = None  # what comes next is compared with this one
+        self._lone.append(last.id)
+        count = len(self._lone)
+        if count & (count - 1) == 0:  # told anew as they double
+            self._tell(
+                "lone",
+                f"depth of {count} frames contradicts the frames before and after, which agree "
+                "with each other, as of another unit, of another moment or by another pose: "
+                f"{', '.join(self._lone[:3])}{', ...' * (count > 3)}; a copy without these frames "
+                "would work",
             )
 
     def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
@@ -193,6 +218,12 @@ class PoseMonitors:
 def _contradicts(found: Agreement) -> bool:
     """Whether two images show different scenes although they have nearly the same pose."""
     return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
+
+
+def _fit(a: _View, b: _View) -> float:
+    """Share of agreeing points of two images in one another; 1 where too few are in view."""
+    found = agreement(a.samples, b.samples, np.linalg.inv(a.T) @ b.T)
+    return found.share if found.agreeing + found.contradicting >= MIN_POINTS else 1.0
 
 
 def _turn(T: Floats) -> float:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from statistics import NormalDist
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,11 @@ Floats = NDArray[np.float64]
 COLUMNS: Final = 64  # pixels of the sampled image, across
 EDGE: Final = 0.05  # share of its depth by which a pixel may differ from its neighbours
 TOLERANCE: Final = 0.03  # share of its depth by which a point may be off the surface
+NOISY: Final = 0.004  # share of depth a metre, from which its noise widens both ...
+SIGMAS: Final = 3.0  # ... to so many deviations of a difference ...
+WIDEST: Final = 4.0  # ... but to so many times as much at most
+SMOOTH: Final = 0.25  # share of the pixels that are taken for even surfaces
+MIN_SMOOTH: Final = 100  # pixels of those
 MIN_DEPTH: Final = 0.05  # [m] before the camera, in units that may be wrong
 MAX_DEPTH: Final = 200.0  # [m]
 
@@ -34,6 +40,7 @@ class DepthSamples:
     depth: NDArray[np.float32]  # (h, w) [m], nan = no return or an edge
     K: Floats  # (3, 3) intrinsics of that grid [px]
     points: NDArray[np.float32]  # (n, 3) [m] the grid's points in the camera frame
+    noise: float = 0.0  # standard deviation, as a share of the depth a metre; 0: small
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,32 +63,59 @@ def depth_samples(depth: NDArray[np.float32], K: Floats) -> DepthSamples:
     step = max(1, depth.shape[1] // COLUMNS)
     first = step // 2
     grid = depth[first::step, first::step].astype(np.float32)
+    noise = _noise(grid)
     near = np.full((4, *grid.shape), np.nan, np.float32)
     near[0, :, 1:], near[1, :, :-1] = grid[:, :-1], grid[:, 1:]
     near[2, 1:], near[3, :-1] = grid[:-1], grid[1:]
     with np.errstate(invalid="ignore"):
-        edge = (np.abs(near - grid) > EDGE * grid).any(axis=0)
+        edge = (np.abs(near - grid) > _widened(EDGE, noise, grid) * grid).any(axis=0)
         grid[edge | ~(grid > 0) | (grid > MAX_DEPTH)] = np.nan
     scaled = K.copy()
     scaled[:2] /= step
     scaled[:2, 2] -= first / step
-    return gridded_samples(grid, scaled)
+    return gridded_samples(grid, scaled, noise)
 
 
-def gridded_samples(grid: NDArray[np.float32], K: Floats) -> DepthSamples:
+def _noise(grid: NDArray[np.float32]) -> float:
+    """Standard deviation of a grid of depth, as a share of the depth a metre; 0 where small.
+
+    A plane has an inverse depth linear in the pixels, so its second differences are noise.
+    """
+    with np.errstate(divide="ignore"):
+        inverse = np.where(grid > 0, 1 / grid, np.nan)
+    steps = [np.abs(np.diff(inverse, n=2, axis=axis)).ravel() for axis in (0, 1)]
+    known = np.concatenate(steps)
+    known = known[np.isfinite(known)]
+    if len(known) < MIN_SMOOTH / SMOOTH:
+        return 0.0
+    # the second difference of three values has sqrt(6) times their deviation
+    deviation = np.quantile(known, SMOOTH) / NormalDist().inv_cdf((1 + SMOOTH) / 2) / np.sqrt(6)
+    return float(deviation) if deviation >= NOISY else 0.0
+
+
+def _widened(least: float, noise: float, depth: NDArray[np.float32]) -> float | NDArray[np.float32]:
+    """A tolerance, as a share of the depth, of the difference of two values with noise."""
+    if not noise:
+        return least
+    wide = np.float32(SIGMAS * np.sqrt(2) * noise) * depth
+    return np.asarray(np.clip(wide, least, WIDEST * least), np.float32)
+
+
+def gridded_samples(grid: NDArray[np.float32], K: Floats, noise: float = 0.0) -> DepthSamples:
     """Samples of depth (h, w) [m], nan = unknown, with intrinsics `K` (3, 3) of that grid [px]."""
     rows, columns = np.nonzero(np.isfinite(grid))
     z = grid[rows, columns]
     x = (columns - K[0, 2]) * z / K[0, 0]
     y = (rows - K[1, 2]) * z / K[1, 1]
-    return DepthSamples(grid, K, np.column_stack([x, y, z]).astype(np.float32))
+    return DepthSamples(grid, K, np.column_stack([x, y, z]).astype(np.float32), noise)
 
 
 def agreement(a: DepthSamples, b: DepthSamples, T_a_b: Floats) -> Agreement:
     """Agreement of two images; `T_a_b` (4, 4) takes camera b to camera a."""
     R, t = T_a_b[:3, :3], T_a_b[:3, 3]
-    forth = _seen(a, b.points @ R.T + t)
-    back = _seen(b, (a.points - t) @ R)
+    noise = float(np.hypot(a.noise, b.noise) / np.sqrt(2))
+    forth = _seen(a, b.points @ R.T + t, noise)
+    back = _seen(b, (a.points - t) @ R, noise)
     points = max(len(a.points) + len(b.points), 1)
     agreeing = forth[0] + back[0]
     contradicting = forth[1] + back[1]
@@ -101,14 +135,15 @@ def nearest_pixels(
     return ahead[inside], row[inside], column[inside]
 
 
-def _seen(camera: DepthSamples, points: Floats) -> tuple[int, int, int]:
+def _seen(camera: DepthSamples, points: Floats, noise: float) -> tuple[int, int, int]:
     """Numbers of points that agree, that contradict, and that lie in view of measured depth."""
     seen, rows, columns = nearest_pixels(camera, points)
     measured = camera.depth[rows, columns]
     with np.errstate(invalid="ignore"):
         off = (points[seen, 2] - measured) / measured  # negative: in front of the surface
-        agreeing = int((np.abs(off) <= TOLERANCE).sum())
-        contradicting = int((off < -TOLERANCE).sum())
+        tolerance = _widened(TOLERANCE, noise, measured)
+        agreeing = int((np.abs(off) <= tolerance).sum())
+        contradicting = int((off < -tolerance).sum())
     return agreeing, contradicting, int(np.isfinite(off).sum())
 
 

@@ -79,7 +79,10 @@ class Intrinsics:
         """
         numbers = (self.fx, self.fy, self.cx, self.cy, *self.dist)
         if not np.isfinite(numbers).all():
-            raise RecordingError(f"{self.source}: fx, fy, cx, cy and dist must be finite numbers")
+            raise RecordingError(
+                f"{self.source}: fx, fy, cx, cy and dist must be finite numbers; --intrinsics FILE "
+                "of such would work"
+            )
         if min(self.fx, self.fy) <= 0:
             raise RecordingError(
                 f"{self.source}: focal lengths must be positive, got fx {self.fx:g}, fy {self.fy:g}"

@@ -336,6 +336,8 @@ class Trajectory:
         None where the trajectory does not reach: before its start, after its end, or in a gap
         longer than `max_gap` [s]. Rotation is interpolated spherically.
         """
+        if not len(self.stamp):
+            return None
         after = int(np.searchsorted(self.stamp, stamp))
         near = min(
             (i for i in (after - 1, after) if 0 <= i < len(self.stamp)),
@@ -347,6 +349,12 @@ class Trajectory:
         if abs(self.stamp[near] - stamp) <= tolerance:
             return pose_from_quaternion(self.t[near], self.q[near], f"pose at {stamp:.6f}")
         return None
+
+    @property
+    def reach(self) -> str:
+        """The first and the last stamp, for people."""
+        ends = self.stamp[[0, -1]] if len(self.stamp) else ()
+        return " to ".join(f"{end:.3f}" for end in ends) or "none is finite"
 
     def _between(self, i: int, stamp: float) -> Pose:
         share = (stamp - self.stamp[i]) / (self.stamp[i + 1] - self.stamp[i])
@@ -367,9 +375,9 @@ def read_trajectory(path: Path) -> Trajectory:
     """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line.
 
     A number of the pose may follow, as RTAB-Map writes it; a CSV file has qw before qx and perhaps
-    velocities, as EuRoC's. Stamps are in seconds, or since 1970 in milli-, micro- or nanoseconds.
+    velocities, as EuRoC's. Stamps are as of `in_seconds`; lines that are not finite are left out.
     """
-    table, csv = list[list[float]](), path.suffix == ".csv"
+    table, csv, lost = list[list[float]](), path.suffix == ".csv", False
     for where, words in rows(path):
         if csv and not table and not words[0].replace(".", "").isdecimal():
             continue  # names of the columns
@@ -380,13 +388,14 @@ def read_trajectory(path: Path) -> Trajectory:
             raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
         numbers = numbers[:8]
         if not np.isfinite(numbers).all():
-            continue  # tracking was lost
+            lost = True
+            continue
         pose_from_quaternion(np.array(numbers[1:4]), np.array(numbers[4:]), where)
         table.append(numbers)
-    if not table:
+    if not table and not lost:
         raise RecordingError(f"{path} holds no poses")
-    sheet = np.array(table)
-    sheet[:, 0] = in_seconds(sheet[:, 0])
+    sheet = np.array(table).reshape(-1, 8)
+    sheet[:, 0] = in_seconds(sheet[:, 0], path)
     sheet = sheet[np.unique(sheet[:, 0], return_index=True)[1]]
     q = sheet[:, 4:] / np.linalg.norm(sheet[:, 4:], axis=1, keepdims=True)
     return Trajectory(sheet[:, 0], sheet[:, 1:4], q)

@@ -24,7 +24,7 @@ from kg.model.errors import ModelError
 from perception.frames import NO_DETECTIONS, Detections, Frame
 from perception.inference.class_labels import COCO_IDS, NO_OBJECT, is_object, labels_for
 from perception.inference.heads.candidates import Head, MaskGrid, suppress
-from perception.inference.heads.listed import ListHead, QueryHead
+from perception.inference.heads.listed import QueryHead
 from perception.inference.heads.signature import heads_of
 from perception.inference.model_zoo import ModelCard, resolve
 from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
@@ -43,10 +43,13 @@ class Reading:
 
 
 class Readings:
-    """The readings of one network; the first answers decide."""
+    """The readings of one network; the first answers decide.
 
-    def __init__(self, found: Sequence[Reading]) -> None:
-        self._left = tuple(found)
+    `problem` tells what others lack.
+    """
+
+    def __init__(self, found: Sequence[Reading], problem: str = "") -> None:
+        self._left, self._problem = tuple(found), problem
         self.decided = len(self._left) == 1
 
     @property
@@ -64,9 +67,11 @@ class Readings:
         outputs, fitted = answer_of(self.likeliest)
         fitting = [one for one in self._left if _fits(one, outputs, fitted, threshold)]
         if not fitting:
+            # its own error tells more, where there is one
+            self.likeliest.head.candidates(outputs, fitted, threshold)
             raise ModelError(
                 f"what it answers fits none of its readings ({_names(self._left)}); export it in "
-                "another way, with names of its outputs"
+                f"another way, with names of its outputs{self._problem}"
             )
         found = [_seen(one, outputs, fitted, threshold) for one in fitting]
         if len(fitting) > 1:
@@ -289,8 +294,9 @@ def load_detector(
                 problems.append(error)
     if not readings:
         raise problems[0]
+    others = "".join(f"; or {problem}" for problem in dict.fromkeys(map(str, problems)))
     name = card.name if card is not None else path.stem
-    return OnnxDetector(name, session, Readings(readings), threshold)
+    return OnnxDetector(name, session, Readings(readings, others), threshold)
 
 
 def _labelled(
@@ -302,7 +308,7 @@ def _labelled(
         path, metadata = session.path, session.metadata
         return labels_for(path, classes, given=given, metadata=metadata, card=card)
 
-    if isinstance(head, ListHead) and head.first_label == 1:
+    if head.first_label == 1:
         try:
             return head, labels(COCO_IDS)
         except ModelError:

@@ -197,6 +197,7 @@ def with_depth(measured: RelativeMotion, first: Features, second: Image) -> Rela
     Iterative closest points from point to plane, with the features' motion as a prior.
     """
     T, inward = measured.T, surface_normals(second.samples)
+    noise = np.hypot(first.samples.noise, second.samples.noise)
     H = measured.information
     for gate in _GATES:
         points = first.samples.points @ T[:3, :3].T + T[:3, 3]
@@ -204,7 +205,7 @@ def with_depth(measured: RelativeMotion, first: Features, second: Image) -> Rela
         if found is None:
             return measured
         J, off, z = found
-        deviation = _DEPTH_NOISE * (1 + (z / 2) ** 2)
+        deviation = np.hypot(_DEPTH_NOISE * (1 + (z / 2) ** 2), noise * z**2)
         weight = 1 / (1 + (off / (0.3 * gate)) ** 2) / deviation**2
         away = logarithms((T @ inverse(measured.T))[None])[0]
         H = (J * weight[:, None]).T @ J + measured.information

@@ -85,6 +85,7 @@ class Odometry:
     _parts: StillParts = field(default_factory=StillParts)
     _lost: int = 0  # images since the last one with a pose
     _added: int = 0  # images
+    _plain: int = 0  # lost images with too few features
     _wide: WideLinks = field(default_factory=WideLinks)
 
     def add(self, frame: Frame) -> bool:
@@ -139,7 +140,8 @@ class Odometry:
         """Counts, and the errors to be expected."""
         tracks = [None if track is None else track.key for track in self._tracks]
         graph = self.graph
-        return tracking_report(graph.keys, graph.edges, graph.loops, tracks, self.main_piece())
+        main = self.main_piece()
+        return tracking_report(graph.keys, graph.edges, graph.loops, tracks, main, self._plain)
 
     def _followed(self, image: Image, last: _Track) -> _Track | None:
         """The track of an image that still shows what the last key frames show."""
@@ -250,6 +252,7 @@ class Odometry:
                 if measured is not None:
                     return self._track(None, number, measured)
         if len(features) < MIN_FEATURES:
+            self._plain += 1
             return None
         piece = 1 + max((key.piece for key in self.graph.keys), default=-1)
         key = KeyFrame(features, np.eye(4), piece, 0.0, self._added - 1)

@@ -42,6 +42,8 @@ class TrackingReport:
     deviation: tuple[float | None, ...]  # [m] of each image's position, one sigma; None: lost
     compared: int  # pairs of views of one scene whose depth was compared
     contradicting: int  # of them, those whose depth shows two scenes
+    plain: int = 0  # images that show too few corners with depth to begin a piece
+    noise: float = 0.0  # of depth, as a share of it a metre; 0: small
 
     @property
     def error(self) -> float:
@@ -66,8 +68,13 @@ class TrackingReport:
         parts.append(f"{self.loops} loops closed" if self.loops else "no loop closed")
         parts.append(f"errors of up to {self.error:.2f} m expected")
         if lost:
-            apart = f" (the camera was lost; {self.pieces} pieces)" if self.pieces > 1 else ""
-            parts.append(f"{lost} frames without a pose are left out{apart}")
+            why = ["the camera was lost", f"{self.pieces} pieces"] * (self.pieces > 1)
+            if self.plain:
+                why.append(f"{self.plain} of them show too few corners where depth is measured")
+            if self.noise:
+                why.append(f"depth is noisy: off by {200 * self.noise:.0f} % at 2 m")
+            told = f" ({'; '.join(why)})" if why else ""
+            parts.append(f"{lost} frames without a pose are left out{told}")
         return ", ".join(parts)
 
 
@@ -77,8 +84,9 @@ def tracking_report(
     loops: int,
     tracks: Sequence[int | None],
     main: int,
+    plain: int,
 ) -> TrackingReport:
-    """Report of the tracks: the key frame of each image, None: lost."""
+    """Report of the tracks: the key frame of each image, None: lost; `plain` as in the report."""
     used = [None if key is None or keys[key].piece != main else key for key in tracks]
     ways = _ways(edges, next((key for key in used if key is not None), 0))
     deviations = (None if k is None else START + DRIFT_SHARE * ways.get(k, np.inf) for k in used)
@@ -99,6 +107,8 @@ def tracking_report(
         deviation=tuple(deviations),
         compared=compared,
         contradicting=contradicting,
+        plain=plain,
+        noise=float(np.median([key.features.samples.noise for key in keys] or [0.0])),
     )
 
 

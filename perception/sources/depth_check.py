@@ -35,8 +35,11 @@ from perception.sources.depth_readings import (
     another_cause,
     another_reading,
     another_scale,
+    lone_frames,
     pairs_by,
     share_of,
+    share_without,
+    two_causes,
 )
 
 EDGE_FRAMES: Final = 24  # whose edges are compared
@@ -107,6 +110,8 @@ def depth_findings(
     if share is None and len(pairs) >= 2 * MIN_PAIRS:
         share = 0.0  # frames beside each other show nothing in common
     error = None
+    lone = lone_frames(poses, convention, pairs, briefly)
+    share = max(share, share_without(pairs, lone, convention)) if share is not None else None
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
         both = [*pairs, *pairs_by(poses, inverse, samples_at)]
@@ -115,18 +120,20 @@ def depth_findings(
         error = another_scale(name, pairs, convention, depth_scale, share)
         error = error or another_cause(name, pairs, convention, share)
         error = error or another_body(name, poses, briefly, share)
+        error = error or two_causes(name, poses, convention, depth_scale, briefly, share)
         error = error or (
             f"{name}: depth does not fit the poses: {int(100 * share)}% of the points that two "
             f"frames share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps "
-            "are wrong, or much of the scene moves; --poses FILE gives other poses, --poses "
-            "estimate finds some in the images, --no-check maps it as it is"
+            "are wrong, perhaps two of them, or much of the scene moves; --poses FILE gives other "
+            "poses, --poses estimate finds some in the images, which works where depth and "
+            "intrinsics are right, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]
     offset, told = _colour_findings(name, shown)
     if share is None and error is None and not NEAREST < middle < FARTHEST:
         scale = f"{middle:.2g} m by {depth_scale:g} units a metre; --depth-scale gives another"
         told += (f"{name}: too few frames to compare depth with poses; its median is {scale}",)
-    return DepthFindings(share, offset, error, told)
+    return DepthFindings(share, offset, error, told + _lone(name, lone, frame_at))
 
 
 def _colour_findings(
@@ -145,6 +152,17 @@ def _colour_findings(
     for one in shown:
         judge.add(one.id, one.rgb, one.depth)
     return offset, (f"{name}: {judge.told}",) if judge.told else ()
+
+
+def _lone(name: str, lone: set[int], frame_at: FrameAt) -> tuple[str, ...]:
+    """A warning of frames that contradict their neighbours; none without any."""
+    ids = [frame_at(number).id for number in sorted(lone)[:4]]
+    told = (
+        f"{name}: depth of {len(lone)} of the compared frames contradicts the frames before and "
+        "after, which agree with each other, as of another unit, of another moment or by another "
+        f"pose: {', '.join(ids[:3])}{', ...' * (len(ids) > 3)}; a copy without them would work"
+    )
+    return (told,) if lone else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:

@@ -42,10 +42,13 @@ MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anyth
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
+LONE: Final = 0.6  # the same of a frame that does not belong to those before and after
 POOR: Final = 0.8  # another reading may be the right one
 BETTER: Final = 0.15  # by how much another reading must agree better
 SCALES: Final = 2.0 ** np.arange(-5, 5.01, 0.25)  # factors of depth that are tried
 USUAL_SCALES: Final = (1.0, 10.0, 100.0, 256.0, 1000.0, 2000.0, 4000.0, 5000.0, 6553.5, 10000.0)
+FAR_STEP: Final = 2.0  # [m] between frames, in the middle, of poses that may be in millimetres
+MAX_MOUNT: Final = 2.0  # [m] from the origin of a body to a camera on it
 SNAP: Final = 1.2  # factor within which a depth scale is taken for a usual one
 
 Readings = Mapping[str, Callable[[Pose], Pose]]  # poses as read -> camera to world, by name
@@ -59,6 +62,7 @@ class FramePair:
     a: DepthSamples
     b: DepthSamples
     poses: tuple[Pose, Pose]  # camera -> world, as read
+    numbers: tuple[int, int] = (0, 0)  # of the frames
 
     def share(self, convention: str, scale: float, readings: Readings = CONVENTIONS) -> Agreement:
         """Agreement by another reading of the poses and depth `scale` times as large."""
@@ -71,7 +75,9 @@ class FramePair:
 def pairs_by(poses: Sequence[Pose], convention: str, samples_at: SamplesAt) -> list[FramePair]:
     """Pairs of frames as of `chosen_pairs`; `samples_at` gives the depth of a frame."""
     chosen = chosen_pairs(poses, convention)
-    return [FramePair(samples_at(i), samples_at(j), (poses[i], poses[j])) for i, j in chosen]
+    return [
+        FramePair(samples_at(i), samples_at(j), (poses[i], poses[j]), (i, j)) for i, j in chosen
+    ]
 
 
 def chosen_pairs(
@@ -104,6 +110,40 @@ def chosen_pairs(
 def _is_near(a: Pose, b: Pose) -> bool:
     distance, turn = motion(a, b)
     return bool(distance < APART and turn <= TURNED)
+
+
+def lone_frames(
+    poses: Sequence[Pose],
+    convention: str,
+    pairs: Sequence[FramePair],
+    samples_at: SamplesAt,
+) -> set[int]:
+    """Frames of poor pairs that contradict the frames before and after, which agree."""
+    poor = (pair for pair in pairs if _judged(pair, convention) < LONE)
+    doubted = {number for pair in poor for number in pair.numbers}
+
+    def share(i: int, j: int) -> float:
+        return _judged(FramePair(samples_at(i), samples_at(j), (poses[i], poses[j])), convention)
+
+    return {
+        n
+        for n in doubted
+        if 0 < n < len(poses) - 1
+        and share(n - 1, n + 1) >= GOOD
+        and max(share(n - 1, n), share(n, n + 1)) < LONE
+    }
+
+
+def share_without(pairs: Sequence[FramePair], lone: set[int], convention: str) -> float:
+    """Share of agreeing points of pairs without the `lone` frames; 0 where too few are left."""
+    left = [pair for pair in pairs if not lone & {*pair.numbers}]
+    return share_of(left, convention, 1.0) or 0.0
+
+
+def _judged(pair: FramePair, convention: str) -> float:
+    """Share of agreeing points of a pair; 1 where it shows too little of one scene."""
+    found = pair.share(convention, 1.0)
+    return found.share if found.overlap >= OVERLAP else 1.0
 
 
 def better_convention(
@@ -151,15 +191,72 @@ def another_scale(
 
 def another_cause(name: str, pairs: list[FramePair], convention: str, given: float) -> str | None:
     """Message for depth or poses that fit once they are changed in a known way; None for others."""
-    for cause, remedy, of_depth, of_pose in _causes():
-        changed = [
-            FramePair(of_depth(p.a), of_depth(p.b), (of_pose(p.poses[0]), of_pose(p.poses[1])))
-            for p in pairs
-        ]
+    for cause in _causes():
+        changed = [cause.undone(pair) for pair in pairs]
         best = share_of(changed, convention, 1.0) or 0.0
         if best >= max(GOOD, given + BETTER):
-            return _would_fit(name, given, best, cause, f"{remedy} would work")
+            return _would_fit(name, given, best, cause.text, f"{cause.remedy} would work")
     return None
+
+
+def two_causes(
+    name: str,
+    poses: Sequence[Pose],
+    convention: str,
+    depth_scale: float,
+    samples_at: SamplesAt,
+    given: float,
+) -> str | None:
+    """Message for depth and poses that fit once two known mistakes are undone; None for others.
+
+    All pairs of a mistake in poses and one in depth are tried, and those of two in either.
+    """
+    of_depth = [c for c in _causes() if c.of_depth is not _same]
+    of_poses = [c for c in _causes() if c.of_pose is not _same]
+    others = [_convention(one) for one in CONVENTIONS if one != convention]
+    least, tried = max(GOOD, given + BETTER), list[tuple[float, float, tuple[_Cause, ...]]]()
+    readings = [(), *((c,) for c in others), *((c,) for c in of_poses), tuple(of_poses)]
+    readings += [(c, other) for c in of_poses for other in others]
+    for changes in readings:
+        read = [_with(changes, T, CONVENTIONS[convention]) for T in poses]
+        if any(c.shortens for c in changes) and _middle_step(poses) < FAR_STEP:
+            continue
+        pairs = pairs_by(read, "camera-to-world", samples_at)
+        for wrong in [(), *((c,) for c in of_depth), tuple(of_depth)]:
+            known = (*changes, *wrong)
+            undone = pairs
+            for cause in wrong:
+                undone = [cause.undone(pair) for pair in undone]
+            if len(known) == 2:
+                tried.append((share_of(undone, "camera-to-world", 1.0) or 0.0, 1.0, known))
+            elif len(known) == 1 and not known[0].shortens:
+                tried.append((*_best_scale(undone, "camera-to-world"), known))
+    best, scale, causes = max(tried, key=lambda one: one[0])
+    if best < least:
+        return None
+    texts, remedies = [c.text for c in causes], [c.remedy for c in causes]
+    if len(causes) == 1:
+        texts.append(f"it is {scale:.2g} times as large")
+        remedies.append(f"--depth-scale {_usual(depth_scale / scale):g}")
+    both = f"{' and '.join(remedies)} would work together"
+    return _would_fit(name, given, best, f"two things are undone: {' and '.join(texts)}", both)
+
+
+def _with(changes: Sequence[_Cause], T: Pose, convention: Callable[[Pose], Pose]) -> Pose:
+    """A pose as read without mistakes, camera to world."""
+    for cause in changes:
+        if cause.convention:
+            convention = CONVENTIONS[cause.convention]
+        else:
+            T = cause.of_pose(T)
+    return convention(T)
+
+
+def _middle_step(poses: Sequence[Pose]) -> float:
+    places = np.array([T[:3, 3] for T in poses])
+    return (
+        float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1))) if len(poses) > 1 else 0
+    )
 
 
 def another_body(
@@ -175,9 +272,11 @@ def another_body(
             body = [CONVENTIONS[convention](T) for T in poses]
             X = CONVENTIONS[plain](np.eye(4)) if plain else _mount(body, samples_at)
             camera = [T @ X for T in body]
+            if np.linalg.norm(X[:3, 3]) > MAX_MOUNT:
+                continue  # another scale of depth or poses looks alike
             pairs = pairs_by(camera, "camera-to-world", samples_at)
             fits.append((share_of(pairs, "camera-to-world", 1.0) or 0.0, convention, X))
-    best = max(share for share, *_ in fits)
+    best = max((share for share, *_ in fits), default=0.0)
     if best < max(GOOD, given + BETTER):
         return None
     share, convention, X = next(fit for fit in fits if fit[0] >= best - SAME)
@@ -203,41 +302,63 @@ def _mount(body: Sequence[Pose], samples_at: SamplesAt) -> Pose:
     return X
 
 
-_Cause = tuple[str, str, Callable[[DepthSamples], DepthSamples], Callable[[Pose], Pose]]
+def _same(value: Any) -> Any:
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class _Cause:
+    """A known mistake in files of others: what would work, and how it is undone."""
+
+    text: str
+    remedy: str
+    of_depth: Callable[[DepthSamples], DepthSamples] = _same
+    of_pose: Callable[[Pose], Pose] = _same
+    convention: str = ""  # by which poses are read instead
+    shortens: bool = False  # whether motions become much shorter, as nothing may contradict
+
+    def undone(self, pair: FramePair) -> FramePair:
+        """The pair without the mistake."""
+        a, b = (self.of_pose(T) for T in pair.poses)
+        return FramePair(self.of_depth(pair.a), self.of_depth(pair.b), (a, b))
+
+
+def _convention(name: str) -> _Cause:
+    option = f"--pose-convention {name}"
+    return _Cause(f"poses are by the convention {name}", option, convention=name)
+
+
+def _along_axis(image: DepthSamples) -> DepthSamples:
+    K = image.K
+    camera = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+    return gridded_samples(image.depth / ray_lengths(image.depth.shape, camera), K)
+
+
+def _mirrored(image: DepthSamples) -> DepthSamples:
+    K = image.K.copy()
+    K[0, 2] = image.depth.shape[1] - 1 - K[0, 2]
+    return gridded_samples(np.ascontiguousarray(image.depth[:, ::-1]), K)
+
+
+def _w_first(T: Pose) -> Pose:
+    x, y, z, w = quaternion_from_pose(T)
+    return pose_from_quaternion(T[:3, 3], np.array([y, z, w, x]), "pose")
+
+
+def _shorter(T: Pose) -> Pose:
+    scaled = T.copy()
+    scaled[:3, 3] /= 1000
+    return scaled
 
 
 def _causes() -> tuple[_Cause, ...]:
-    """Known mistakes in files of others: the cause, what would work, and how it is undone."""
-
-    def same(value: Any) -> Any:
-        return value
-
-    def along_axis(image: DepthSamples) -> DepthSamples:
-        K = image.K
-        camera = (float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
-        return gridded_samples(image.depth / ray_lengths(image.depth.shape, camera), K)
-
-    def mirrored(image: DepthSamples) -> DepthSamples:
-        K = image.K.copy()
-        K[0, 2] = image.depth.shape[1] - 1 - K[0, 2]
-        return gridded_samples(np.ascontiguousarray(image.depth[:, ::-1]), K)
-
-    def w_first(T: Pose) -> Pose:
-        x, y, z, w = quaternion_from_pose(T)
-        return pose_from_quaternion(T[:3, 3], np.array([y, z, w, x]), "pose")
-
-    def shorter(T: Pose) -> Pose:
-        scaled = T.copy()
-        scaled[:3, 3] /= 1000
-        return scaled
-
     return (
-        ("depth is the length of the ray",
-         "depth along the optical axis, the length over sqrt(1 + ((u - cx) / fx)^2 + "
-         "((v - cy) / fy)^2),", along_axis, same),
-        ("colour and depth are mirrored", "both flipped left to right", mirrored, same),
-        ("quaternions are w x y z", "x y z w", same, w_first),
-        ("poses are in millimetres", "metres", same, shorter),
+        _Cause("depth is the length of the ray",
+               "depth along the optical axis, the length over sqrt(1 + ((u - cx) / fx)^2 + "
+               "((v - cy) / fy)^2),", _along_axis),
+        _Cause("colour and depth are mirrored", "both flipped left to right", _mirrored),
+        _Cause("quaternions are w x y z", "x y z w", of_pose=_w_first),
+        _Cause("poses are in millimetres", "metres", of_pose=_shorter, shortens=True),
     )  # fmt: skip
 
 

@@ -72,7 +72,8 @@ def no_return_of(
 
 def _bytes_exchanged(depth: NDArray[np.float32], depth_scale: float) -> bool:
     """Whether 16-bit depth is far smoother with its bytes exchanged."""
-    units = np.nan_to_num(depth * np.float32(depth_scale), posinf=0).round()
+    with np.errstate(over="ignore"):
+        units = np.nan_to_num(depth * np.float32(depth_scale), posinf=0).round()
     if units.max(initial=0) > 65535:
         return False
     raw = units.astype(np.uint16)

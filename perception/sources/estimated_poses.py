@@ -167,6 +167,9 @@ def _up(
     if listing.up is None or listing.no_poses or listing.unused_poses:
         return None  # the entries have no poses by which it would be seen
     ups = [T[:3, :3] @ entry.T_world_cam[:3, :3].T @ listing.up for entry, T in found]
-    mean: NDArray[np.float64] = np.mean(ups, axis=0)
+    known = [one for one in ups if np.isfinite(one).all()]  # others had lost their pose
+    if not known:
+        return None
+    mean: NDArray[np.float64] = np.mean(known, axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > ALIKE else None

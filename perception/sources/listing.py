@@ -98,6 +98,7 @@ class RecordingListing:
     no_poses: str = ""  # reason, in a sentence, why the entries' poses are not real; "": they are
     #: reason why the existing poses cannot be used, and a remedy; the entries have none then
     unused_poses: str = ""
+    no_pose_found: str = ""  # what to say where the poses of all entries are LOST
     up_of_first_camera: NDArray[np.float64] | None = None  # (3,) of an IMU, where poses are missing
     no_camera: str = ""  # reason why there is no camera, and a remedy
     #: poses (4, 4) of the camera in other frames that the entries may be poses of, by option
@@ -106,7 +107,7 @@ class RecordingListing:
 
 @dataclass(frozen=True, slots=True)
 class DamagedImages:
-    """Frames of a recording whose images cannot be read: they show nothing, and are told once."""
+    """Frames whose images are missing or cannot be read: they show nothing, and are told once."""
 
     recording: str = ""
     frames: int = 0  # of the recording
@@ -117,8 +118,10 @@ class DamagedImages:
         """Count a frame; raises its cause where too many are damaged."""
         self.causes.setdefault(frame, cause)
         if (count := len(self.causes)) > DAMAGED_SHARE * self.frames:
-            more = f"; {count} of {self.frames} frames are damaged" if count > 1 else ""
-            raise RecordingError(f"{cause}{more}")
+            raise RecordingError(
+                f"{cause}; {count} of {self.frames} frames are damaged or incomplete, and at most "
+                "a tenth may be: a copy without these frames would work"
+            )
 
     def tell(self, frame: str) -> None:
         """Warn of a frame, where it is one of the first."""

@@ -44,7 +44,7 @@ from perception.sources.estimated_poses import (
     wants_estimate,
     with_estimated_poses,
 )
-from perception.sources.folders.image_files import with_poses
+from perception.sources.folders.image_files import posed
 from perception.sources.formats import format_of
 from perception.sources.intrinsics_check import check_intrinsics
 from perception.sources.listing import DamagedImages, FrameEntry, RecordingListing
@@ -56,6 +56,7 @@ from perception.sources.recording_options import (
 
 _log = logging.getLogger(__name__)
 LATEST = 1e11  # [s] of a stamp, in the year 5138
+FIRST = 3  # frames, of which one has to be readable
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -116,7 +117,7 @@ class FolderRecording:
         rgb = entry.colour.colour()
         if rgb.shape[1::-1] != (camera.width, camera.height):
             raise RecordingError(
-                f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, the first image "
+                f"{entry.colour} is {rgb.shape[1]}x{rgb.shape[0]}, other images "
                 f"{camera.width}x{camera.height}"
             )
         return self._frame(entry, self.rectifier.colour(rgb), self._depth(entry))
@@ -183,8 +184,8 @@ def open_recording(
     convert = _convention(o.pose_convention)
     as_read = [entry.T_world_cam for entry in listing.entries]
     entries = tuple(
-        replace(entry, T_world_cam=gridded_pose(convert(entry.T_world_cam)))
-        for entry in listing.entries
+        replace(entry, T_world_cam=gridded_pose(convert(T)) if np.isfinite(T).all() else T)
+        for entry, T in zip(listing.entries, as_read, strict=True)
     )
     up = read_gravity(folder) if listing.up is None else listing.up
     listing = replace(listing, entries=entries, up=up)
@@ -223,14 +224,26 @@ def open_recording(
 
 
 def _check_images(recording: FolderRecording) -> None:
-    """Check the head and tail of every file, and the first frame; raises RecordingError."""
+    """Check the head and tail of every file, and the first frames; raises RecordingError."""
+    damaged = recording.damaged
     for entry in recording.listing.entries:
         try:
             entry.colour.check()
             entry.depth.check()
         except RecordingError as error:
-            recording.damaged.add(entry.id, error)
-    recording.decoded(recording.listing.entries[0])
+            damaged.add(entry.id, error)
+    whole = [e for e in recording.listing.entries if e.id not in damaged.causes]
+    failures = dict[str, RecordingError]()
+    for entry in whole[:FIRST]:
+        try:
+            recording.decoded(entry)
+            break
+        except RecordingError as error:
+            failures[entry.id] = error
+    else:
+        raise next(iter(failures.values()))  # all alike: the camera or the layout is another
+    for name, cause in failures.items():
+        damaged.add(name, cause)
 
 
 def _warn_of_sides(recording: FolderRecording) -> None:
@@ -289,13 +302,18 @@ def _listing(
     """Listing of the selected frames, with the camera and the poses that the options give."""
     selection = options.selection.reached if estimating else options.selection
     entries = listing.entries
-    if options.poses is None:
-        entries = with_poses(entries, lambda entry: entry.T_world_cam, path)
-        if not entries:
-            raise RecordingError(f"{path}: no frame has a pose: all are not finite")
+    if options.poses is None and not estimating:
+        entries = posed(entries, path)
+        if listing.entries and not entries:
+            why = listing.no_pose_found or f"{path}: no frame has a pose: all are not finite"
+            raise RecordingError(f"{why}; --poses estimate finds poses in the images")
     entries = selection.of(entries, str(path))
     if options.poses is not None:
-        entries = with_trajectory(entries, options.poses)
+        entries = posed(with_trajectory(entries, options.poses), options.poses)
+        if not entries:
+            raise RecordingError(
+                f"{options.poses} holds no finite pose; --poses estimate finds some"
+            )
     camera, given = listing.camera, options.intrinsics
     if given is not None:
         # the folder's depth scale holds where the given intrinsics do not say one
@@ -340,7 +358,7 @@ def _rectifier_of(camera: Intrinsics) -> Rectifier:
 
 
 def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
-    """The camera fitted to the first image, which is decoded for its size."""
+    """The camera fitted to the size of most of three images."""
     if listing.camera is None:
         raise RecordingError(
             listing.no_camera
@@ -348,7 +366,15 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
             '{"fx": 525, "fy": 525, "cx": 319.5, "cy": 239.5} of its colour camera [px], or '
             "--intrinsics FILE, would work"
         )
-    height, width = listing.entries[0].colour.colour().shape[:2]
+    sizes, failures = list[tuple[int, ...]](), list[RecordingError]()
+    for place in (0, len(listing.entries) // 2, -1):
+        try:
+            sizes.append(listing.entries[place].colour.colour().shape[1::-1])
+        except RecordingError as error:
+            failures.append(error)
+    if not sizes:
+        raise failures[0]
+    width, height = max(sizes, key=sizes.count)
     return Rectifier.for_camera(listing.camera.fitted(width, height))
 
 

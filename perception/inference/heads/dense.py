@@ -39,6 +39,7 @@ REAL: Final = 0.9  # share of a network's boxes that are boxes in its input ...
 OUTSIDE: Final = 0.6  # ... or so far outside, in its sides ...
 MIN_SIDE: Final = 1.0  # ... with sides of so many pixels
 HIGHEST: Final = 100.0  # scores above 1 are refused with a line of their own
+SHARES: Final = 1.5  # up to which coordinates are shares of the input
 _ROUNDING: Final = 1e-3
 
 
@@ -57,6 +58,8 @@ class DenseHead(Head):
 
     decode: Callable[[list[Floats]], Dense]
     objectness: bool = False  # whether a column of it, which is no constant, tells this head
+    background: int | None = None  # its column among the scores of the second output
+    shares: bool | None = None  # whether corners are shares of the input, where names tell the rest
     corners: bool | None = None  # whether rows begin with x1, y1, x2, y2; None: all one
     overlapping: bool = True
 
@@ -68,6 +71,13 @@ class DenseHead(Head):
         raw = arrays[0]
         if self.objectness and len(raw) and np.ptp(raw[:, 4]) == 0:
             return False
+        if self.background is not None:
+            mean = arrays[1].mean(axis=0)
+            if mean[self.background] < mean.max():
+                return False
+        if self.shares is not None:
+            largest = np.abs(raw[np.isfinite(raw).all(axis=1)]).max(initial=0.0)
+            return bool(largest <= SHARES) == self.shares
         # of centres and sizes some are in another order than corners
         ordered = bool((raw[:, 2:4] > raw[:, :2]).all())
         if self.corners is not None and len(raw) > 1 and ordered != self.corners:

@@ -34,12 +34,11 @@ from perception.inference.heads.candidates import (
     input_extent,
     pairs_above,
 )
-from perception.inference.heads.dense import check_equal_length, corners_of, prototype_masks
+from perception.inference.heads.dense import SHARES, check_equal_length, corners_of, prototype_masks
 from perception.inference.session import Fitted
 
 _ROUNDING: Final = 1e-3
 _MOST: Final = 10_000  # classes of a network
-_SHARES: Final = 1.5  # up to which coordinates are shares of the input
 _BORDER: Final = 0.3  # share of the input by which boxes may lie outside
 
 
@@ -68,7 +67,8 @@ class QueryHead(Head):
     """logits (Q, C), boxes (Q, 4) as shares of the image, and perhaps masks (Q, h, w)."""
 
     name: str = "queries"
-    no_object: bool = False  # whether the last class is "no object"
+    no_object: bool = False  # whether the last class is "no object", or of no label
+    sigmoid: bool = False  # whether each class has a score of its own even so
     mask_input: tuple[str, tuple[int, ...]] | None = None  # of the mask of valid pixels
 
     def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
@@ -84,11 +84,11 @@ class QueryHead(Head):
         logits, shares = (output.astype(np.float32)[0] for output in outputs[:2])
         check_equal_length(shares, logits)
         with np.errstate(over="ignore"):
-            if self.no_object:
+            if self.no_object and not self.sigmoid:
                 weight = np.exp(logits - logits.max(1, keepdims=True, initial=-np.inf))
                 scores = (weight / weight.sum(1, keepdims=True))[:, :-1]
             else:
-                scores = 1 / (1 + np.exp(-logits))
+                scores = 1 / (1 + np.exp(-logits[:, :-1] if self.no_object else -logits))
         rows, classes = pairs_above(scores, threshold)
         x1, y1, x2, y2 = input_extent(fitted)
         corners = corners_of(shares[rows, :2], shares[rows, 2:])
@@ -209,7 +209,7 @@ def in_image(boxes: Floats, fitted: Fitted) -> Floats:
 
 def _are_shares(boxes: Floats) -> bool:
     known = boxes[np.isfinite(boxes).all(axis=1)]
-    return bool(len(known)) and float(np.abs(known).max()) <= _SHARES
+    return bool(len(known)) and float(np.abs(known).max()) <= SHARES
 
 
 def _size_of(fitted: Fitted) -> Floats:

@@ -10,6 +10,8 @@ import re
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
+import numpy as np
+
 from kg.model.errors import ModelError
 from perception.inference.heads.candidates import Head
 from perception.inference.heads.dense import (
@@ -65,6 +67,8 @@ _ORDERS: Final = {
         "rows-of-batch-class-first": (3, 4, 5, 6, 2, 1),
     },
 }
+#: outputs of AutoML's EfficientDet: rows of the image's number, y1, x1, y2, x2, score, class from 1
+_Y_FIRST: Final = ("detections", (2, 1, 4, 3, 5, 6))
 #: roles of outputs by their names, the first that matches; what is left has none
 _ROLES: Final = (
     ("", r"^raw_|anchor|multiclass|index"),
@@ -139,6 +143,7 @@ def _queries(session: Session) -> Iterator[Head]:
             outputs=(logits, boxes, *with_masks),
             classes=classes[2],
             values=values,
+            sigmoid=logits == "labels",
             mask_input=real,
         )
         return
@@ -222,18 +227,29 @@ def _boxes_and_scores(session: Session) -> Iterator[Head]:
     if boxes[2] != 4 or not isinstance(classes, int) or unlike:
         return
 
-    def decode(outputs: list[Any]) -> Dense:
-        return Dense(outputs[0], outputs[1].T if by_class else outputs[1])
+    image = next(iter(session.inputs))
+    height, width = session.image_size(image)
+    shares = np.array([width, height] * 2, np.float32)
+    # of an SSD shares of the input, and a column for the background
+    for kind, scale in (("", np.float32(1)), ("-shares", shares)):
+        for column, background in (("", None), ("-background-first", 0), ("-background-last", -1)):
 
-    yield DenseHead(
-        image_input=next(iter(session.inputs)),
-        outputs=names,
-        name="boxes-scores",
-        classes=classes,
-        resize="letterbox",
-        values="0..255",
-        decode=decode,
-    )
+            def decode(outputs: list[Any], scale: Any = scale, apart: Any = background) -> Dense:
+                of_class = outputs[1].T if by_class else outputs[1]
+                kept = of_class if apart is None else np.delete(of_class, apart, 1)
+                return Dense(outputs[0] * scale, kept)
+
+            yield DenseHead(
+                image_input=image,
+                outputs=names,
+                name=f"boxes-scores{kind}{column}",
+                classes=classes - (background is not None),
+                resize="stretch" if kind else "letterbox",
+                values="imagenet" if kind else "0..255",
+                decode=decode,
+                background=background,
+                shares=bool(kind),
+            )
 
 
 def _rows(session: Session) -> Iterator[Head]:
@@ -257,13 +273,17 @@ def _rows(session: Session) -> Iterator[Head]:
     width, many = shape[-1], shape[-2]
     listed = isinstance(many, str) or (isinstance(many, int) and many <= _MAX_ROWS)
     if isinstance(width, int) and listed and not (channels and width != 6 + channels):
-        resize = "stretch" if sizes else "letterbox"
-        for name, order in _ORDERS.get(width - channels, {}).items():
+        resize, orders = "stretch" if sizes else "letterbox", _ORDERS.get(width - channels, {})
+        automl = width == len(_Y_FIRST[1]) + 1 and rows[0].partition(":")[0] == _Y_FIRST[0]
+        if automl:
+            orders = {"rows-of-batch-y-first-labels-from-1": _Y_FIRST[1]}
+        for name, order in orders.items():
             yield RowsHead(
                 image_input=image,
                 outputs=names,
                 name=name,
                 order=order,
+                first_label=int(automl),
                 resize=resize,
                 size_inputs=sizes,
             )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from perception.camera.image_decoding import MILLIMETRES
 from perception.camera.intrinsics import Intrinsics
-from perception.camera.poses import Pose, checked_pose
+from perception.camera.poses import LOST, Pose, checked_pose
 from perception.sources.bags.bag_file import bag_path
 from perception.sources.bags.bag_images import MessageSource, frame_id, images_of
 from perception.sources.bags.bag_index import BagIndex, Stream, read_index
@@ -143,7 +143,7 @@ def choose(index: BagIndex, streams: Streams) -> Choice:
             index.path,
         )
     if poses is not None:
-        warn_of_publishers(str(index.path), poses, colour.frame)
+        warn_of_publishers(str(index.path), poses, colour.frame, float(colour.seconds[0]))
     if poses is not None and poses.others and poses.topic is not None:
         _log.warning(
             "%s: poses of %s are taken for those of %s; --pose-frame %s if they are of that frame",
@@ -231,7 +231,7 @@ def listing_of(index: BagIndex, choice: Choice, streams: Streams) -> RecordingLi
 def _entries(
     index: BagIndex, choice: Choice, streams: Streams
 ) -> tuple[tuple[FrameEntry, ...], str]:
-    """Entries with their poses; without any they have none, and the reason is given."""
+    """Entries with their poses, LOST where one has none; without any the reason is given."""
     colour, depth = choice.colour, choice.depth
     stamps = colour.seconds
     pairs = sorted(
@@ -247,29 +247,26 @@ def _entries(
     ids = _noted(index, "frames")
     named = isinstance(ids, list) and len(ids) == len(pairs) and all(map(_is_name, ids))
     named = named and len(set(ids)) == len(ids)
-    entries, unposed = list[FrameEntry](), list[FrameEntry]()
+    entries = list[FrameEntry]()
     for place, (i, j) in enumerate(pairs):
-        if unposed and unposed[-1].stamp == stamps[i]:
+        if entries and entries[-1].stamp == stamps[i]:
             continue
         id_ = ids[place] if named else frame_id(colour.stamps[i])
-        entry = FrameEntry(id_, images[0][i], images[1][j], np.eye(4), float(stamps[i]))
-        unposed.append(entry)
         T = choice.pose_at(float(stamps[i]))
-        if T is not None:
-            entries.append(replace(entry, T_world_cam=T))
-    if not entries:
-        return tuple(unposed), choice.no_poses or _unposed(index, choice, stamps)
+        pose = LOST if T is None else T
+        entries.append(FrameEntry(id_, images[0][i], images[1][j], pose, float(stamps[i])))
+    if not any(np.isfinite(entry.T_world_cam).all() for entry in entries):
+        return tuple(entries), choice.no_poses or _unposed(index, choice, stamps)
     if len(entries) < len(stamps):
         _log.warning(
-            "%s: of %d images %d have no depth within %g s%s, and %d no pose; they are skipped",
+            "%s: of %d images %d have no depth within %g s%s; they are skipped",
             index.path,
             len(stamps),
-            len(stamps) - len(unposed),
+            len(stamps) - len(entries),
             streams.tolerance,
             _wider(stamps, depth.seconds)
             if 2 * len(pairs) < min(len(stamps), len(depth.stamps))
             else "",
-            len(unposed) - len(entries),
         )
     return tuple(entries), ""
 

@@ -108,8 +108,11 @@ def _trees(index: BagIndex, images: Stream, streams: Streams) -> Iterator[Transf
         yield tree
 
 
-def warn_of_publishers(path: str, poses: PoseSource, camera: str) -> None:
-    """Warn of frames with several parents, and of transforms that contradict each other."""
+def warn_of_publishers(path: str, poses: PoseSource, camera: str, begin: float) -> None:
+    """Warn of frames with several parents, and of transforms that contradict each other.
+
+    Images begin at `begin` [s].
+    """
     tree, chain = poses.tree, poses.tree.ancestors(camera)
     for child, parent, others in tree.other_parents(chain[:-1]):
         _log.warning(
@@ -122,14 +125,18 @@ def warn_of_publishers(path: str, poses: PoseSource, camera: str) -> None:
             others[0],
         )
     for child in chain[:-1]:
-        if apart := tree.contradiction(child):
+        distance, angle = tree.contradiction(child, begin)
+        if distance or angle:
+            above = tree.parent(child)
+            mount = f"--camera-in {above}=X,Y,Z,ROLL,PITCH,YAW"
             _log.warning(
-                "%s: transforms %s -> %s contradict each other by %.2f m, as of two publishers; "
-                "--pose-topic TOPIC of one of them, --poses FILE or --poses estimate would work",
+                "%s: transforms %s -> %s contradict each other by %s, as of two publishers; %s, "
+                "--poses FILE or --poses estimate would work",
                 path,
-                tree.parent(child),
+                above,
                 child,
-                apart,
+                f"{distance:.2f} m" if distance else f"{np.degrees(angle):.0f} degrees",
+                mount if tree.is_static(child) else "--pose-topic TOPIC of one of them",
             )
 
 

@@ -29,6 +29,7 @@ from perception.camera.intrinsics import (
 )
 from perception.camera.poses import (
     CONVENTIONS,
+    LOST,
     Pose,
     listed_pose,
     read_pose,
@@ -40,6 +41,7 @@ from perception.sources.folders.image_files import (
     entry_of,
     files_in,
     images_by_number,
+    pairs_by_number,
     with_poses,
 )
 from perception.sources.folders.numbered_images import pairs_by_stamp
@@ -61,7 +63,7 @@ BOP_FILE: Final = "scene_camera.json"
 
 
 def _read_rtabmap(folder: Path, streams: Streams) -> RecordingListing:
-    """All images that have depth and a pose; raises RecordingError where none has."""
+    """All images that have depth; raises RecordingError where none has."""
     colour, depth = (subfolder(folder, name) for name in RTABMAP)
     pairs = pairs_by_stamp(colour, depth)
     if not pairs:
@@ -92,14 +94,13 @@ def _read_rtabmap(folder: Path, streams: Streams) -> RecordingListing:
         T = trajectory.at(entry.stamp, TOLERANCE)
         return None if T is None else T @ T_base_camera
 
-    posed = with_poses(entries, pose_of, folder)
-    if not posed:
-        raise RecordingError(f"{folder}: no image has a pose in {poses.name}")
-    return RecordingListing(posed, camera, MILLIMETRES)
+    missing = f"{folder}: no image has a pose in {poses.name}"
+    entries = with_poses(entries, pose_of)
+    return RecordingListing(entries, camera, MILLIMETRES, no_pose_found=missing)
 
 
 def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
-    """All images with a camera, by number; raises RecordingError for malformed cameras."""
+    """All images by number; raises RecordingError for malformed cameras."""
     file = folder / BOP_FILE
     try:
         cards: dict[str, Any] = json.loads(read_text(file))
@@ -117,9 +118,8 @@ def _read_bop(folder: Path, streams: Streams) -> RecordingListing:
     colour = images_by_number(subfolder(folder, "rgb"))
     depth = images_by_number(subfolder(folder, "depth"), DEPTH_SUFFIXES)
     entries = tuple(
-        entry_of(path, depth[number], poses.get(number, np.eye(4)), stamp_of_number(number))
-        for number, path in colour.items()
-        if number in depth and (number in poses or not poses)
+        entry_of(*pair, poses.get(number, LOST if poses else np.eye(4)), stamp_of_number(number))
+        for number, pair in pairs_by_number(colour, depth, folder).items()
     )
     no_poses = "" if poses else f"{file} has no cam_R_w2c: poses of the camera are missing"
     camera = intrinsics_from_matrix(K, str(file))
@@ -134,27 +134,29 @@ def _pose_of_bop(card: dict[str, Any], where: str) -> Pose:
 
 
 def _read_posed_images(folder: Path, streams: Streams) -> RecordingListing:
-    """All images that have depth and a pose."""
-    entries = []
-    for path in _posed(folder):
-        T = read_pose(path.with_suffix(".txt"))
-        depth, stamp = path.with_suffix(".png"), stamp_of_number(int(path.stem))
-        entries.append(entry_of(path, depth, T, stamp))
+    """All images, with the poses that are there."""
+    numbered = [path for path in files_in(folder) if path.stem.isdecimal()]
+    colour, depth, poses = (
+        {int(path.stem): path for path in numbered if path.suffix in suffixes}
+        for suffixes in (COLOUR_SUFFIXES[:2], (".png",), (".txt",))
+    )
+    entries = [
+        entry_of(*pair, read_pose(poses[n]) if n in poses else LOST, stamp_of_number(n))
+        for n, pair in pairs_by_number(colour, depth, folder).items()
+    ]
     file = first_file(folder, "intrinsic.txt")
     camera = find_intrinsics(folder) if file is None else load_intrinsics(file)
     return RecordingListing(tuple(entries), camera, MILLIMETRES)
 
 
-def _posed(folder: Path) -> list[Path]:
-    """Colour images with a depth image and a pose beside them, by number."""
-    found = [
-        path
-        for path in files_in(folder)
-        if path.suffix in COLOUR_SUFFIXES[:2]
+def _is_posed(folder: Path) -> bool:
+    """Whether there is a colour image with a depth image and a pose of its number beside it."""
+    return folder.is_dir() and any(
+        path.suffix in COLOUR_SUFFIXES[:2]
         and path.stem.isdecimal()
         and all(path.with_suffix(suffix).is_file() for suffix in (".png", ".txt"))
-    ]
-    return sorted(found, key=lambda path: int(path.stem))
+        for path in files_in(folder)
+    )
 
 
 EXPORTS: Final = (
@@ -173,7 +175,7 @@ EXPORTS: Final = (
     Format(
         "posed-images",
         "N.jpg, N.png, N.txt and intrinsic.txt",
-        lambda folder: folder.is_dir() and bool(_posed(folder)),
+        _is_posed,
         _read_posed_images,
     ),
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from perception.camera.gravity_alignment import (
     upright_turns,
 )
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
-from perception.camera.poses import Pose
+from perception.camera.poses import LOST, Pose
 from perception.number_tables import check_pointer
 from perception.sources.listing import FrameEntry, RecordingListing, StoredImage
 
@@ -128,19 +129,20 @@ def entry_of(colour: Path, depth: Path, T_world_cam: Pose, stamp: float) -> Fram
 
 
 def with_poses(
-    entries: Sequence[FrameEntry], pose_of: Callable[[FrameEntry], Pose | None], folder: Path
+    entries: Iterable[FrameEntry], pose_of: Callable[[FrameEntry], Pose | None]
 ) -> tuple[FrameEntry, ...]:
-    """The entries that have a finite pose (4, 4), with it; a line tells of the others."""
-    found = [(entry, pose_of(entry)) for entry in entries]
-    posed = tuple(
-        replace(entry, T_world_cam=T)
-        for entry, T in found
-        if T is not None and np.isfinite(T).all()
-    )
-    if 0 < len(posed) < len(entries):
-        lost = len(entries) - len(posed)
-        _log.warning("%s: %d of %d images have no pose and are skipped", folder, lost, len(entries))
-    return posed
+    """The entries with the poses (4, 4) found for them; LOST where there is none."""
+    found = ((entry, pose_of(entry)) for entry in entries)
+    return tuple(replace(entry, T_world_cam=LOST if T is None else T) for entry, T in found)
+
+
+def posed(entries: Sequence[FrameEntry], path: Path) -> tuple[FrameEntry, ...]:
+    """The entries whose pose is not LOST; a line tells of the others."""
+    found = tuple(entry for entry in entries if np.isfinite(entry.T_world_cam).all())
+    if 0 < len(found) < len(entries):
+        lost = len(entries) - len(found)
+        _log.warning("%s: %d of %d images have no pose and are skipped", path, lost, len(entries))
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +191,40 @@ def turned_upright(listing: RecordingListing, up: NDArray[np.float64]) -> Record
 def files_in(folder: Path, pattern: str = "*") -> list[Path]:
     """Files of a folder by name, without hidden ones, which systems leave behind (._NAME)."""
     return sorted(path for path in folder.glob(pattern) if not path.name.startswith("."))
+
+
+def pairs_by_number(
+    colour: dict[int, Path], depth: dict[int, Path], where: Path
+) -> dict[int, tuple[Path, Path]]:
+    """Colour and depth image by number; one that is missing has the name that it would have.
+
+    Where one of the two has at most half of the other's numbers, it was recorded less often: only
+    the numbers of both are given, with a line. Raises RecordingError where there are none of one.
+    """
+    if not colour or not depth:
+        raise RecordingError(f"{where} has no {'depth' if colour else 'colour'} images")
+    both = colour.keys() & depth.keys()
+    if 0 < 2 * len(both) <= max(len(colour), len(depth)):
+        tell_unpaired(where, len(colour), len(depth), len(both), "of the same number")
+        return {n: (colour[n], depth[n]) for n in sorted(both)}
+    some = next(iter(colour.values())), next(iter(depth.values()))
+    return {
+        n: (colour.get(n) or _named_like(some[0], n), depth.get(n) or _named_like(some[1], n))
+        for n in sorted(colour.keys() | depth.keys())
+    }
+
+
+def tell_unpaired(where: Path, colour: int, depth: int, pairs: int, alike: str) -> None:
+    """Warn of images that have no partner, by how many there are."""
+    if pairs < max(colour, depth):
+        text = "%s: %d colour and %d depth images make %d pairs %s; the others are left out"
+        _log.warning(text, where, colour, depth, pairs, alike)
+
+
+def _named_like(path: Path, number: int) -> Path:
+    """The path with another number as the last of its name."""
+    name = re.sub(r"\d+(?=\D*$)", lambda old: f"{number:0{len(old[0])}d}", path.stem, count=1)
+    return path.with_name(name + path.suffix)
 
 
 def images_by_number(

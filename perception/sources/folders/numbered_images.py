@@ -35,6 +35,8 @@ from perception.sources.folders.image_files import (
     entry_of,
     files_in,
     images_by_number,
+    pairs_by_number,
+    tell_unpaired,
     with_poses,
 )
 from perception.sources.listing import (
@@ -61,24 +63,22 @@ STAMP = re.compile(r"\d{9,10}\.\d+|(?<!\d)1\d{12}(?:\d{3}){0,2}(?!\d)")
 def _read_log(folder: Path, streams: Streams) -> RecordingListing:
     """All images of `folder` by number, with the depth image and the pose of that number.
 
-    Raises RecordingError where colour, depth and poses do not match one to one.
+    Raises RecordingError where images have no pose.
     """
     log = _log_file(folder)
     if log is None:
         raise RecordingError(f"{folder} has no poses: trajectory.log is missing")
     colour, depth = _images(folder, "image", "color", "rgb")
-    poses = _poses_by_image(read_pose_log(log), list(colour), log)
-    for number, path in colour.items():
-        if number not in depth:
-            raise RecordingError(f"{path} has no depth image numbered {number}")
-    return _listing(folder, ((c, depth[n], poses[n], n) for n, c in colour.items()))
+    pairs = pairs_by_number(colour, depth, folder)
+    poses = _poses_by_image(read_pose_log(log), list(pairs), log)
+    return _listing(folder, ((*pair, poses[n], n) for n, pair in pairs.items()))
 
 
 def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     """All images of `folder` in number order, the n-th with the n-th depth image and pose.
 
-    Raises RecordingError where the three counts differ, or where colour and depth share numbers
-    but an image lacks its partner.
+    Where colour and depth share numbers, a frame may lack one of them. Raises RecordingError where
+    there are not as many poses as frames.
     """
     file = first_file(folder, *ROW_FILES)
     if file is None:
@@ -91,14 +91,19 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
 def _by_place(
     folder: Path, colour: dict[int, Path], depth: dict[int, Path], poses: list[Pose]
 ) -> RecordingListing:
-    if not len(colour) == len(depth) == len(poses):
+    pairs = list(zip(colour.values(), depth.values(), strict=False))
+    apart = {d - c for c, d in zip(colour, depth, strict=False)}
+    gaps = len(colour) != len(depth) or len(apart) > 1
+    if gaps and 2 * len(colour.keys() & depth.keys()) > min(len(colour), len(depth)):
+        pairs = list(pairs_by_number(colour, depth, folder).values())
+    if len(pairs) != len(poses) or (gaps and len(pairs) < max(len(colour), len(depth))):
         raise RecordingError(
             f"{folder}: {len(colour)} colour images, {len(depth)} depth images and "
             f"{len(poses)} poses; there must be as many of each"
         )
-    _check_gaps(folder, list(colour), list(depth))
-    places = range(len(poses))
-    return _listing(folder, zip(colour.values(), depth.values(), poses, places, strict=True))
+    return _listing(
+        folder, ((*pair, T, n) for n, (pair, T) in enumerate(zip(pairs, poses, strict=True)))
+    )
 
 
 def _read_replica(folder: Path, streams: Streams) -> RecordingListing:
@@ -116,10 +121,7 @@ def _read_replica(folder: Path, streams: Streams) -> RecordingListing:
 
 
 def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
-    """All images of `folder` that have a depth image and a pose; warns of those that have none.
-
-    Raises RecordingError where none has both, or a pose is no rigid matrix.
-    """
+    """All images of `folder`, with poses by name; raises RecordingError for one not rigid."""
     alone = _read_alone(folder, streams)
     poses = subfolder(folder, *POSE_FOLDERS)
     files = {path.stem: path for path in files_in(poses, "*.txt")}
@@ -131,16 +133,15 @@ def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
     def pose_of(entry: FrameEntry) -> Pose | None:
         return read_pose(files[entry.id]) if entry.id in files else None
 
-    posed = with_poses(alone.entries, pose_of, folder)
-    if not posed:
-        raise RecordingError(f"{folder}: no image has a pose of its name in {poses.name}/")
-    return replace(alone, entries=posed, no_poses="")
+    entries = with_poses(alone.entries, pose_of)
+    missing = f"{folder}: no image has a finite pose of its name in {poses.name}/"
+    return replace(alone, entries=entries, no_poses="", no_pose_found=missing)
 
 
 def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
-    """All images of `folder` that have a depth image, in order, without poses.
+    """All images of `folder`, in order, without poses.
 
-    Raises RecordingError where none has one, or it is not clear which.
+    Raises RecordingError where it is not clear which are of one frame.
     """
     colour = subfolder(folder, *COLOUR_FOLDERS)
     depth = subfolder(folder, "depth")
@@ -162,20 +163,22 @@ def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
         stamps = [STAMP.search(path.stem) for path in paths]
         if not paths or not all(stamps):
             return []
-        found.append((paths, in_seconds(np.array([float(stamp[0]) for stamp in stamps if stamp]))))
+        numbers = np.array([float(stamp[0]) for stamp in stamps if stamp])
+        found.append((paths, in_seconds(numbers, folder)))
     (colours, a), (depths, b) = found
     pairs = sorted(nearest_pairs(a, b, TOLERANCE))
     if not pairs:
         raise RecordingError(f"{colour} and {depth}: no stamps in names lie within {TOLERANCE} s")
+    tell_unpaired(colour.parent, len(a), len(b), len(pairs), f"within {TOLERANCE} s")
     return [(colours[i], depths[j], float(a[i])) for i, j in pairs]
 
 
 def _by_number(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
     """Pairs of images by their numbers, else by their order where there are as many of both."""
     a, b = images_by_number(colour), images_by_number(depth, DEPTH_SUFFIXES)
-    both = [number for number in a if number in b]
-    if 2 * len(both) >= min(len(a), len(b)):
-        return [(a[number], b[number], stamp_of_number(number)) for number in both]
+    if 2 * len(a.keys() & b.keys()) >= min(len(a), len(b)):
+        both = pairs_by_number(a, b, colour.parent)
+        return [(*pair, stamp_of_number(number)) for number, pair in both.items()]
     if len(a) != len(b):
         raise RecordingError(
             f"{colour} has {len(a)} images, {depth} {len(b)}, and their numbers differ; "
@@ -229,19 +232,6 @@ def _poses_by_image(poses: dict[int, Pose], numbers: list[int], log: Path) -> di
     raise RecordingError(
         f"{log}: {len(poses)} poses for {len(numbers)} images; no pose for image {missing[0]}"
     )
-
-
-def _check_gaps(folder: Path, colour: list[int], depth: list[int]) -> None:
-    """Raise RecordingError for colour without image 3 beside depth without image 5.
-
-    Their places would not correspond. Another first number, or other numbers altogether (time
-    stamps of two cameras), are fine.
-    """
-    apart = {d - c for c, d in zip(colour, depth, strict=True)}
-    if len(apart) > 1 and not set(colour).isdisjoint(depth):
-        lone = min(set(colour) ^ set(depth))
-        lacks = "depth" if lone in colour else "colour"
-        raise RecordingError(f"{folder}: image {lone} has no {lacks} image of its number")
 
 
 TRAJECTORY_LOG = Format(

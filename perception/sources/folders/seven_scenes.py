@@ -10,6 +10,7 @@ colour and depth and the unit of depth; poses that were lost are -inf.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,9 +23,9 @@ from perception.camera.intrinsics import (
     intrinsics_from_matrix,
     load_intrinsics,
 )
-from perception.camera.poses import read_pose
+from perception.camera.poses import LOST, read_pose
 from perception.number_tables import floats, rows
-from perception.sources.folders.image_files import entry_of
+from perception.sources.folders.image_files import entry_of, pairs_by_number
 from perception.sources.listing import (
     DepthCamera,
     Format,
@@ -54,28 +55,27 @@ def matches(folder: Path) -> bool:
 def read(folder: Path, streams: Streams) -> RecordingListing:
     """All frames of `folder`, by number; without poses where no frame has one.
 
-    Raises RecordingError where a frame lacks its depth, or its pose that others have, or a pose is
-    not rigid.
+    Raises RecordingError where a pose is not rigid.
     """
     colours = [p for p in folder.glob("frame-*.color.*") if p.suffix in (".png", ".jpg", ".jpeg")]
     if not colours:
         raise RecordingError(f"no frame-N.color.png or frame-N.color.jpg in {folder}")
-    stems = {path: path.name.split(".")[0] for path in colours}
     info = first_file(folder, *INFO)
-    registered = any((folder / f"{stem}.depthreg.png").is_file() for stem in stems.values())
+    registered = any(folder.glob("frame-*.depthreg.png"))
     depth, pose = (".depthreg.png", ".posecolor.txt") if registered else (".depth.png", ".pose.txt")
     T_depth_colour = np.eye(4)
     if not registered and info is None:
         T_depth_colour[0, 3] = COLOUR_OFFSET
-    posed = any((folder / f"{stem}{pose}").is_file() for stem in stems.values())
+    depths = folder.glob(f"frame-*{depth}")
+    pairs = pairs_by_number(_by_number(colours), _by_number(depths), folder)
+    posed = any(folder.glob(f"frame-*{pose}"))
     no_poses = "" if posed else f"{folder} has no poses: files frame-N{pose} are missing"
     entries = []
-    for path in sorted(colours, key=lambda p: _number(stems[p], p)):
-        stem = stems[path]
-        _require(folder, stem, depth, pose if posed else depth)
-        T = read_pose(folder / (stem + pose)) if posed else np.eye(4)
-        stamp = stamp_of_number(_number(stem, path))
-        entries.append(entry_of(path, folder / (stem + depth), T @ T_depth_colour, stamp))
+    for number, (path, depth_path) in pairs.items():
+        of_pose = folder / (path.name.split(".")[0] + pose)
+        T = read_pose(of_pose) if of_pose.is_file() else LOST if posed else np.eye(4)
+        stamp = stamp_of_number(number)
+        entries.append(entry_of(path, depth_path, T @ T_depth_colour, stamp))
     if info is not None:
         return _by_info(folder, info, tuple(entries), no_poses)
     if registered:
@@ -120,17 +120,15 @@ def _by_info(
     return RecordingListing(entries, colour, scale, apart, no_poses=no_poses)
 
 
-def _require(folder: Path, stem: str, depth: str, pose: str) -> None:
-    for suffix, what in ((depth, "depth"), (pose, "pose")):
-        if not (folder / (stem + suffix)).is_file():
-            raise RecordingError(f"{folder}: {stem} has no {what}: {stem}{suffix} is missing")
-
-
-def _number(stem: str, path: Path) -> int:
-    digits = stem.removeprefix("frame-")
-    if not digits.isdecimal():
-        raise RecordingError(f"{path}: expected frame-N with a number, got {stem!r}")
-    return int(digits)
+def _by_number(paths: Iterable[Path]) -> dict[int, Path]:
+    """Images called frame-N by their number; raises RecordingError for other names."""
+    found = dict[int, Path]()
+    for path in paths:
+        digits = path.name.split(".")[0].removeprefix("frame-")
+        if not digits.isdecimal():
+            raise RecordingError(f"{path}: expected frame-N with a number, got frame-{digits!r}")
+        found[int(digits)] = path
+    return found
 
 
 def _colour_camera(folder: Path) -> Intrinsics:

@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import check_regular
 from perception.camera.intrinsics import Intrinsics, find_intrinsics, intrinsics_from_matrix
-from perception.camera.poses import Pose, pose_from_quaternion
+from perception.camera.poses import LOST, Pose, pose_from_quaternion
 from perception.number_tables import all_numbers, floats
 from perception.sources.folders.image_files import (
     ImageFile,
     decoded,
     images_by_number,
+    pairs_by_number,
     turned_upright,
 )
 from perception.sources.folders.video import Video, VideoFrame
@@ -83,7 +84,7 @@ def matches(folder: Path) -> bool:
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
-    """All frames that have a pose and a depth image, stamps from 0 on.
+    """All frames of odometry.csv, stamps from 0 on.
 
     All frames that have a depth image, without poses, where odometry.csv is missing. Raises
     RecordingError where another file is missing or malformed, or no frame has both.
@@ -94,15 +95,16 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
     depth = images_by_number(subfolder(folder, "depth"), (".png",))
     posed = odometry.exists()
     poses = _poses(odometry) if posed else {n: (stamp_of_number(n), np.eye(4)) for n in depth}
-    numbers = sorted(poses.keys() & depth.keys())
-    if not numbers:
+    if poses.keys().isdisjoint(depth):
         raise RecordingError(f"{folder}: no depth image has a pose of its number in odometry.csv")
+    pairs = pairs_by_number(dict.fromkeys(poses, video.path), depth, folder)
+    numbers = [number for number in pairs if number in poses]
     first = poses[numbers[0]][0]
     entries = tuple(
         FrameEntry(
-            id=depth[number].stem,
+            id=pairs[number][1].stem,
             colour=VideoFrame(video, number),
-            depth=_depth(folder, depth[number]),
+            depth=_depth(folder, pairs[number][1]),
             T_world_cam=poses[number][1],
             stamp=round(poses[number][0] - first, 9),
         )
@@ -133,9 +135,9 @@ def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
                 pose = np.array(floats([_cell(row, name, where) for name in _POSE], where))
                 if not (np.isfinite([number, stamp]).all() and number >= 0):
                     raise RecordingError(f"{where}: frame and timestamp are finite numbers")
-                if not np.isfinite(pose).all():
-                    continue  # tracking was lost
-                found[int(number)] = stamp, pose_from_quaternion(pose[:3], pose[3:], where)
+                lost = not np.isfinite(pose).all()
+                T = LOST if lost else pose_from_quaternion(pose[:3], pose[3:], where)
+                found[int(number)] = stamp, T
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:

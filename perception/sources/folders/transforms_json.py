@@ -18,12 +18,13 @@ import numpy as np
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_text
 from perception.camera.intrinsics import Intrinsics
-from perception.camera.poses import CONVENTIONS, Pose, listed_pose
+from perception.camera.poses import CONVENTIONS, LOST, Pose, listed_pose
 from perception.number_tables import json_object
 from perception.sources.folders.image_files import (
-    COLOUR_SUFFIXES,
     entry_of,
     files_in,
+    images_by_number,
+    pairs_by_number,
     turned_upright,
 )
 from perception.sources.folders.stray_scanner import UP
@@ -46,7 +47,7 @@ _CAMERAS: Final = ("corrected_cameras", "cameras")
 
 
 def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
-    """All frames of transforms.json that have depth; without poses where none has one.
+    """All frames of transforms.json whose images are there; without poses where none has one.
 
     Raises RecordingError where the file is malformed, or no frame has depth.
     """
@@ -61,13 +62,13 @@ def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
             f"{path} has no depth: a depth_file_path in each frame (16-bit PNG, in millimetres) "
             "would work"
         )
-    posed = [one for one in deep if "transform_matrix" in one]
-    used = _present(folder, posed or deep)
+    posed = any("transform_matrix" in one for one in deep)
+    used = _present(folder, deep)
     entries = tuple(
         entry_of(
             _image(folder, one, "file_path"),
             _image(folder, one, "depth_file_path"),
-            _matrix(one["transform_matrix"], f"{path}, frame {n}") if posed else np.eye(4),
+            _matrix(one.get("transform_matrix"), f"{path}, frame {n}") if posed else np.eye(4),
             stamp_of_number(n),
         )
         for n, one in enumerate(used)
@@ -81,26 +82,27 @@ def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
 
 
 def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
-    """All key frames that have depth and a camera; without poses where no camera has one.
+    """All key frames, with the poses of their cameras; without poses where no camera has one.
 
     Raises RecordingError where a file is malformed, or there are none.
     """
     inner = folder / "keyframes"
     images, cameras = subfolder(inner, *_IMAGES), subfolder(inner, *_CAMERAS)
-    found = []
-    for path in files_in(images):
-        camera, depth = cameras / f"{path.stem}.json", inner / "depth" / f"{path.stem}.png"
-        if path.suffix.lower() in COLOUR_SUFFIXES and camera.is_file() and depth.is_file():
-            found.append((path, depth, _card(camera), str(camera)))
-    if not found:
-        raise RecordingError(f"{inner}: no image has a depth image and a camera of its name")
-    posed = any("t_00" in card for _, _, card, _ in found)
-    entries = [
-        entry_of(colour, depth, _rows(card, where) if posed else np.eye(4), stamp_of_number(n))
-        for n, (colour, depth, card, where) in enumerate(found)
-    ]
-    numbers = [[_number(c, k, w) for k in ("fx", "fy", "cx", "cy", "width", "height")]
-               for _, _, c, w in found]  # fmt: skip
+    depths = images_by_number(subfolder(inner, "depth"), (".png",))
+    pairs = pairs_by_number(images_by_number(images), depths, inner).values()
+    files = {path.stem: path for path in files_in(cameras, "*.json")}
+    cards = {c.stem: _card(files[c.stem]) for c, _ in pairs if c.stem in files}
+    if not cards:
+        raise RecordingError(f"{inner}: no image has a camera of its name")
+    posed = any("t_00" in card for card in cards.values())
+    entries = []
+    for n, (colour, depth) in enumerate(pairs):
+        T = LOST if posed else np.eye(4)
+        if posed and colour.stem in cards:
+            T = _rows(cards[colour.stem], str(files[colour.stem]))
+        entries.append(entry_of(colour, depth, T, stamp_of_number(n)))
+    keys = ("fx", "fy", "cx", "cy", "width", "height")
+    numbers = [[_number(c, key, str(files[name])) for key in keys] for name, c in cards.items()]
     fx, fy, cx, cy, width, height = (float(x) for x in np.median(numbers, axis=0))
     upright = Intrinsics(fx, fy, cx, cy, int(width), int(height), source=str(cameras))
     missing = "" if posed else f"{folder} has no poses: no t_00 to t_23 in {cameras.name}/"
@@ -142,7 +144,9 @@ def _number(card: Mapping[str, Any], key: str, where: str) -> float:
 
 
 def _matrix(rows: Any, where: str) -> Pose:
-    """Camera to world (4, 4) of an OpenGL camera's matrix of three or four rows."""
+    """Camera to world (4, 4) of an OpenGL camera's matrix of three or four rows; None is LOST."""
+    if rows is None:
+        return LOST
     try:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError, OverflowError):

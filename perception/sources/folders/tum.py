@@ -18,7 +18,7 @@ from kg.model.errors import RecordingError
 from perception.camera.intrinsics import Intrinsics, find_intrinsics
 from perception.camera.poses import read_trajectory
 from perception.number_tables import floats, in_seconds, rows
-from perception.sources.folders.image_files import entry_of, with_poses
+from perception.sources.folders.image_files import entry_of, tell_unpaired, with_poses
 from perception.sources.folders.numbered_images import COLOUR_FOLDERS, pairs_by_stamp
 from perception.sources.listing import (
     TOLERANCE,
@@ -72,9 +72,9 @@ def _poses(folder: Path) -> Path | None:
 
 
 def read(folder: Path, streams: Streams) -> RecordingListing:
-    """All colour images that have a depth image and a pose; the others are skipped with a warning.
+    """All colour images that have a depth image; the others are skipped with a warning.
 
-    Without a file of poses, all that have a depth image. Raises RecordingError where lists are
+    Raises RecordingError where lists are
     missing, lists or poses malformed, or nothing fits together.
     """
     entries = tuple(
@@ -86,13 +86,12 @@ def read(folder: Path, streams: Streams) -> RecordingListing:
         missing = f"{folder} has no poses: {' or '.join(POSES)} is missing"
         return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_poses=missing)
     trajectory = read_trajectory(poses)
-    posed = with_poses(entries, lambda entry: trajectory.at(entry.stamp, TOLERANCE), folder)
-    if not posed:
-        raise RecordingError(
-            f"{folder}: none of the {len(entries)} images has a pose in {poses.name} "
-            f"within {TOLERANCE} s (poses: {trajectory.stamp[0]:.3f} to {trajectory.stamp[-1]:.3f})"
-        )
-    return RecordingListing(posed, _camera(folder), DEPTH_FACTOR)
+    missing = (
+        f"{folder}: none of the {len(entries)} images has a pose in {poses.name} "
+        f"within {TOLERANCE} s (poses: {trajectory.reach})"
+    )
+    entries = with_poses(entries, lambda entry: trajectory.at(entry.stamp, TOLERANCE))
+    return RecordingListing(entries, _camera(folder), DEPTH_FACTOR, no_pose_found=missing)
 
 
 def _camera(folder: Path) -> Intrinsics | None:
@@ -112,7 +111,9 @@ def _pairs(folder: Path) -> list[_Pair]:
         stamps = [floats(words[colour : colour + 1], where)[0] for where, words in rows]
         return [
             (float(stamp), words[colour + 1], words[depth + 1])
-            for stamp, (_, words) in zip(in_seconds(np.array(stamps)), rows, strict=True)
+            for stamp, (_, words) in zip(
+                in_seconds(np.array(stamps), associations), rows, strict=True
+            )
         ]
     if not (folder / "rgb.txt").is_file():
         depths = subfolder(folder, "aligned_depth", "depth")  # both in OpenLORIS-Scene
@@ -127,7 +128,7 @@ def _pairs(folder: Path) -> list[_Pair]:
 
 def _list(path: Path) -> list[tuple[float, str]]:
     table = _checked(path, 2, "stamp file")
-    stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]))
+    stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]), path)
     return [
         (float(stamp), _file(path.parent, words[1:]))
         for stamp, (_, words) in zip(stamps, table, strict=True)
@@ -159,6 +160,7 @@ def _associate(
     pairs = [(*colour[i], depth[j][1]) for i, j in near]
     if not pairs:
         raise RecordingError(f"{folder}: no rgb and depth stamps lie within {TOLERANCE} s")
+    tell_unpaired(folder, len(colour), len(depth), len(pairs), f"within {TOLERANCE} s")
     return pairs
 
 

@@ -85,7 +85,7 @@ class GrowingRecording:
         grown, count = time.monotonic(), len(self.now)
         while not self.ended.is_set():
             quiet = time.monotonic() - grown
-            whole = count if quiet >= QUIET else count - 1
+            whole = count if quiet >= QUIET else self._complete(count) - 1
             if self.idle is not None and quiet >= max(self.idle, QUIET) and given >= whole:
                 return
             for index in range(given, whole):
@@ -99,6 +99,13 @@ class GrowingRecording:
             if len(self.now) != count:
                 grown, count = time.monotonic(), len(self.now)
             self.ended.wait(max(PERIOD, 2 * (time.monotonic() - began)))
+
+    def _complete(self, count: int) -> int:
+        """How many of the frames there are before those whose second image is not written yet."""
+        entries, causes = self.now.listing.entries, self.now.damaged.causes
+        while count and entries[count - 1].id in causes:
+            count -= 1
+        return count
 
     def _read(self, last: str) -> None:
         """Read the folder anew; raises RecordingError where that fails for STUCK seconds."""

@@ -36,7 +36,7 @@ from perception.sources.bags.bag_index import (
     add_message,
     stamp_of,
 )
-from perception.sources.bags.bag_poses import IMU, Reading, up_by_imu
+from perception.sources.bags.bag_poses import IMU, Reading, up_by_imu, warn_of_publishers
 from perception.sources.listing import FrameEntry, nearest_pairs
 from perception.sources.live.chosen_topics import ChosenTopics, choice_or_error
 from perception.sources.live.connection import HeldImages, LiveDecoder, LiveImage
@@ -379,6 +379,8 @@ class FrameStream:
         self._held = {t: held for t, held in self._held.items() if self._is_used(t)}
         used = f"colour {choice.colour.topic}, depth {choice.depth.topic}, poses of {choice.posed}"
         _log.warning("%s: %s", self.address, used)
+        if choice.poses is not None:
+            warn_of_publishers(self.address, choice.poses, choice.colour.frame, np.inf)
         return True
 
     def _frame(self, entry: FrameEntry) -> Frame | None:

@@ -8,7 +8,6 @@ they correct a drift (REP 105), and some localisations send them seldom, or once
 from __future__ import annotations
 
 import contextlib
-from array import array
 from collections.abc import Sequence
 from typing import Any, Final
 
@@ -17,23 +16,17 @@ import numpy as np
 from kg.model.errors import RecordingError, did_you_mean
 from perception.camera.poses import (
     Pose,
-    Trajectory,
     check_pose_numbers,
-    pose_from_quaternion,
     quaternion_from_pose,
 )
-from perception.sources.ros.image_messages import NANOSECONDS, frame_name, nanoseconds
+from perception.sources.ros.image_messages import frame_name, nanoseconds
+from perception.sources.ros.transform_link import MAX_GAP, Link
 
-MAX_GAP: Final = 1.0  # [s] between two transforms of one link that are still interpolated
 MAX_LINKS: Final = 10_000  # in a tree
 MAX_DEPTH: Final = 100  # links between a frame and its root
 MAX_TRANSFORMS: Final = 1_000  # in a message
 MAP_FRAMES: Final = ("map", "world", "odom")  # the parents that lead to them are preferred
 CORRECTED: Final = "odom"  # frame whose transform in its parent corrects odometry
-APART: Final = 0.05  # [m] between transforms of one moment by two publishers ...
-TOLD: Final = 0.05  # ... of this share of all, ...
-MIN_TOLD: Final = 10  # ... which are so many
-TOLERANCE: Final = 0.02  # [s] before its first and after its last that a transform still holds
 
 
 def pose_numbers(position: Any, orientation: Any) -> tuple[float, ...]:
@@ -52,7 +45,7 @@ class TransformTree:
 
     def __init__(self, kept: int | None = None) -> None:
         self._kept, self._count = kept, 0
-        self._links: dict[str, dict[str, _Link]] = {}  # child -> parent -> link
+        self._links: dict[str, dict[str, Link]] = {}  # child -> parent -> link
         self._preferred: dict[str, str] = {}
 
     def add_message(self, message: Any, *, static: bool) -> list[str]:
@@ -86,7 +79,7 @@ class TransformTree:
             if self._count >= MAX_LINKS:
                 raise RecordingError(f"{where}: there are {MAX_LINKS} other links already")
             self._count += 1
-        link = self._links.setdefault(child, {}).setdefault(parent, _Link())
+        link = self._links.setdefault(child, {}).setdefault(parent, Link())
         link.forget(stamp, self._kept)
         link.add(stamp, numbers, static)
 
@@ -199,9 +192,14 @@ class TransformTree:
             if parent is not None and len(parents) > 1
         ]
 
-    def contradiction(self, child: str) -> float:
-        """Distance [m] between what two publishers tell of a frame in its parent; 0 for one."""
-        return 0.0 if self.parent(child) is None else self._link(child).contradiction()
+    def contradiction(self, child: str, begin: float = -np.inf) -> tuple[float, float]:
+        """Distance [m] and angle [rad] between what two publishers tell of a frame in its parent.
+
+        Both 0 for one publisher. Static transforms contradict each other where they are of one
+        stamp, or of stamps up to `begin` [s].
+        """
+        none = 0.0, 0.0
+        return none if self.parent(child) is None else self._link(child).contradiction(begin)
 
     def is_static(self, child: str) -> bool:
         """Whether the link of `child` to its parent is static."""
@@ -268,7 +266,7 @@ class TransformTree:
         stamp, child = min(ends)
         return self.parent(child) or "", child, stamp
 
-    def _moving(self, target: str, source: str) -> dict[str, _Link]:
+    def _moving(self, target: str, source: str) -> dict[str, Link]:
         """The moving links between two frames, by their children."""
         up, down = self.ancestors(source), self.ancestors(target)
         links = {
@@ -276,7 +274,7 @@ class TransformTree:
         }
         return {frame: link for frame, link in links.items() if not link.static}
 
-    def _link(self, child: str) -> _Link:
+    def _link(self, child: str) -> Link:
         parent = self.parent(child)
         assert parent is not None
         return self._links[child][parent]
@@ -309,84 +307,3 @@ class TransformTree:
 def _is_odom(frame: str) -> bool:
     """Whether a frame is that of odometry, of any robot."""
     return frame.rpartition("/")[2] == CORRECTED
-
-
-class _Link:
-    """One link's transforms over time."""
-
-    __slots__ = ("_ordered", "_rows", "_run", "static")
-
-    def __init__(self) -> None:
-        self.static = False
-        self._run = 0  # where the rows begin that came after stamps jumped back
-        self._rows = array("d")  # stamp, x, y, z, qx, qy, qz, qw
-        self._ordered: Trajectory | None = None
-
-    def __len__(self) -> int:
-        return len(self._rows) // 8
-
-    def add(self, stamp: int, numbers: Sequence[float], static: bool) -> None:
-        if static and not self.static:
-            self.static, self._run, self._rows = True, 0, array("d")
-        elif self.static and not static:
-            return
-        self._rows.extend((stamp / NANOSECONDS, *numbers))
-        self._ordered = None
-
-    def forget(self, stamp: int, kept: int | None) -> None:
-        """Forget transforms that are not needed beside a new one of `stamp` [ns]."""
-        if not len(self):
-            return
-        if stamp / NANOSECONDS < self._rows[-8] - MAX_GAP:
-            self._run = len(self._rows)
-            if kept is not None:
-                self.keep_last_run()
-        elif kept is not None and len(self) >= 2 * kept:
-            self._rows = self._rows[-8 * kept :]
-
-    def keep_last_run(self) -> None:
-        """Forget what came before stamps jumped back."""
-        self._rows, self._run, self._ordered = self._rows[self._run :], 0, None
-
-    def trajectory(self) -> Trajectory:
-        if self._ordered is None:
-            table = np.frombuffer(self._rows).reshape(-1, 8)
-            order = np.argsort(table[:, 0], kind="stable")
-            # of several at one stamp the last
-            last = np.append(np.diff(table[order, 0]) > 0, True)
-            table = table[order[last]]
-            q = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
-            self._ordered = Trajectory(table[:, 0], table[:, 1:4], q)
-        return self._ordered
-
-    def contradiction(self) -> float:
-        """Distance [m] of transforms that jump away and back, as by two publishers; else 0."""
-        if self.static or len(self) < MIN_TOLD:
-            return 0.0
-        table = np.frombuffer(self._rows).reshape(-1, 8)
-        table = table[np.argsort(table[:, 0], kind="stable")]
-        before, now, after = (table[i : len(table) - 2 + i, 1:4] for i in range(3))
-        off = np.linalg.norm(now - (before + after) / 2, axis=1)
-        there = np.linalg.norm(after - before, axis=1)
-        away = (off > APART) & (off > 2 * there)
-        same = np.diff(table[:, 0]) == 0
-        apart = np.linalg.norm(np.diff(table[:, 1:4], axis=0), axis=1)
-        twice = apart[same & (apart > APART)]
-        if away.mean() < TOLD and len(twice) < TOLD * len(table):
-            return 0.0
-        return float(np.median(np.concatenate([off[away], twice])))
-
-    def at(self, stamp: float) -> Pose | None:
-        trajectory = self.trajectory()
-        if self.static:
-            # each holds until the next, as of a head that turns; the last before the first
-            i = int(np.searchsorted(trajectory.stamp, stamp, "right")) - 1
-            return pose_from_quaternion(trajectory.t[i], trajectory.q[i], "static transform")
-        return trajectory.at(stamp, TOLERANCE, MAX_GAP)
-
-    def held(self, stamp: float, wait: float) -> Pose | None:
-        """Pose at any stamp, that of the ends beyond them; None up to `wait` [s] after the last."""
-        first, last = self.trajectory().stamp[[0, -1]]
-        if last < stamp <= last + wait:
-            return None
-        return self.trajectory().at(float(np.clip(stamp, first, last)), np.inf, np.inf)

@@ -281,6 +281,30 @@ def test_sound_poses_have_no_problems():
     assert problems([room_frame(T, n) for n, T in enumerate(round_tour())]) == {}
 
 
+def scaled(frame, factor):
+    return replace(frame, depth=frame.depth * np.float32(factor))
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda frame: scaled(frame, 4),
+        lambda frame: scaled(frame, 0.25),
+        lambda frame: scaled(frame, 1.15),
+        lambda frame: replace(frame, depth=np.ascontiguousarray(frame.depth[:, ::-1])),
+        lambda frame: shifted(frame, 0.5, -0.4),
+    ],
+    ids=["four times", "a quarter", "15 % too far", "mirrored", "another pose"],
+)
+def test_single_frames_that_fit_neither_neighbour_are_named(spoil):
+    frames = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    for n in (7, 19, 30):
+        frames[n] = spoil(frames[n])
+    lone = problems(frames)["lone"]
+    assert lone.startswith("depth of 2 frames contradicts")  # told as they double
+    assert "frame-000019" in lone
+
+
 def test_a_jump_is_noticed_where_it_happens():
     frames = [room_frame(T, n) for n, T in enumerate(round_tour())]
     jumped = [f if n < 17 else shifted(f, 0.35, -0.3) for n, f in enumerate(frames)]

@@ -27,6 +27,22 @@ def test_what_one_view_looks_through_contradicts_the_other() -> None:
     assert found.agreeing == 0 and found.contradicting >= len(nearer.points)
 
 
+@pytest.mark.parametrize("share", [0.01, 0.03])
+def test_noise_of_depth_widens_what_agrees_and_leaves_other_scenes_apart(share: float) -> None:
+    def seen(T: np.ndarray, seed: int) -> DepthSamples:
+        depth = room_frame(T, 0).depth
+        noise = np.random.default_rng(seed).normal(0, 1, depth.shape).astype(np.float32)
+        return depth_samples(depth * (1 + share * depth * noise), K)
+
+    a, b = seen(ONE, 1), seen(OTHER, 2)
+    assert samples(ONE).noise == 0
+    assert a.noise == pytest.approx(share, rel=0.4)
+    T = np.linalg.inv(ONE) @ OTHER
+    assert agreement(a, b, T).share > 0.85
+    T[:3, 3] += 0.6
+    assert agreement(a, b, T).share < 0.7
+
+
 @pytest.mark.parametrize("off", [0.2, -0.2])
 def test_motion_that_no_surface_shows_stays_as_it_is(off: float) -> None:
     wall = depth_samples(np.full((60, 80), 2.0, np.float32), K)

@@ -101,9 +101,18 @@ def nms(names: str, label: int = CUP, kind: Any = np.int32, box: np.ndarray = BO
     }
 
 
+def ssd(classes: int, cup: int, background: int) -> np.ndarray:
+    """(1, 300, classes) of a softmax: the background at all places but the cup's."""
+    scores = np.full((1, 300, classes), 0.0005, np.float32)
+    scores[..., background] = 0.95
+    scores[0, 3, [background, cup]] = 0.05, 0.9
+    return scores
+
+
 Y_FIRST = SHARES[[1, 0, 3, 2]]
 LOGITS = np.full((1, 300, 91), -9, np.float32)
 LOGITS[0, 3, COCO_CUP] = 3
+SSD_BOXES = corners(queries(1, 0)[:, :4])[None]
 DETR_BOXES = queries(1, 0)[None, :, :4]
 #: exporter -> outputs, and perhaps the input's shape and type, metadata, other inputs
 EXPORTERS: dict[str, tuple[dict[str, np.ndarray], dict[str, Any]]] = {
@@ -150,6 +159,25 @@ EXPORTERS: dict[str, tuple[dict[str, np.ndarray], dict[str, Any]]] = {
         {"shapes": ["n", 7]},
     ),
     "RF-DETR": ({"dets": DETR_BOXES, "labels": LOGITS}, {}),
+    "RF-DETR, two classes and a column more": (
+        {"dets": DETR_BOXES, "labels": LOGITS[..., [0, COCO_CUP, 1]]},
+        {"metadata": {"names": "bowl,cup"}},
+    ),
+    "DETR, two classes and no object": (
+        {"logits": LOGITS[..., [0, COCO_CUP, 1]] + np.where(LOGITS.max(2) < 0, 12, 0)[..., None]
+         * np.float32([0, 0, 1]), "pred_boxes": DETR_BOXES},
+        {"metadata": {"names": "bowl,cup"}},
+    ),
+    "SSD, background first": (
+        {"scores": ssd(81, CUP + 1, 0), "boxes": SSD_BOXES}, {},
+    ),
+    "SSD, background last": (
+        {"boxes": SSD_BOXES, "scores": ssd(3, 1, 2)}, {"metadata": {"names": "bowl,cup"}},
+    ),
+    "SSD, COCO's ids": ({"boxes": SSD_BOXES, "scores": ssd(91, COCO_CUP, 0)}, {}),
+    "EfficientDet of AutoML": (
+        {"detections:0": padded([0, *BOX[[1, 0, 3, 2]], 0.9, COCO_CUP])}, {},
+    ),
     "D-FINE, DEIM, RT-DETR": (
         {"labels": many(CUP, np.int64), "boxes": BOX[None, None], "scores": many(0.9)},
         {"more": {"orig_target_sizes": ([1, 2], T.INT64)}},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -52,6 +53,23 @@ def test_every_image_has_its_pose(frames):
     assert report.error < 0.2
 
 
+def noisy(frame: Frame, share: float) -> Frame:
+    """Depth that is off by a `share` of itself a metre, alike in neighbouring pixels."""
+    noise = np.random.default_rng(int(frame.stamp)).normal(0, 1, frame.depth.shape)
+    noise = cv2.GaussianBlur(noise.astype(np.float32), (0, 0), 3)
+    off = share * frame.depth * noise / noise.std()
+    return replace(frame, depth=frame.depth * (1 + off))
+
+
+def test_noisy_depth_makes_no_pieces(frames):
+    changed = [noisy(frame, 0.03) for frame in frames]
+    odometry = tracked(lambda: changed)
+    report = odometry.report()
+    assert (report.pieces, report.tracked) == (1, len(frames))
+    assert report.noise == pytest.approx(0.03, rel=0.5)
+    assert worst(odometry.poses(), changed) < 0.15
+
+
 def test_a_way_back_closes_a_loop(frames):
     there_and_back = [*frames, *frames[::-1]]
     odometry = tracked(lambda: there_and_back)
@@ -66,6 +84,7 @@ def test_black_images_have_no_pose_and_the_rest_goes_on(frames):
         changed[n] = replace(frames[n], rgb=np.zeros_like(frames[n].rgb))
     poses = tracked(lambda: changed).poses()
     assert [n for n, T in enumerate(poses) if T is None] == [12, 13, 14, 15]
+    assert "1 of them show too few corners" in tracked(lambda: changed).report().summary()
     assert worst(poses, changed) < 0.03
 
 

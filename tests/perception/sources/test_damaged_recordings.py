@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Callable
 from dataclasses import replace
@@ -50,6 +51,51 @@ def as_numbered(source: FolderRecording, folder: Path) -> None:
 def as_poses_in_rows(source: FolderRecording, folder: Path) -> None:
     as_numbered(source, folder)
     np.savetxt(folder / "poses.txt", [frame.T_map_cam.ravel() for frame in source.frames()])
+
+
+def as_pose_files(source: FolderRecording, folder: Path) -> None:
+    as_numbered(source, folder)
+    (folder / "pose").mkdir()
+    for number, frame in enumerate(source.frames()):
+        (folder / f"pose/{number}.txt").write_text(rows(frame.T_map_cam))
+
+
+def as_posed_images(source: FolderRecording, folder: Path) -> None:
+    for number, frame in enumerate(source.frames()):
+        cv2.imwrite(str(folder / f"{number:03d}.jpg"), frame.rgb)
+        cv2.imwrite(str(folder / f"{number:03d}.png"), millimetres(frame))
+        (folder / f"{number:03d}.txt").write_text(rows(frame.T_map_cam))
+    np.savetxt(folder / "intrinsic.txt", K)
+
+
+def as_bop(source: FolderRecording, folder: Path) -> None:
+    as_numbered(source, folder)
+    (folder / "color").rename(folder / "rgb")
+    inverse = [np.linalg.inv(frame.T_map_cam) for frame in source.frames()]
+    cards = {
+        n: {
+            "cam_K": K.ravel().tolist(),
+            "cam_R_w2c": T[:3, :3].ravel().tolist(),
+            "cam_t_w2c": (T[:3, 3] * 1000).tolist(),
+        }
+        for n, T in enumerate(inverse)
+    }
+    (folder / "scene_camera.json").write_text(json.dumps(cards))
+
+
+def as_polycam(source: FolderRecording, folder: Path) -> None:
+    for part in ("images", "depth", "cameras"):
+        (folder / "keyframes" / part).mkdir(parents=True)
+    for number, frame in enumerate(source.frames()):
+        height, width = frame.depth.shape
+        camera = {"fx": K[0, 0], "fy": K[1, 1], "cx": K[0, 2], "cy": K[1, 2]}
+        T = frame.T_map_cam @ np.diag([1, -1, -1, 1])
+        camera |= {f"t_{i}{j}": T[i, j] for i in range(3) for j in range(4)}
+        camera |= {"width": width, "height": height}
+        top = folder / "keyframes"
+        (top / f"cameras/{number}.json").write_text(json.dumps(camera))
+        cv2.imwrite(str(top / f"images/{number}.jpg"), frame.rgb)
+        cv2.imwrite(str(top / f"depth/{number}.png"), millimetres(frame))
 
 
 def as_trajectory_log(source: FolderRecording, folder: Path) -> None:
@@ -140,7 +186,17 @@ def empty(image: Path) -> None:
     image.write_bytes(b"")
 
 
-@pytest.mark.parametrize("kind", ["hololens", "seven_scenes", "trajectory_log", "tum"])
+FOLDERS = {
+    kind: FORMATS[kind] for kind in ("hololens", "seven_scenes", "trajectory_log", "tum")
+} | {
+    "bop": as_bop,
+    "polycam": as_polycam,
+    "pose_files": as_pose_files,
+    "posed_images": as_posed_images,
+}
+
+
+@pytest.mark.parametrize("kind", FOLDERS)
 def test_frames_with_damaged_images_show_nothing_where_they_are_few(
     hololens: Callable[..., Path], tmp_path: Path, kind: str, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -148,12 +204,14 @@ def test_frames_with_damaged_images_show_nothing_where_they_are_few(
     folder = tmp_path / "written"
     folder.mkdir()
     entries = tuple(
-        replace(whole.listing.entries[n % FRAMES], id=str(n), stamp=float(n)) for n in range(30)
+        replace(whole.listing.entries[n % FRAMES], id=str(n), stamp=float(n)) for n in range(50)
     )
-    FORMATS[kind](replace(whole, listing=replace(whole.listing, entries=entries)), folder)
+    FOLDERS[kind](replace(whole, listing=replace(whole.listing, entries=entries)), folder)
     images = sorted(p for p in folder.rglob("*.*") if p.suffix in (".jpg", ".png"))
     colour = [path for path in images if cv2.imread(str(path), cv2.IMREAD_UNCHANGED).ndim == 3]
-    damaged_ones = {colour[4]: cut, colour[9]: shrink, colour[14]: empty}
+    depth = [path for path in images if path not in colour]
+    damaged_ones = {colour[0]: cut, colour[9]: shrink, colour[14]: empty}
+    damaged_ones |= {colour[19]: Path.unlink, depth[24]: Path.unlink}
     for image, damage in damaged_ones.items():
         damage(image)
     frames = list(open_recording(folder, OPTIONS).frames())
@@ -161,7 +219,8 @@ def test_frames_with_damaged_images_show_nothing_where_they_are_few(
     dark = [n for n, frame in enumerate(frames) if not frame.rgb.any()]
     assert len(dark) == len(damaged_ones)
     assert not any(np.isfinite(frames[n].depth).any() for n in dark)
-    assert all(caplog.text.count(image.name) == 1 for image in damaged_ones)
-    empty(colour[20])  # more than a tenth
-    with pytest.raises(RecordingError, match="4 of 30 frames are damaged"):
+    assert caplog.text.count("the frame is left out") == 3
+    assert caplog.text.count("more frames are left out") == 1
+    depth[34].unlink()  # more than a tenth
+    with pytest.raises(RecordingError, match="6 of 50 frames are damaged or incomplete"):
         list(open_recording(folder, OPTIONS).frames())

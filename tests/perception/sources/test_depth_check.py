@@ -65,6 +65,19 @@ def of_base(T: np.ndarray) -> np.ndarray:
     return T @ np.linalg.inv(pose_of_origin((0.2, 0.0, 0.9), (0, 0.3, 0)) @ BODY_FROM_CAMERA)
 
 
+#: by the two causes that are named: the poses as written, a frame as written, and what would work
+TWO_CAUSES = {
+    "in millimetres and colour and depth are mirrored": (in_millimetres, mirrored, "metres and bo"),
+    "convention world-to-camera and depth is the length of the ray": (
+        MISREAD["world-to-camera"], along_the_ray, "--pose-convention world-to-camera and depth"),
+    "quaternions are w x y z and poses are by the convention world-to-camera": (
+        lambda T: w_first(np.linalg.inv(T)), lambda frame: frame, "x y z w and --pose-convention"),
+    "poses are by the convention opengl and it is 0.": (
+        MISREAD["opengl"], lambda frame: replace(frame, depth=frame.depth * 3), "--depth-scale"),
+    "depth is the length of the ray and colour and depth are mirrored": (
+        lambda T: T, lambda frame: mirrored(along_the_ray(frame)), "flipped left to right"),
+}  # fmt: skip
+
 #: by the cause that is named: the poses as written, a frame as written, and what would work
 CAUSES = {
     "depth is the length of the ray": (lambda T: T, along_the_ray, "depth along the optical axis"),
@@ -78,6 +91,27 @@ CAUSES = {
         "--pose-convention world-to-camera with --camera-in body=0,0,0,0,1.571,1.571 for",
     ),
 }
+
+
+def test_a_minority_of_wrong_depth_is_told_by_name(tmp_path, caplog):
+    def every_fifth(frame: Frame) -> Frame:
+        factor = 4 if int(frame.id[-6:]) % 5 == 3 else 1
+        return replace(frame, depth=frame.depth * np.float32(factor))
+
+    recording = open_recording(write(tmp_path / "room", change=every_fifth))
+    assert len(recording) == 40
+    said = next(text for text in caplog.messages if "contradicts the frames before" in text)
+    named = [int(word[-6:]) for word in said.replace(",", " ").replace(";", " ").split()
+             if word.startswith("frame-")]  # fmt: skip
+    assert named and all(number % 5 == 3 for number in named)
+
+
+@pytest.mark.parametrize("causes", TWO_CAUSES)
+def test_two_causes_at_once_are_named(tmp_path, causes):
+    as_written, change, remedy = TWO_CAUSES[causes]
+    folder = write(tmp_path / "room", as_written, change, count=24)
+    with pytest.raises(RecordingError, match=f"{causes}.*{remedy}.*would work together"):
+        open_recording(folder)
 
 
 @pytest.mark.parametrize("cause", CAUSES)

@@ -98,6 +98,37 @@ def test_poses_of_a_recording_that_has_some_are_estimated_when_asked(shared):
     assert off_truth(recording, truth)[0] < 0.05
 
 
+@pytest.mark.parametrize("lost", [slice(None), slice(3, 9)], ids=["all", "some"])
+@pytest.mark.parametrize("layout", ["poses.txt", "pose/"])
+def test_poses_that_were_lost_are_estimated_when_asked(shared, living_room, layout, lost, caplog):
+    truth = open_recording(shared("data/rgbd/icl_livingroom"))
+    poses = np.array([entry.T_world_cam for entry in truth.listing.entries[:FEW]])
+    poses[lost] = np.nan
+    if layout == "poses.txt":
+        np.savetxt(living_room / layout, poses.reshape(FEW, 16))
+    else:
+        (living_room / layout).mkdir()
+        for path, T in zip(sorted((living_room / "image").iterdir()), poses, strict=True):
+            np.savetxt(living_room / layout / f"{path.stem}.txt", T)
+    if lost == slice(None):
+        with pytest.raises(RecordingError, match=r"has a.* pose.*--poses estimate"):
+            open_recording(living_room)
+    recording = open_recording(living_room, RecordingOptions(estimate_poses=True))
+    assert len(recording) == FEW
+    assert off_truth(recording, truth)[0] < 0.05
+    assert "have no pose" not in caplog.text
+
+
+def test_frames_whose_images_are_missing_have_no_estimated_pose(shared, living_room, caplog):
+    next((living_room / "image").glob("*")).unlink()
+    sorted((living_room / "depth").iterdir())[12].unlink()
+    recording = open_recording(living_room)
+    truth = open_recording(shared("data/rgbd/icl_livingroom"))
+    assert len(recording) == FEW - 2
+    assert off_truth(recording, truth)[0] < 0.05
+    assert caplog.text.count("the frame is left out") == 2
+
+
 def test_without_intrinsics_the_error_says_what_would_work(living_room):
     (living_room / "intrinsics.json").unlink()
     with pytest.raises(RecordingError, match=r"no intrinsics: .*\"fx\": 525.*--intrinsics FILE"):

@@ -65,8 +65,8 @@ def test_a_folder_of_another_format_is_refused(hololens, format_):
 @pytest.mark.parametrize(
     ("suffixes", "missing", "said"),
     [
-        ((".depthreg.png", ".posecolor.txt"), "000768.posecolor.txt", "frame-000768 has no pose"),
-        ((".depth.png", ".pose.txt"), "000240.depth.png", "frame-000240 has no depth"),
+        ((".depthreg.png", ".posecolor.txt"), "000768.depthreg.png", "frame-000768.depthreg.png"),
+        ((".depth.png", ".pose.txt"), "000240.depth.png", "frame-000240.depth.png"),
     ],
 )
 def test_what_one_frame_lacks_is_named(few_frames, suffixes, missing, said):
@@ -82,7 +82,7 @@ def test_poses_that_are_missing_are_told(hololens):
     assert "6 colour images, 6 depth images and 5 poses" in refusal_at_opening(folder)
     (folder / "images" / "9.png").unlink()
     (folder / "depth" / "11.png").unlink()
-    assert "image 9 has no colour image" in refusal_at_opening(folder)
+    assert "5 colour images, 5 depth images and 5 poses" in refusal_at_opening(folder)
     (folder / "poses.txt").unlink()
     assert "poses.txt is missing" in refusal_at_opening(folder, format="hololens")
 
@@ -127,8 +127,11 @@ def test_frames_whose_poses_were_lost_are_skipped(hololens, lost, caplog):
     np.savetxt(folder / "poses.txt", poses)
     assert len(open_recording(folder)) == count - 1
     assert f"1 of {count} images have no pose" in caplog.text
+    with_file = RecordingOptions(poses=folder / "poses.txt", T_map_world=np.eye(4), check=False)
+    assert len(open_recording(folder, with_file)) == count - 1
     np.savetxt(folder / "poses.txt", np.full_like(poses, lost))
     assert "no frame has a pose" in refusal_at_opening(folder)
+    assert "no finite pose" in refusal_at_opening(folder, poses=folder / "poses.txt")
 
 
 @pytest.mark.parametrize(
@@ -197,7 +200,7 @@ def test_a_truncated_jpeg_is_found(few_frames):
 def test_images_of_changing_size(hololens):
     folder = hololens()
     cv2.imwrite(str(folder / "images" / "10.png"), np.zeros((240, 320, 3), np.uint8))
-    assert "10.png is 320x240, the first image 160x120" in refusal(folder)
+    assert "10.png is 320x240, other images 160x120" in refusal(folder)
 
 
 def test_missing_intrinsics(hololens):

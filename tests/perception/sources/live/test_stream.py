@@ -110,7 +110,11 @@ def test_rtabmaps_images_in_one_message_are_frames(is_ros1: bool) -> None:
     assert np.array_equal(np.nan_to_num(frame.depth * 1000).round(), view.depth)
 
 
-def test_a_link_may_come_after_both_of_its_frames_are_known() -> None:
+Link = Callable[..., RawMessage]
+
+
+def frame_and_links() -> tuple[RawMessage, Link]:
+    """A frame of VIEWS[2] in one message, and a maker of links: parent, child, pose, "_static"."""
     maker, view = MessageMaker(True), VIEWS[2]
     stamp = round(view.stamp * 1e9)
     header = maker.header(stamp, "lens")
@@ -124,7 +128,21 @@ def test_a_link_may_come_after_both_of_its_frames_are_known() -> None:
         return RawMessage(f"/tf{static}", kind, 0, serialised(kind, message, is_ros1=True))
 
     data = serialised("rtabmap_msgs/msg/RGBDImage", whole, is_ros1=True)
-    image = RawMessage("/rgbd_image", "rtabmap_msgs/msg/RGBDImage", 0, data)
+    return RawMessage("/rgbd_image", "rtabmap_msgs/msg/RGBDImage", 0, data), link
+
+
+def test_two_mounts_of_a_camera_that_contradict_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    (image, link), beside = frame_and_links(), np.eye(4)
+    beside[0, 3] = 0.3
+    mounts = [link("base", "lens", T, "_static") for T in (beside, np.eye(4))]
+    made = offered(FrameStream("peer"), [*mounts, link("odom", "base", VIEWS[2].T), image])
+    assert np.allclose(taken(made).T_map_cam, VIEWS[2].T, atol=1e-6)
+    assert "base -> lens contradict each other by 0.30 m" in caplog.text
+    assert "--camera-in base=" in caplog.text
+
+
+def test_a_link_may_come_after_both_of_its_frames_are_known() -> None:
+    (image, link), view = frame_and_links(), VIEWS[2]
     early = [link("base", "lens", np.eye(4), "_static"), link("map", "odom", np.eye(4)), image]
     made = offered(FrameStream("peer"), early)
     made.offer(link("odom", "wheel", np.eye(4)), is_ros1=True)

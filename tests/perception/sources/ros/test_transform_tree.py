@@ -249,16 +249,39 @@ def two_publishers(second: float, *, every: int = 1, beside: float = 0.0) -> Tra
 @pytest.mark.parametrize("beside", [0.0, 0.02, 0.05])
 @pytest.mark.parametrize("every", [1, 5])
 def test_two_publishers_of_one_transform_that_contradict_are_told(every, beside):
-    found = two_publishers(0.3, every=every, beside=beside).contradiction("base_link")
+    found, angle = two_publishers(0.3, every=every, beside=beside).contradiction("base_link")
     assert found == pytest.approx(0.42, abs=0.1)
+    assert angle == 0
 
 
 def test_one_publisher_that_is_recorded_twice_or_jumps_once_contradicts_nothing():
-    assert two_publishers(0.0).contradiction("base_link") == 0
+    assert two_publishers(0.0).contradiction("base_link") == (0, 0)
     tree = TransformTree()
     for i in range(40):
         tree.add("map", "odom", i * 10**8, (0.8 * (i > 20), 0, 0, 0, 0, 0, 1))
-    assert tree.contradiction("odom") == 0
+    assert tree.contradiction("odom") == (0, 0)
+
+
+LEVEL, TURNED = (0, 0, 1, 0, 0, 0, 1), (0, 0, 1, 0, 0, 0.5, 0.75**0.5)
+RAISED = (0, 0, 1.2, 0, 0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ([(1, LEVEL, True), (1, RAISED, True)], (0.2, 0)),
+        ([(1, LEVEL, True), (5, TURNED, True)], (0, np.pi / 3)),
+        ([(1, LEVEL, True), (20, TURNED, True)], (0, 0)),  # a head that turns
+        ([(1, LEVEL, True), (5, LEVEL, True)], (0, 0)),
+        ([(20, RAISED, False), (1, LEVEL, True), (21, TURNED, False)], (0.2, np.pi / 3)),
+        ([(n, (TURNED, LEVEL)[n % 2], False) for n in range(20)], (0, np.pi / 3)),
+    ],
+)
+def test_mounts_that_two_publishers_tell_are_contradictions(told, expected):
+    tree = TransformTree()
+    for second, numbers, static in told:
+        tree.add("base_link", "camera", second * 10**9, numbers, static=static)
+    assert tree.contradiction("camera", begin=10.0) == pytest.approx(expected)
 
 
 def test_of_two_parents_the_one_below_map_leads_unless_another_frame_is_named():
