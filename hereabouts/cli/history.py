@@ -221,6 +221,7 @@ def why(arguments: argparse.Namespace) -> int:
     if not arguments.what:
         arguments.usage_error("give WHAT to explain, e.g. object/17, or --candidates")
     from kg.history.reports.prov_export import provenance
+    from kg.serving.client.record_codec import reason_to_json
     from kg.serving.opening import open_map
     from planner.search.goals.place_names import fact_named
 
@@ -231,7 +232,7 @@ def why(arguments: argparse.Namespace) -> int:
     if arguments.format == "ttl":
         write(provenance(*reasons))
     elif arguments.format == "json":
-        write_json([_record(reason) for reason in reasons])
+        write_json([reason_to_json(reason) for reason in reasons])
     else:
         for reason in reasons:
             out().print(_tree(reason), soft_wrap=True)
@@ -280,13 +281,3 @@ def _grow(tree: Tree, reason: Explanation) -> None:
 
     for behind in reason.because:
         _grow(tree.add(Text.assemble((label_of(behind), "dim"), behind.text)), behind)
-
-
-def _record(reason: Explanation) -> dict[str, object]:
-    return {
-        "kind": reason.kind,
-        "text": reason.text,
-        "iri": reason.iri,
-        "fact": None if reason.fact is None else [str(term) for term in reason.fact],
-        "because": [_record(behind) for behind in reason.because],
-    }

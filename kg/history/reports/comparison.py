@@ -169,8 +169,10 @@ def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
         yield ObjectChange("moved", new["iri"], category, place, was, now, name=names[1])
     if names[0] != names[1] or old["class"] != new["class"]:
         kinds = [categories.label(row["class"]) for row in (old, new)]
-        texts = names if names[0] != names[1] else kinds
-        yield ObjectChange("relabelled", new["iri"], category, place, was, now, *texts, names[1])
+        before, after = names if names[0] != names[1] else kinds
+        yield ObjectChange(
+            "relabelled", new["iri"], category, place, was, now, before, after, names[1]
+        )
 
 
 def _point(row: Row) -> Point:

@@ -75,13 +75,13 @@ class Names:
         return name or f"{kind} {number}"
 
     def _labels(self, thing: Term, graph: NamedNode) -> str:
-        found = self._engine.quads_for_pattern(thing, NamedNode(v.RDFS_LABEL), None, graph)
-        if not any(isinstance(quad.object, Literal) for quad in found):
+        if not isinstance(thing, NamedNode):
             return ""
-        if graph == v.ONTOLOGY_GRAPH:
-            return plain_place(self._categories.label(getattr(thing, "value", "")))
-        found = self._engine.quads_for_pattern(thing, NamedNode(v.RDFS_LABEL), None, graph)
-        return min(quad.object.value for quad in found if isinstance(quad.object, Literal))
+        quads = self._engine.quads_for_pattern(thing, NamedNode(v.RDFS_LABEL), None, graph)
+        found = [quad.object.value for quad in quads if isinstance(quad.object, Literal)]
+        if found and graph == v.ONTOLOGY_GRAPH:
+            return plain_place(self._categories.label(thing.value))
+        return min(found, default="")
 
     @cached_property
     def _titles(self) -> dict[str, str]:
@@ -122,5 +122,7 @@ class Names:
         return beliefs
 
     def _values(self, subject: Term, predicate: str) -> list[Term]:
+        if not isinstance(subject, NamedNode):
+            return []
         found = self._engine.quads_for_pattern(subject, NamedNode(predicate), None, v.MAP_GRAPH)
         return [quad.object for quad in found]

@@ -103,7 +103,8 @@ def test_what_was_said_is_told_as_json(den, prints):
         "changed": True,
     }
     (reason,) = json.loads(prints("why", den, "object/1 a", "--json"))
-    assert reason["text"] == "object/1 rdf:type here:Bowl"
+    assert reason["text"] == "bowl 1 is a bowl"
+    assert reason["fact"][2] == "<https://w3id.org/hereabouts#Bowl>"
     told = json.loads(prints("retract", den, "object/1", "category", "--by", "ann", "--json"))
     assert told["changed"] and told["sequence"] == sequence + 1
     (row,) = json.loads(prints("ask", den, "objects", "--json"))

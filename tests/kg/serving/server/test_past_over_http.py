@@ -229,7 +229,7 @@ def test_the_facts_of_two_moments_are_compared(moved: Served) -> None:
 def test_a_fact_is_explained(moved: Served) -> None:
     params = {"what": "object/1 here:x"}
     (reason,) = moved.get("why", params=params).json()
-    assert reason["text"] == "object/1 here:x 4"
+    assert reason["text"] == "cup 1: x 4"
     assert reason["fact"][0] == f"<{CUP}>"
     text = moved.get("why", params=params, headers={"Accept": "text/plain"}).text
     assert text == reasons_text(moved.map.history.explain("object/1 here:x"))
