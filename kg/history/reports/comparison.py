@@ -170,7 +170,9 @@ def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
     if names[0] != names[1] or old["class"] != new["class"]:
         kinds = [categories.label(row["class"]) for row in (old, new)]
         texts = names if names[0] != names[1] else kinds
-        yield ObjectChange("relabelled", new["iri"], category, place, was, now, *texts, names[1])
+        yield ObjectChange(
+            "relabelled", new["iri"], category, place, was, now, *texts, name=names[1]
+        )
 
 
 def _point(row: Row) -> Point:
