@@ -169,9 +169,9 @@ def _kept(old: Row, new: Row, categories: Categories) -> Iterator[ObjectChange]:
         yield ObjectChange("moved", new["iri"], category, place, was, now, name=names[1])
     if names[0] != names[1] or old["class"] != new["class"]:
         kinds = [categories.label(row["class"]) for row in (old, new)]
-        before, after = names if names[0] != names[1] else kinds
+        one, other = names if names[0] != names[1] else kinds
         yield ObjectChange(
-            "relabelled", new["iri"], category, place, was, now, before, after, names[1]
+            "relabelled", new["iri"], category, place, was, now, one, other, names[1]
         )
 
 

@@ -75,13 +75,13 @@ class Names:
         return name or f"{kind} {number}"
 
     def _labels(self, thing: Term, graph: NamedNode) -> str:
-        if not isinstance(thing, NamedNode):
-            return ""
-        quads = self._engine.quads_for_pattern(thing, NamedNode(v.RDFS_LABEL), None, graph)
-        found = [quad.object.value for quad in quads if isinstance(quad.object, Literal)]
-        if found and graph == v.ONTOLOGY_GRAPH:
+        """The label of a thing, or of a category in the graph of the ontology; "" without one."""
+        labels = [
+            x.value for x in self._values(thing, v.RDFS_LABEL, graph) if isinstance(x, Literal)
+        ]
+        if labels and graph == v.ONTOLOGY_GRAPH and isinstance(thing, NamedNode):
             return plain_place(self._categories.label(thing.value))
-        return min(found, default="")
+        return min(labels, default="")
 
     @cached_property
     def _titles(self) -> dict[str, str]:
@@ -121,8 +121,8 @@ class Names:
                     beliefs[kind.value] = float(number.value)
         return beliefs
 
-    def _values(self, subject: Term, predicate: str) -> list[Term]:
+    def _values(self, subject: Term, predicate: str, graph: NamedNode = v.MAP_GRAPH) -> list[Term]:
         if not isinstance(subject, NamedNode):
             return []
-        found = self._engine.quads_for_pattern(subject, NamedNode(predicate), None, v.MAP_GRAPH)
+        found = self._engine.quads_for_pattern(subject, NamedNode(predicate), None, graph)
         return [quad.object for quad in found]

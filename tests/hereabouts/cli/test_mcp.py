@@ -357,7 +357,7 @@ def test_a_served_map_is_asked_while_it_is_written(
     assert apple["things"][0]["id"] == "object/4"
     assert apple["map"]["sequence"] > before["map"]["sequence"]
     assert gizmo["things"] == []
-    assert why["steps"][0]["untrusted_text"].startswith("object/4 ")
+    assert why["steps"][0]["untrusted_text"].startswith("apple 4 in the kitchen ")
     assert history["events"][0]["kind"] == "frame"
     assert rows["untrusted_rows"] == [[1]]
     assert "QueryRefusedError" in update

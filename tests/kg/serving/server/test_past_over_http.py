@@ -209,7 +209,7 @@ def test_two_moments_are_compared(moved: Served) -> None:
     assert comparison_from_json(moved.get("diff?from=2").json()) == here
     text = moved.get("diff?from=2&to=5", headers={"Accept": "text/plain"}).text
     assert text == comparison_text(here)
-    assert "moved object/1 cup: 2.00, 0.50, 0.80 -> 4.00, 0.50, 0.80" in text
+    assert "moved cup 1: 2.00, 0.50, 0.80 -> 4.00, 0.50, 0.80" in text
     assert [one["kind"] for one in moved.get("diff?from=2&far=3").json()["changes"]] == ["gone"]
     for refused in ("diff?to=2", "diff?from=2&far=near", "diff?from=2&far=-1"):
         assert moved.get(refused).status_code == 400
