@@ -235,7 +235,7 @@ def test_a_fact_is_explained(moved: Served) -> None:
     assert text == reasons_text(moved.map.history.explain("object/1 here:x"))
     assert "written: transaction #5" in text
     gone = moved.get("why", params={"iri": "object/2"}).json()
-    assert gone[0]["text"] == "object/2 is no longer in the map"
+    assert gone[0]["text"] == "chair 2 is no longer in the map"
     turtle = moved.get("why", params=params, headers={"Accept": "text/turtle"}).text
     graph = rdflib.Graph().parse(data=turtle, format="turtle")
     assert rdflib.URIRef(v.PROV_ACTIVITY) in set(graph.objects(None, rdflib.RDF.type))
