@@ -14,7 +14,7 @@ from benchmarks.questions.plain_map import NOT_KNOWN
 
 Row = Mapping[str, Any]
 
-SEEN_IN: Final = re.compile(r"seen in (\S+) of recording/(\S+)")
+SEEN_IN: Final = re.compile(r"seen in (\S+) of (\S+)")
 _MOVED: Final = 0.3  # [m]
 
 

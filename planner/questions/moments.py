@@ -12,14 +12,18 @@ from kg.model.errors import HistoryError
 
 Found = TypeVar("Found")
 
+_PART: Final = re.compile(r"(.*day) (morning|afternoon|evening|night)")
+_HOURS: Final = {"morning": 12, "afternoon": 18, "evening": 24, "night": 24}  # when it ends
 _FIRST: Final = ("since ", "in the ", "during the ", "over the ", "within the ", "after ")
 
 
 def past(words: str, now: float) -> float:
     """The moment [s since 1970] that a state of the past is asked for: of a day, its last.
 
-    Raises HistoryError as `instant`.
+    Of ``yesterday evening`` as well. Raises HistoryError as `instant`.
     """
+    if part := _PART.fullmatch(words.casefold()):
+        return min(now, moment(instant(part[1], now)) + 3600.0 * _HOURS[part[2]])
     begun, text = moment(instant(words, now)), words.casefold()
     lasts = 43200.0 if text.endswith("morning") else 86400.0
     return min(now, begun + lasts) if re.search(r"(?:day|night|morning)$", text) else begun
