@@ -175,7 +175,7 @@ def test_rooms_are_compared_at_every_door(own: Served, open_page: OpenPage) -> N
     assert ("appeared", "pantry", "", "10.0 m²") in found
     assert ("reshaped", "the kitchen", "20.0 m²", "10.0 m²") in found
     told = own.get("diff", params={"from": str(before)}, headers={"Accept": "text/plain"}).text
-    assert "reshaped place/1 the kitchen: 20.0 m² -> 10.0 m²" in told
+    assert "reshaped the kitchen: 20.0 m² -> 10.0 m²" in told
     page = open_page(f"#?from={before}", own)
     says(page, "#changes", "Appeared: rooms (1)")
     says(page, "#changes", "the kitchen: 20.0 m², now 10.0 m²")
