@@ -19,10 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import (
+    LONE,
     Agreement,
     DepthSamples,
     agreement,
     depth_samples,
+    lone_text,
     register,
 )
 from perception.camera.depth_edges import ColourJudge
@@ -37,7 +39,6 @@ STEP_TURN: Final = np.radians(5.0)  # ... so much turned, that may be a jump
 JUMP: Final = 0.15  # [m] by which the depth must show another motion, or ...
 JUMP_TURN: Final = np.radians(8.0)  # ... turn
 MIN_POINTS: Final = 200  # fewest points in both images for a conclusion
-LONE: Final = 0.6  # share of agreeing points of a frame that does not belong to its neighbours
 POOR: Final = 0.7  # share of agreeing points that is a contradiction
 GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
@@ -98,10 +99,12 @@ class PoseMonitor:
         if "constant" not in self.problems:
             self._check_constant(frame)
         last, self._last = self._last, view
-        self._check_lone(last, view)
         if last is not None:
             motion = np.linalg.inv(last.T) @ view.T
-            if "jump" not in self.problems and _moved(motion, STEP, STEP_TURN):
+            found = agreement(last.samples, view.samples, motion)
+            self._check_lone(last, view, found)
+            moved = _moved(motion, STEP, STEP_TURN)
+            if "jump" not in self.problems and moved and _contradicts(found):
                 self._check_jump(last, view, motion)
             self._motion = motion
         if "drift" not in self.problems and self._is_key(view):
@@ -117,30 +120,29 @@ class PoseMonitor:
                 f"{frame.id}: it seems to mean no return; nan in its place would work",
             )
 
-    def _check_lone(self, last: _View | None, view: _View) -> None:
-        """Look for a frame between two that agree with each other and not with it."""
+    def _check_lone(self, last: _View, view: _View, found: Agreement) -> None:
+        """Look for a frame between two that agree with each other and not with it.
+
+        `found` is the agreement of the last one and this one.
+        """
         before, self._before = self._before, None
-        if last is None or _fit(last, view) >= LONE:
+        if _fit(found) >= LONE:
             return
         self._before = last
-        if before is None or _fit(before, view) < GOOD:
+        if before is None:
+            return
+        motion = np.linalg.inv(before.T) @ view.T
+        if _fit(agreement(before.samples, view.samples, motion)) < GOOD:
             return
         self._before = None  # what comes next is compared with this one
         self._lone.append(last.id)
         count = len(self._lone)
         if count & (count - 1) == 0:  # told anew as they double
-            self._tell(
-                "lone",
-                f"depth of {count} frames contradicts the frames before and after, which agree "
-                "with each other, as of another unit, of another moment or by another pose: "
-                f"{', '.join(self._lone[:3])}{', ...' * (count > 3)}; a copy without these frames "
-                "would work",
-            )
+            self._tell("lone", lone_text(f"{count} frames", self._lone))
 
     def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
+        """Look for another motion than that of the poses, which the depth contradicts."""
         a, b = last.samples, view.samples
-        if not _contradicts(agreement(a, b, motion)):
-            return
         for start in (np.eye(4), self._motion, motion):
             found = register(a, b, start)
             off = np.linalg.inv(found.T_a_b) @ motion
@@ -220,9 +222,8 @@ def _contradicts(found: Agreement) -> bool:
     return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
 
 
-def _fit(a: _View, b: _View) -> float:
+def _fit(found: Agreement) -> float:
     """Share of agreeing points of two images in one another; 1 where too few are in view."""
-    found = agreement(a.samples, b.samples, np.linalg.inv(a.T) @ b.T)
     return found.share if found.agreeing + found.contradicting >= MIN_POINTS else 1.0
 
 

@@ -9,6 +9,7 @@ depth is the same as a wrong length of the motion.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
@@ -29,6 +30,7 @@ SIGMAS: Final = 3.0  # ... to so many deviations of a difference ...
 WIDEST: Final = 4.0  # ... but to so many times as much at most
 SMOOTH: Final = 0.25  # share of the pixels that are taken for even surfaces
 MIN_SMOOTH: Final = 100  # pixels of those
+LONE: Final = 0.6  # share of agreeing points of a frame that does not belong to its neighbours
 MIN_DEPTH: Final = 0.05  # [m] before the camera, in units that may be wrong
 MAX_DEPTH: Final = 200.0  # [m]
 
@@ -219,3 +221,12 @@ def surface_normals(camera: DepthSamples) -> Floats:
     with np.errstate(invalid="ignore", divide="ignore"):
         found[1:-1, 1:-1] = n / np.sqrt((n * n) @ np.ones((3, 1)))
     return found
+
+
+def lone_text(frames: str, ids: Sequence[str]) -> str:
+    """A sentence on `frames`, "5 frames", whose depth contradicts those before and after."""
+    return (
+        f"depth of {frames} contradicts the frames before and after, which agree with each other, "
+        f"as of another unit, of another moment or by another pose: {', '.join(ids[:3])}"
+        f"{', ...' * (len(ids) > 3)}; a copy without them would work"
+    )

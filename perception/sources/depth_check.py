@@ -17,7 +17,7 @@ from typing import Final, TypeGuard
 import numpy as np
 
 from kg.model.errors import RecordingError
-from perception.camera.depth_agreement import DepthSamples, depth_samples
+from perception.camera.depth_agreement import DepthSamples, depth_samples, lone_text
 from perception.camera.depth_edges import (
     ONE_SCENE,
     ColourJudge,
@@ -35,9 +35,9 @@ from perception.sources.depth_readings import (
     another_cause,
     another_reading,
     another_scale,
+    judged_pairs,
     lone_frames,
     pairs_by,
-    share_of,
     share_without,
     two_causes,
 )
@@ -106,12 +106,13 @@ def depth_findings(
     if middle > MAX_DEPTH:
         return DepthFindings(None, None, _too_far(name, middle, depth_scale), ())
     pairs = pairs_by(poses, convention, samples_at)
-    share = share_of(pairs, convention, 1.0)
+    judged = judged_pairs(pairs, convention)
+    share = share_without(judged)
     if share is None and len(pairs) >= 2 * MIN_PAIRS:
         share = 0.0  # frames beside each other show nothing in common
     error = None
-    lone = lone_frames(poses, convention, pairs, briefly)
-    share = max(share, share_without(pairs, lone, convention)) if share is not None else None
+    lone = lone_frames(poses, convention, judged, briefly)
+    share = max(share, share_without(judged, lone) or 0.0) if share is not None else None
     if share is None or share < GOOD:
         inverse = "camera-to-world" if convention == "world-to-camera" else "world-to-camera"
         both = [*pairs, *pairs_by(poses, inverse, samples_at)]
@@ -157,12 +158,7 @@ def _colour_findings(
 def _lone(name: str, lone: set[int], frame_at: FrameAt) -> tuple[str, ...]:
     """A warning of frames that contradict their neighbours; none without any."""
     ids = [frame_at(number).id for number in sorted(lone)[:4]]
-    told = (
-        f"{name}: depth of {len(lone)} of the compared frames contradicts the frames before and "
-        "after, which agree with each other, as of another unit, of another moment or by another "
-        f"pose: {', '.join(ids[:3])}{', ...' * (len(ids) > 3)}; a copy without them would work"
-    )
-    return (told,) if lone else ()
+    return (f"{name}: {lone_text(f'{len(lone)} of the compared frames', ids)}",) if lone else ()
 
 
 def _too_far(name: str, middle: float, depth_scale: float) -> str:

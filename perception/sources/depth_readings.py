@@ -6,13 +6,14 @@ carries the camera, or one of a few known mistakes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from perception.camera.depth_agreement import (
+    LONE,
     Agreement,
     DepthSamples,
     agreement,
@@ -42,7 +43,6 @@ MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anyth
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything
 OVERLAP: Final = 0.15  # share of a pair's points that both frames show
 GOOD: Final = 0.85  # share of points that agree; sound recordings have 0.95
-LONE: Final = 0.6  # the same of a frame that does not belong to those before and after
 POOR: Final = 0.8  # another reading may be the right one
 BETTER: Final = 0.15  # by how much another reading must agree better
 SCALES: Final = 2.0 ** np.arange(-5, 5.01, 0.25)  # factors of depth that are tried
@@ -80,6 +80,14 @@ def pairs_by(poses: Sequence[Pose], convention: str, samples_at: SamplesAt) -> l
     ]
 
 
+Judged = tuple[FramePair, Agreement]
+
+
+def judged_pairs(pairs: Sequence[FramePair], convention: str) -> list[Judged]:
+    """Pairs with their agreement as they are read."""
+    return [(pair, pair.share(convention, 1.0)) for pair in pairs]
+
+
 def chosen_pairs(
     poses: Sequence[Pose], convention: str, apart: float = APART
 ) -> list[tuple[int, int]]:
@@ -115,15 +123,16 @@ def _is_near(a: Pose, b: Pose) -> bool:
 def lone_frames(
     poses: Sequence[Pose],
     convention: str,
-    pairs: Sequence[FramePair],
+    judged: Sequence[Judged],
     samples_at: SamplesAt,
 ) -> set[int]:
     """Frames of poor pairs that contradict the frames before and after, which agree."""
-    poor = (pair for pair in pairs if _judged(pair, convention) < LONE)
+    poor = (pair for pair, found in judged if _fit(found) < LONE)
     doubted = {number for pair in poor for number in pair.numbers}
 
     def share(i: int, j: int) -> float:
-        return _judged(FramePair(samples_at(i), samples_at(j), (poses[i], poses[j])), convention)
+        pair = FramePair(samples_at(i), samples_at(j), (poses[i], poses[j]))
+        return _fit(pair.share(convention, 1.0))
 
     return {
         n
@@ -134,15 +143,13 @@ def lone_frames(
     }
 
 
-def share_without(pairs: Sequence[FramePair], lone: set[int], convention: str) -> float:
-    """Share of agreeing points of pairs without the `lone` frames; 0 where too few are left."""
-    left = [pair for pair in pairs if not lone & {*pair.numbers}]
-    return share_of(left, convention, 1.0) or 0.0
+def share_without(judged: Sequence[Judged], lone: Collection[int] = ()) -> float | None:
+    """`median_share` of the pairs without the `lone` frames."""
+    return median_share([found for pair, found in judged if not {*pair.numbers} & {*lone}])
 
 
-def _judged(pair: FramePair, convention: str) -> float:
+def _fit(found: Agreement) -> float:
     """Share of agreeing points of a pair; 1 where it shows too little of one scene."""
-    found = pair.share(convention, 1.0)
     return found.share if found.overlap >= OVERLAP else 1.0
 
 
