@@ -1,4 +1,4 @@
-"""Names of places: the everyday name of a kind, and when a place is called by it."""
+"""Names of places: the everyday name of a kind, when a place is called by it, and articles."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from kg.model.records import likeliest
 
 SURE: Final = 0.5  # belief in a place's category from which on it is named without "perhaps"
 NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # as mappers label places
+_DETERMINERS: Final = frozenset(
+    ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
+)
 #: The catalogue calls a bathroom what Places205 calls it.
 _PLAIN: Final = {"shower": "bathroom", "lobby": "entrance hall"}
 
@@ -59,3 +62,32 @@ def place_titles(
         else name + in_brackets(name, beliefs, label)
         for kind, (iri, name, beliefs) in zip(kinds, given, strict=True)
     ]
+
+
+def spoken_titles(
+    places: Iterable[tuple[str, str, Mapping[str, float]]],
+    label: Callable[[str], str],
+    is_noun: Callable[[str], bool],
+) -> dict[str, str]:
+    """The titles of `place_titles` with their articles, by IRI: ``the kitchen``."""
+    given = list(places)
+    return {
+        iri: with_article(name, is_noun) + title.removeprefix(name)
+        if title.startswith(name)
+        else f"the {title}"
+        for (iri, name, _), title in zip(given, place_titles(given, label), strict=True)
+    }
+
+
+def with_article(label: str, is_noun: Callable[[str], bool]) -> str:
+    """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
+
+    Labels take an article where their last word is a common noun, and no other word is before it
+    that stands for one. Other names stay as people gave them.
+    """
+    name = label.partition(" (")[0]
+    if NUMBERED.fullmatch(name):
+        return label
+    first, *_, last = name.split() * 2 or ["", ""]
+    determined = first in _DETERMINERS or "'" in label
+    return f"the {label}" if label.islower() and not determined and is_noun(last) else label

@@ -13,7 +13,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.history.point_in_time import Difference, subject_line
 from kg.history.reports.comparison import Comparison
 from kg.history.reports.explanation import Explanation
-from kg.history.reports.names import Names
+from kg.history.reports.report_names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, quads_of
 from kg.history.timestamps import iso, short, word

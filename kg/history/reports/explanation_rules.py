@@ -11,7 +11,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.history.reports.names import Names
+from kg.history.reports.report_names import Names
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_of
 from kg.history.timestamps import short

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
 from kg.model import place_names
 from kg.model.errors import QueryParameterError, UnknownCategoryError
-from kg.model.place_names import NUMBERED
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
 
 _LISTED = 8  # places in a message
-_DETERMINERS = frozenset(
-    ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
-)
 _UNNAMED = (
     *("unnamed thing", "unnamed things", "thing without a name", "things without a name"),
     *("unnamed object", "unnamed objects"),
@@ -36,25 +34,21 @@ def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
 
 
 def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
-    """Names of places (by IRI) in sentences: ``the kitchen``, or the label and kind.
-
-    They are the titles of `place_titles` with their articles.
-    """
+    """Names of places (by IRI) in sentences: ``the kitchen``, or the label and kind."""
     catalogue = semantic_map.catalogue
-    return {
-        place.iri: in_words(catalogue, place.label) + title.removeprefix(place.label)
-        if title.startswith(place.label)
-        else f"the {title}"
-        for place, title in titled_places(semantic_map)
-    }
+    named = _named(semantic_map.places())
+    return place_names.spoken_titles(named, catalogue.label, partial(_is_noun, catalogue))
 
 
 def titled_places(semantic_map: SemanticMap) -> list[tuple[PlaceRecord, str]]:
     """Each place with its title, as the page, tables and pictures have it (`place_titles`)."""
     places = semantic_map.places()
-    named = [(place.iri, place.label, place.beliefs) for place in places]
-    titles = place_names.place_titles(named, semantic_map.catalogue.label)
+    titles = place_names.place_titles(_named(places), semantic_map.catalogue.label)
     return list(zip(places, titles, strict=True))
+
+
+def _named(places: Sequence[PlaceRecord]) -> list[tuple[str, str, Mapping[str, float]]]:
+    return [(place.iri, place.label, place.beliefs) for place in places]
 
 
 def titles_by_label(semantic_map: SemanticMap) -> dict[str, str]:
@@ -65,18 +59,13 @@ def titles_by_label(semantic_map: SemanticMap) -> dict[str, str]:
 
 
 def in_words(catalogue: Catalogue, label: str) -> str:
-    """A place's label in a sentence: ``the guest room``; ``place 3``, ``my den``, ``Ann's``.
+    """A place's label in a sentence, with an article where it takes one (`with_article`)."""
+    return place_names.with_article(label, partial(_is_noun, catalogue))
 
-    Labels take an article where their last word is a common noun, and no other word is before it
-    that stands for one. Other names stay as people gave them.
-    """
-    name = label.partition(" (")[0]
-    if NUMBERED.fullmatch(name):
-        return label
-    first, *_, last = name.split() * 2 or ["", ""]
-    is_noun = catalogue.get(last, "place") or name_key(last) in word_table().senses
-    determined = first in _DETERMINERS or "'" in label
-    return f"the {label}" if label.islower() and is_noun and not determined else label
+
+def _is_noun(catalogue: Catalogue, word: str) -> bool:
+    """Whether a word is a kind of place, or another common noun."""
+    return bool(catalogue.get(word, "place") or name_key(word) in word_table().senses)
 
 
 def listed_places(semantic_map: SemanticMap) -> str:

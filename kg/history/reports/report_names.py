@@ -14,7 +14,7 @@ from pyoxigraph import Literal, NamedNode
 from kg.history.map_state import Categories
 from kg.history.timestamps import brief, word
 from kg.model import vocabulary as v
-from kg.model.place_names import place_titles, plain_place
+from kg.model.place_names import plain_place, spoken_titles
 from kg.rdf.quad_store import QuadStore, Term
 
 _LOCAL: Final = re.compile(r"(object|place|observation|recording|search)/([^/]+)(?:/belief/(.+))?")
@@ -28,7 +28,7 @@ _VERBS: Final = {
 
 
 class Names:
-    """What people call the things of the map in `engine`, whose base IRI is `base`.
+    """Names of the things of the map in `engine`, whose base IRI is `base`, as answers have them.
 
     A term that nobody named is short: ``object 9``, ``here:markedBy``.
     """
@@ -91,26 +91,15 @@ class Names:
         named = [
             (iri, self._labels(NamedNode(iri), v.MAP_GRAPH), self._beliefs(iri)) for iri in iris
         ]
-        titles = place_titles(named, self._categories.label)
-        return {
-            iri: self._spoken(label) + title.removeprefix(label)
-            if label and title.startswith(label)
-            else f"the {title}"
-            for (iri, label, _), title in zip(named, titles, strict=True)
-        }
+        return spoken_titles(named, self._categories.label, self._is_kind)
 
-    def _spoken(self, label: str) -> str:
-        """A label that ends with a kind of place has an article: ``the guest room``."""
-        last = label.rpartition(" ")[2]
-        kinds = (Literal(last), Literal(last, language="en"))
-        is_kind = last == "room" or any(
+    def _is_kind(self, noun: str) -> bool:
+        """Whether a word is a kind of place, or a room."""
+        kinds = (Literal(noun), Literal(noun, language="en"))
+        return noun == "room" or any(
             [*self._engine.quads_for_pattern(None, NamedNode(v.RDFS_LABEL), one, v.ONTOLOGY_GRAPH)]
             for one in kinds
         )
-        plain = (
-            label.islower() and not label.startswith(("the ", "my ", "our ")) and "'" not in label
-        )
-        return f"the {label}" if is_kind and plain else label
 
     def _beliefs(self, place: str) -> dict[str, float]:
         beliefs = dict[str, float]()
