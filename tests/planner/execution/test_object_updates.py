@@ -182,7 +182,7 @@ def test_why_names_the_picture_and_the_box_that_a_robot_sent(semantic_map: Seman
     assert (apple.evidence.recording, apple.evidence.frame) == ("search/1", "left/17")
     (reason,) = semantic_map.history.explain(apple.iri)
     told = [step.text for _, step in reason.walk()]
-    (text,) = [text for text in told if text.startswith("seen in left/17 of search/1 at ")]
+    (text,) = [text for text in told if text.startswith("seen in left/17 of search for apple at ")]
     assert text.endswith("box 10 20 30 40 px, score 0.9")
     assert "detector good eyes" in told
     (row,) = semantic_map.query("why-object", object=apple.iri).records()

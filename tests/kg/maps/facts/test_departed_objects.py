@@ -256,7 +256,7 @@ def test_it_can_be_asked_for_and_explained(semantic_map: SemanticMap) -> None:
     assert rows == [("cup", "bowl", 0.3), ("cup", "vase", 0.1)]
     (reason,) = semantic_map.history.explain("object/1")
     texts = [step.text for step in reason.because]
-    assert "may also be here:Bowl, probability 0.3" in texts
+    assert "may also be bowl, probability 0.3" in texts
 
 
 def test_the_size_speaks_for_and_against_names(semantic_map: SemanticMap) -> None:

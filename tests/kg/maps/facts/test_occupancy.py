@@ -179,7 +179,7 @@ def test_the_past_of_a_tile_is_told_in_words(semantic_map):
     changed = replace(TILE, cells=np.full((64, 64), LOW, np.uint8), changed=1e9 + 7)
     semantic_map.apply(MapUpdate(floor=(changed,)))
     first, then = semantic_map.history.events("floor/0/2_-1")
-    assert "new here:FloorTile" in first.words
+    assert "new floor tile" in first.words
     lengths = [len(encoded(tile.cells)) for tile in (TILE, changed)]
     assert f"{lengths[0]} characters -> {lengths[1]} characters" in then.words
 
