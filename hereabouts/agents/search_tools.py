@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any, Final
 
 import numpy as np
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from hereabouts.agents import answers as a
 from hereabouts.agents.list_tools import Limit, Metres, Skip, Word
@@ -157,7 +157,9 @@ class OpenSearches:
 
 
 Wanted = Annotated[
-    list[Word], Field(min_length=1, max_length=5, description='cup, or "something to sit on"')
+    list[Word],
+    BeforeValidator(lambda what: [what] if isinstance(what, str) else what),
+    Field(min_length=1, max_length=5, description='cup, or "something to sit on"'),
 ]
 SearchName = Annotated[str, Field(max_length=40, description="as next_look named it")]
 Degrees = Annotated[float, Field(ge=-360, le=360, description="0 along x")]

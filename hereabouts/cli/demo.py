@@ -22,6 +22,7 @@ from hereabouts.cli.console import (
     write,
     write_json,
 )
+from kg.model.shares import percent
 
 if TYPE_CHECKING:
     from hereabouts.demo.house_demo import DemoProgress, DemoReport
@@ -100,9 +101,9 @@ def _print(report: DemoReport) -> None:
 
 def _against_house(score: MapScore) -> str:
     return (
-        f"compared with the house: {score.recall or 0:.0%} of its objects are in the map, "
-        f"{score.precision or 0:.0%} of the objects in the map are real, and their median position "
-        f"error is {100 * (score.position_error_median or 0):.0f} cm"
+        f"compared with the house: {percent(score.recall or 0)} of its objects are in the map, "
+        f"{percent(score.precision or 0)} of the objects in the map are real, and their median "
+        f"position error is {100 * (score.position_error_median or 0):.0f} cm"
     )
 
 

@@ -21,6 +21,7 @@ from hereabouts.cli.console import (
     write,
     write_json,
 )
+from kg.model.shares import percent
 
 if TYPE_CHECKING:
     from mapping.looks.user_encoder import UserEncoder
@@ -170,7 +171,8 @@ def run_check_encoder(arguments: argparse.Namespace) -> int:
     note(f"{encoder.name}: {encoder.size} values, {len(encoder.words)} absent words")
     if found is not None:
         share, things = found
-        note(f"nothing of {things} things looks like {share:.0%} of words, fitted to the others")
+        of_words = f"{percent(share)} of words, fitted to the others"
+        note(f"nothing of {things} things looks like {of_words}")
     if arguments.json:
         answer = {"encoder": encoder.name, "checksum": encoder.checksum, "values": encoder.size}
         judged = {} if found is None else {"nothing_looks_like": found[0], "things": found[1]}

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import json_value, print_table, without_details, write, write_json
+from kg.model.shares import percent
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -41,7 +42,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from planner.search.goals.place_names import spoken_places
-    from planner.search.goals.status import status
+    from planner.search.goals.status import minute, status
 
     with open_map(arguments.map, read_only=True) as semantic_map:
         found = status(semantic_map, arguments.object, arguments.place)
@@ -75,9 +76,9 @@ def run(arguments: argparse.Namespace) -> int:
                     one.label,
                     one.existence,
                     one.last_seen,
-                    f"{one.viewed_share:.0%}",
-                    f"{one.closely_viewed_share:.0%}",
-                    one.last_viewed,
+                    percent(one.viewed_share),
+                    percent(one.closely_viewed_share),
+                    minute(one.last_viewed),
                     one.noticed,
                 )
                 for one in found.places

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError
-from planner.execution.options import Event, SearchOptions, SearchOutcome, percent
+from kg.model.shares import percent
+from planner.execution.options import Event, SearchOptions, SearchOutcome
 from planner.execution.search_loop import search
 from planner.execution.viewpoint_adapter import motion_of, sensor_of
 from planner.search.plans.report import fact_chain, without_sources

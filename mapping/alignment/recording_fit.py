@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import LayoutError, OntologyError, RecordingError, did_you_mean
 from kg.model.regular_files import read_text
+from kg.model.shares import percent
 from kg.serving.opening import in_memory_map
 from mapping.alignment.relocalisation import placed_by_views
 from mapping.alignment.search import (
@@ -122,7 +123,7 @@ def check_fit(recording: Recording, semantic_map: SemanticMap, *, same_frame: bo
     match = _floor_match(recording, semantic_map)
     is_given = same_frame or recording.transform_given
     if match is not None and match.enough():
-        found = f"{match.share:.0%} of its furniture and walls lie on those of the map"
+        found = f"{percent(match.share)} of its furniture and walls lie on those of the map"
         if match.quality >= FITS:
             return f"{recording.name} fits the map: {found}"
         if is_given and match.quality < CONTRADICTS:
@@ -205,8 +206,8 @@ def check_certain(name: str, found: Alignment, otherwise: str = "--transform FIL
     if found.rival > RIVAL * found.score:
         raise LayoutError(
             f"{name!r} cannot be aligned: the second best alignment scores "
-            f"{found.rival / found.score:.0%} of the best (at most {RIVAL:.0%}); a larger overlap "
-            f"or {otherwise} would work"
+            f"{percent(found.rival / found.score)} of the best (at most {percent(RIVAL)}); a "
+            f"larger overlap or {otherwise} would work"
         )
 
 
@@ -216,9 +217,9 @@ def summary_of(name: str, found: Alignment) -> str:
     turn = np.degrees(np.arctan2(found.T[1, 0], found.T[0, 0]))
     return (
         f"{name} aligned: turned by {turn:.1f} degrees, moved by {x:.2f}, {y:.2f}, {z:.2f} m; "
-        f"{found.floor.share:.0%} of its furniture and walls and {found.objects} objects lie on "
-        f"those of the map; the second best alignment scores "
-        f"{max(found.rival, 0.0) / found.score:.0%} of the best"
+        f"{percent(found.floor.share)} of its furniture and walls and {found.objects} objects lie "
+        f"on those of the map; the second best alignment scores "
+        f"{percent(max(found.rival, 0.0) / found.score)} of the best"
     )
 
 

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from kg.model.errors import FrameError
+from kg.model.shares import percent
 from perception.camera.depth_agreement import COLUMNS, Agreement, agreement, depth_samples
 from perception.camera.poses import CONVENTIONS, checked_pose, motion
 from perception.frames import Detections, Frame, SceneScores
@@ -190,7 +191,8 @@ class _PoseConventionCheck:
             given, best, name = better
             self._problem = (
                 f"frame {frame_id}: depth does not fit T_map_cam as camera-to-map poses "
-                f"({given:.0%} of the points that two frames share agree), but does ({best:.0%}) "
+                f"({percent(given)} of the points that two frames share agree), but does "
+                f"({percent(best)}) "
                 f'if they are {name} poses: CONVENTIONS["{name}"](T_map_cam) of '
                 "perception.camera.poses would work, in a new map; check_poses=False (--no-check) "
                 "takes them as they are"

@@ -8,12 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from kg.model.records import SearchState
+from kg.model.shares import percent
 from planner.settings import BELIEF
-
-
-def percent(share: float) -> str:
-    """A share for people: ``12 %``, ``3.4 %``."""
-    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.1f} %"
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +30,7 @@ class SearchOutcome:
         after = f"after {self.seconds:.0f} s and {self.looks} looks"
         if self.state == "found":
             return f"found {after}"
-        rest = f"it is still there with probability {percent(self.left)}"
+        rest = f"it is still there with {percent(self.left)}"
         return f"{self.state} {after}: {self.reason}; {rest}"
 
     def to_json(self) -> dict[str, Any]:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
 from kg.model.records import LookRecord
+from kg.model.shares import percent
 from planner.execution.object_updates import TargetDetection
-from planner.execution.options import Event, EventSink, SearchOutcome, percent
+from planner.execution.options import Event, EventSink, SearchOutcome
 from planner.execution.protocol import Detected, OnTheWay, RobotPose
 from planner.execution.search_log import SearchLog
 from planner.execution.viewpoint_adapter import NextView
@@ -29,7 +30,7 @@ class Reporter:
         verb = f"resumes after {looks} looks" if looks else "begins"
         self._emit(
             "begin",
-            f"{log.name} for {', '.join(record.words)} {verb}: on this floor with probability "
+            f"{log.name} for {', '.join(record.words)} {verb}: on this floor with a chance of "
             f"{percent(left)}",
             search=record.iri,
             words=list(record.words),

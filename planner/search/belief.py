@@ -19,6 +19,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kg.model.shares import percent
 from planner.freespace.grid import Cells, FreeSpace
 from planner.freespace.planning_map import PlanningMap
 from planner.search.goals.candidate_queries import Candidate
@@ -165,7 +166,7 @@ def build_target_belief(
 
 def _moved(known: Candidate, probability: float) -> Candidate:
     """A remembered object that is no longer where it was, with `probability`."""
-    away = f"{known.label} has been moved since with probability {probability:.2f}"
+    away = f"{known.label} has been moved since with {percent(probability)}"
     facts = (*known.facts[:1], f"{away}, perhaps within its room")
     return replace(known, kind="moved", probability=probability, facts=facts)
 

@@ -115,7 +115,8 @@ class Explainer(FactReader):
         likely = {n: self._text(n, v.LABEL_PROBABILITY) for n in nodes if isinstance(n, NamedNode)}
         sizes = self._size_reasons(facts)
         for node in sorted(likely, key=lambda n: (likely[n], n.value), reverse=True):
-            text = f"may also be {self._called(node, v.OF_CATEGORY)}, probability {likely[node]}"
+            other = self._called(node, v.OF_CATEGORY)
+            text = f"may also be {other} ({self._share(node, v.LABEL_PROBABILITY)})"
             rule = Explanation("rule", known.RULES[v.LABEL_PROBABILITY])
             size = [r for category in self._values(node, v.OF_CATEGORY) for r in sizes(category)]
             yield Explanation("belief", text, node.value, (*size, rule))
@@ -272,7 +273,7 @@ class Explainer(FactReader):
     def _belief(self, place: NamedNode, category: Term) -> Iterator[Explanation]:
         for node in self._values(place, v.HAS_BELIEF):
             if isinstance(node, NamedNode) and category in self._values(node, v.OF_CATEGORY):
-                text = f"belief {self._text(node, v.BELIEF)} in {self._names(category)}"
+                text = f"{self._names(category)} with {self._share(node, v.BELIEF)}"
                 yield Explanation("belief", text, node.value, tuple(self._grounds(node)))
 
     def _grounds(self, node: NamedNode) -> Iterator[Explanation]:
@@ -283,8 +284,8 @@ class Explainer(FactReader):
         if not evidence or self._values(place, v.VIEW_COUNT) != [Literal(0)]:
             yield self._views(place)
         if evidence:
-            share = self._text(node, v.SCENE_BELIEF) if self._values(node, v.SCENE_BELIEF) else "0"
-            yield Explanation("belief", f"by the views alone {share}", node.value)
+            text = f"by the views alone {self._share(node, v.SCENE_BELIEF)}"
+            yield Explanation("belief", text, node.value)
         for thing in evidence:
             text = f"{self._names(thing)}, existence {self._text(thing, v.EXISTENCE)}"
             yield Explanation("thing", text, thing.value, tuple(self._observation(thing)))
@@ -308,7 +309,7 @@ class Explainer(FactReader):
             kind = short(iri, self._base).removeprefix(v.RELATION).partition("/")[0]
             one, other = (self._called(iri, p) for p in (v.RELATION_SUBJECT, v.RELATION_TARGET))
             verb = word(NamedNode(v.HERE + kind))
-            text = f"{one} {verb} {other} with probability {texts[v.RELATION_PROBABILITY]}"
+            text = f"{one} {verb} {other} with {self._share(iri, v.RELATION_PROBABILITY)}"
             return Explanation("relation", text, iri.value, tuple(self._sources(iri)))
         if texts:
             found = self._engine.quads_for_pattern(None, _SUBJECT, iri, BACKGROUND[1])

@@ -17,6 +17,7 @@ from kg.history.storage.log_reader import ChangeLines, Commit, lines_of, quads_o
 from kg.history.timestamps import short
 from kg.model import vocabulary as v
 from kg.model.records import SURFACE
+from kg.model.shares import percent
 from kg.rdf.quad_store import QuadStore, Term
 
 _POSITION: Final = (
@@ -173,6 +174,11 @@ class FactReader:
 
     def _text(self, iri: NamedNode, predicate: str) -> str:
         return ", ".join(short(value, self._base) for value in self._values(iri, predicate)) or "?"
+
+    def _share(self, iri: NamedNode, predicate: str) -> str:
+        """A probability in per cent; 0 where none is stated."""
+        shares = (value for value in self._values(iri, predicate) if isinstance(value, Literal))
+        return ", ".join(percent(float(share.value)) for share in shares) or percent(0)
 
     def _called(self, iri: NamedNode, predicate: str) -> str:
         """The values of a predicate by their names."""

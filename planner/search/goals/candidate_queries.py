@@ -21,6 +21,7 @@ from kg.knowledge.placement.table import PlacementTable
 from kg.model import vocabulary as v
 from kg.model.place_names import plain_place
 from kg.model.records import likeliest
+from kg.model.shares import percent
 from mapping.persistence import holds, listed_half_life
 from planner.freespace.planning_map import (
     Place,
@@ -35,7 +36,6 @@ from planner.search.goals.known_objects import kinds_half_lives
 from planner.search.goals.place_names import in_words
 from planner.search.goals.search_facts import SearchFacts, TargetFacts
 from planner.search.goals.search_goals import (
-    chance,
     evidence,
     label_of,
     observed,
@@ -49,6 +49,7 @@ from planner.settings import BeliefSettings
 Kind = Literal["known", "moved", "nearby", "place", "frontier"]
 
 _ALL_SEEN = 0.95  # share of a floor from which on all of it counts as seen
+_ALL_KEPT = 0.995  # chance to be still in place from which on no words are made of it
 _BEARS = 0.1  # share of a probability from which on its source is named
 #: first words of the reasons in the table that are statements of the ontology
 _STATEMENTS = ("listed", "stated", "weight")
@@ -120,7 +121,7 @@ class CandidateQueries:
     ) -> tuple[Candidate, ...]:
         """Places that may have the one object of a target, if it is no longer where it was."""
         here = sum(one.probability for one in self.things(index))
-        moved = f"{target.label} is no longer where it was with probability {1 - here:.2f}"
+        moved = f"{target.label} is no longer where it was with {percent(1 - here)}"
         found = (
             self._place(index, place, rooms, half_life, ground) for place in self._facts.places
         )
@@ -147,9 +148,10 @@ class CandidateQueries:
         if row["own"] is not None:
             seen = observed(row, "placeLabel")
             fact = f"{label} may be {category} ({existence:.2f}), {where}{seen}"
-        stays = f"{category} is moved within {span(half_life)} with probability 0.5"
-        if age >= 1:
-            stays += f"; after {span(age)} it is still in place with probability {kept:.2f}"
+        facts = [fact]
+        if kept < _ALL_KEPT:
+            moved = f"{category} is moved within {span(half_life)} with 50 %"
+            facts.append(f"{moved}; after {span(age)} it is still in place with {percent(kept)}")
         return Candidate(
             target=index,
             kind="known",
@@ -157,7 +159,7 @@ class CandidateQueries:
             label=label,
             p_map=np.array([number(row, "x"), number(row, "y")]),
             probability=existence * kept,
-            facts=(fact, stays),
+            facts=tuple(facts),
             existence=existence,
             deviation=None if row["deviation"] is None else number(row, "deviation"),
             place=text_or_none(row, "place"),
@@ -189,7 +191,7 @@ class CandidateQueries:
             probability=existence * kept * near,
             facts=(
                 f"{label_of(row)} is in the map ({evidence(row, existence, 'placeLabel')})",
-                f"{row['wantedLabel']} is found near {row['category']} ({near:.2g}{source})",
+                f"{row['wantedLabel']} is found near {row['category']} ({percent(near)}{source})",
             ),
             place=text_or_none(row, "place"),
         )
@@ -207,8 +209,8 @@ class CandidateQueries:
             share = ground.seen_share(place.iri)
             p_noticed = self._settings.noticed * share
             p += (p * (1 - p_noticed) / (1 - p * p_noticed) - p) * kept
-            part = f", {share:.0%} of its floor seen" if share < _ALL_SEEN else ""
-            reason = f"viewed {times(place.views)}{part}, without another one: {p:.2f} left"
+            part = f", {percent(share)} of its floor seen" if share < _ALL_SEEN else ""
+            reason = f"viewed {times(place.views)}{part}, without another one: {percent(p)} left"
             facts = (*facts, reason)
         return Candidate(
             target=index,
@@ -238,8 +240,8 @@ class CandidateQueries:
             facts=(
                 f"the area beyond ({x:.1f}, {y:.1f}) was never seen; {area.width:.1f} m of free "
                 "floor border on it",
-                f"a room begins there with probability {p_room:.2f}, and a room of unknown kind "
-                f"holds {target.label} with probability {mean:.2f}",
+                f"a room begins there with {percent(p_room)}, and a room of unknown kind "
+                f"holds {target.label} with {percent(mean)}",
             ),
             place=area.iri,
         )
@@ -291,7 +293,7 @@ class _Rooms:
         parts = {kind: belief * self._p_in(kind) for kind, belief in share.items()}
         p = sum(parts.values()) + unknown * self.mean
         if not place.views or not parts:
-            holds_it = f"holds {self._target.label} with probability {chance(self.mean)}"
+            holds_it = f"holds {self._target.label} with {percent(self.mean)}"
             reason = f"the kind of {place.name} is unknown"
             return p, (reason, f"a place of unknown kind {holds_it}")
         return p, self._facts(place, max(parts, key=lambda kind: (parts[kind], kind)))
@@ -306,24 +308,26 @@ class _Rooms:
         a_category = with_article(plain)
         is_one = place.name == plain or place.name.endswith((f"({plain})", f" {plain})"))
         is_so = f"is believed to be {'one' if is_one else a_category}"
-        believed = f"{in_words(self._catalogue, place.name)} {is_so} ({place.beliefs[kind]:.2f})"
+        believed = (
+            f"{in_words(self._catalogue, place.name)} {is_so} ({percent(place.beliefs[kind])})"
+        )
         row, p = self._rows.get(kind), self._p_in(kind)
         if row is None or p != min(_product(row), 1.0):  # the table has it, from several sources
-            holds_it = f"{a_category} holds {label} with probability {chance(p)}"
+            holds_it = f"{a_category} holds {label} with {percent(p)}"
             return believed, holds_it + self._sources(kind) + self._members(kind)
         sought = row["near"] or row["wanted"]
         where = with_article(plain_place(str(row["category"])))
         facts = [believed, f"{sought} is found in {where} {sourced(row, 'probability')}"]
         if row["near"] is not None:
             near = number(row, "nearProbability")
-            facts.append(f"{row['wanted']} is found near {row['near']} ({near:g})")
-        return (*facts, f"together {p:.2f}{self._members(kind)}")
+            facts.append(f"{row['wanted']} is found near {row['near']} ({percent(near)})")
+        return (*facts, f"together {percent(p)}{self._members(kind)}")
 
     def _sources(self, kind: str) -> str:
         """The sources that bear most of p(target in a place of `kind`), with their shares."""
         best = max(self._target.queried, key=lambda iri: self._table.probability(iri, kind))
         borne = [r for r in self._table.placement(best, kind).reasons if r.share >= _BEARS]
-        named = [f"{_source_words(r.source, r.text)} ({r.share:.0%})" for r in borne]
+        named = [f"{_source_words(r.source, r.text)} ({percent(r.share)})" for r in borne]
         return f", by {' and '.join(named)}" if named else ""
 
     def _members(self, kind: str) -> str:
@@ -334,7 +338,7 @@ class _Rooms:
         by_chance = sorted(
             kinds, key=lambda k: (kinds[k] in second, -self._table.probability(k, kind), kinds[k])
         )
-        shown = [f"{kinds[k]} {self._table.probability(k, kind):.2f}" for k in by_chance[:4]]
+        shown = [f"{kinds[k]} {percent(self._table.probability(k, kind))}" for k in by_chance[:4]]
         return f" for any of {len(kinds)} kinds: {', '.join(shown)}" + (
             ", ..." if len(kinds) > len(shown) else ""
         )

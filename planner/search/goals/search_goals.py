@@ -18,6 +18,7 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
+from kg.model.shares import percent
 from planner.freespace.planning_map import Row, number, time_or_none
 from planner.search.goals.place_names import in_words
 from planner.search.goals.target_words import meaning_of
@@ -162,7 +163,7 @@ def label_of(row: Row) -> str:
 def sourced(row: Row, column: str) -> str:
     """A probability of a row and its source, in parentheses."""
     source = f", {row['source']}" if row["source"] else ""
-    return f"({number(row, column):g}{source})"
+    return f"({percent(number(row, column))}{source})"
 
 
 def evidence(row: Row, existence: float, place: str = "place") -> str:
@@ -181,11 +182,6 @@ def observed(row: Row, place: str = "place") -> str:
     if row["frame"] is not None:
         reason += f", best in {row['frame']}"
     return reason + (f", in {row[place]}" if row[place] is not None else "")
-
-
-def chance(p: float) -> str:
-    """A probability with two places, or the first digit that is not 0."""
-    return f"{p:.2f}" if p >= 0.005 or p == 0 else f"{p:.1g}"
 
 
 def times(count: float) -> str:

@@ -17,6 +17,7 @@ from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
+from kg.model.shares import percent
 from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import (
@@ -159,17 +160,17 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     if any(one.value == "never looked" and one.viewed_share >= _LOOKED_AT for one in places):
         return f"no detector that mapped here has a name for {label}, so none could be seen"
     least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
-    parts = [f"{one.viewed_share:.0%} of {one.place_label}" for one in least]
+    parts = [f"{percent(one.viewed_share)} of {one.place_label}" for one in least]
     others = len(places) - len(least)
-    rest = f", and more of {others} other places" if others else ""
+    rest = f", and more of {others} other place{'s' * (others > 1)}" if others else ""
     last = max((one.last_viewed for one in places if one.last_viewed), default=None)
-    at = f", last at {stamp(last)}" if last else ""
+    at = f", last at {minute(last)}" if last else ""
     unseen = max(places, key=lambda one: one.out_of_view)
     viewed = f"the robot viewed {', '.join(parts)}{rest}{at}"
     if unseen.out_of_view < 0.005:
         return viewed
     of = f", most in {unseen.place_label}" if len(places) > 1 else ""
-    return f"{viewed}; one would stand out of view with probability {unseen.out_of_view:.2f}{of}"
+    return f"{viewed}; the chance that one stood out of view is {percent(unseen.out_of_view)}{of}"
 
 
 def _known_proof(label: str, one: PlaceStatus) -> str:
@@ -185,6 +186,11 @@ def _known_proof(label: str, one: PlaceStatus) -> str:
 def stamp(time: datetime | None) -> str:
     """A time in UTC, to the second; "" for None."""
     return "" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
+
+
+def minute(viewed: datetime | None) -> str:
+    """A time of views in UTC, to the minute, as the floor keeps them; "" for None."""
+    return "" if viewed is None else viewed.astimezone(UTC).strftime("%Y-%m-%d %H:%M")
 
 
 def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
@@ -206,7 +212,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
         proof = f"{said}in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
-            proof += f"; {where} last viewed {stamp(viewed)}"
+            proof += f"; {where} last viewed {minute(viewed)}"
         return Status(what, value, proof, ())
     for left in semantic_map.departed((iri,)):
         seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))

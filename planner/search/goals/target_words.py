@@ -11,6 +11,7 @@ from kg.knowledge.words.usual_places import UsualPlace, UsualPlaces, usual_place
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ModelError, UndetectableError, UnknownCategoryError
 from kg.model.place_names import plain_place
+from kg.model.shares import percent
 from mapping.looks.word_looks import Alike, alike, compares_texts
 from planner.search.goals.place_names import place_category, spoken_places, titled_places
 
@@ -253,4 +254,4 @@ def _where(usual: UsualPlaces) -> str:
 def _counted(place: UsualPlace, unit: str = "") -> str:
     """``kitchen (60% of 7 such rooms have one)``: the smoothed share."""
     of = f" of {place.total} {unit}" if unit else ""
-    return f"{plain_place(place.label)} ({place.probability:.0%}{of})"
+    return f"{plain_place(place.label)} ({percent(place.probability or 0.0)}{of})"

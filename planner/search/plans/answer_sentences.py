@@ -15,6 +15,7 @@ from kg.history.timestamps import span
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ModelError
+from kg.model.shares import percent
 from mapping.looks.word_looks import compares_texts
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import in_words
@@ -134,15 +135,15 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     still = " still" if kept < _SURELY else ""
     if p < _PERHAPS and still and (one.sure or kept < _PERHAPS):
         room = rooms.get(one.iri, 0.0)
-        room_too = f", in the same room {room:.2f}" if room >= p + _GUESS else ""
-        there = f"probability there {p:.2f}{room_too}"
+        room_too = f", in the same room with {percent(room)}" if room >= p + _GUESS else ""
+        there = f"still there with {percent(p)}{room_too}"
         return f"Probably no longer {one.where}: {name} {seen} ({there}){_besides(one)}"
     lead = "Probably" if p >= PROBABLY and one.sure else "Perhaps"
     if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
         lead = ""
     where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
     where = f"{where[:1].upper()}{where[1:]}"
-    return f"{where}: {name} {seen} (probability there {p:.2f}){_besides(one)}"
+    return f"{where}: {name} {seen} ({percent(p)} sure){_besides(one)}"
 
 
 def _sightings(one: KnownObject, now: float) -> str:
@@ -162,7 +163,7 @@ def _besides(one: KnownObject) -> str:
     """Other categories, and the search that found the object."""
     words = ""
     if one.own is None and one.may_be:
-        may_be = (f"{with_article(other)} (probability {p:.2f})" for other, p in one.may_be)
+        may_be = (f"{with_article(other)} ({percent(p)})" for other, p in one.may_be)
         words = f"; it may also be {' or '.join(may_be)}"
     if one.found_by is not None:
         words += "; found by a search"
@@ -208,4 +209,4 @@ def _guess(
         lead = "; the first look is in"
         if state.rooms[best] != first.place:
             lead = f"; the first look is from {in_words(catalogue, first.place_name)} into"
-    return f"{lead} {in_words(catalogue, state.room_names[best])} ({min(p[best], 1.0):.2f})"
+    return f"{lead} {in_words(catalogue, state.room_names[best])} ({percent(min(p[best], 1.0))})"

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
+from kg.model.shares import percent
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
-from planner.search.goals.search_goals import chance
 from planner.search.goals.targets import Target, resolve
 from planner.search.plans.answer_sentences import find_sentences, known_of
 from planner.search.plans.search_state import PlanningState, ViewReason, build_search
@@ -154,9 +154,9 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
             step.place_name,
             direction(step),
             step_purpose(step),
-            f"{step.probability:.3f}",
+            percent(step.probability),
             round(step.seconds),
-            f"{step.left:.3f}",
+            percent(step.left),
         )
         for number, step in enumerate(steps, start=1)
     ]
@@ -175,7 +175,7 @@ def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
         borne[key] = borne.get(key, 0.0) + reason.probability
     total = sum(borne.values())
     return [
-        f"{borne[key] / total:4.0%}  {_named(named[key])}: "
+        f"{percent(borne[key] / total):>5}  {_named(named[key])}: "
         + fact_chain(named[key].facts[named[key].kind == "moved" :])
         for key in sorted(borne, key=lambda key: (-borne[key], key))[:_MAX_REASONS]
         if borne[key] >= _BEARS * total and named[key].kind != "known"
@@ -214,10 +214,10 @@ def fact_chain(facts: Sequence[str]) -> str:
 def without_sources(fact: str) -> str:
     """A fact without its sources.
 
-    >>> without_sources("apple is found near banana (0.6, thesis 3.4.1; 42 of 70 rooms)")
-    'apple is found near banana (0.6)'
+    >>> without_sources("apple is found near banana (60 %, thesis 3.4.1; 42 of 70 rooms)")
+    'apple is found near banana (60 %)'
     """
-    fact = re.sub(r", by .*?\(\d+%\)(?= for any of|$)", "", fact)
+    fact = re.sub(r", by .*?\([^()]* %\)(?= for any of|$)", "", fact)
     return re.sub(r"\(([^(),]*),[^()]*\)", r"(\1)", fact)
 
 
@@ -229,8 +229,8 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     count = len(plan.targets)
     if count == 1:
         text = (
-            f"{plan.targets[0]} is on this floor with probability {chance(plan.present)}; these "
-            f"looks find it with probability {chance(gain)}, on average after {mean:.0f} s"
+            f"{plan.targets[0]} is on this floor with a chance of {percent(plan.present)}; "
+            f"these looks find it with {percent(gain)}, on average after {mean:.0f} s"
         )
     else:
         text = (
@@ -241,7 +241,7 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     more = sum(step.finds for step in rest)
     looks_more = f"{len(rest)} more look{'s' * (len(rest) > 1)}"
     seconds = rest[-1].seconds - steps[-1].seconds
-    return [f"{text}; {looks_more} would add {chance(more)} in {seconds:.0f} s"]
+    return [f"{text}; {looks_more} would add {percent(more)} in {seconds:.0f} s"]
 
 
 def step_lines(steps: Sequence[ViewStep]) -> list[str]:
@@ -267,18 +267,18 @@ def _lines_of_step(number: int, step: ViewStep, first_views: dict[_Which, int]) 
     for reason in step.why[:_MAX_REASONS]:
         candidate = reason.candidate
         which = candidate.target, candidate.iri, candidate.kind
-        first = first_views.setdefault(which, number)
+        first, bears = first_views.setdefault(which, number), percent(reason.probability)
         if first < number:
-            yield f"   {reason.probability:.3f}  {purpose(candidate)}: facts at step {first}"
+            yield f"   {bears:>5}  {purpose(candidate)}: facts at step {first}"
             continue
-        yield f"   {reason.probability:.3f}  {candidate.facts[0]}"
+        yield f"   {bears:>5}  {candidate.facts[0]}"
         yield from (f"          {fact}" for fact in candidate.facts[1:])
     if others := step.why[_MAX_REASONS:]:
         rest = sum(reason.probability for reason in others)
-        yield f"   {rest:.3f}  further reasons ({len(others)})"
+        yield f"   {percent(rest):>5}  further reasons ({len(others)})"
     yield (
         f"   Takes {step.cost:.0f} s; ends after {step.seconds:.0f} s and {step.metres:.1f} m in "
-        f"all. Finds it here first with probability {step.probability:.3f}; {step.left:.3f} remain."
+        f"all. Finds it here first with {percent(step.probability)}; {percent(step.left)} remain."
     )
 
 
@@ -311,8 +311,9 @@ def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
     what = ", ".join(found.targets)
     if found.best > 0:
         return (
-            f"Not worth looking: {what} is on this floor with probability {found.present:.2f}, and "
-            f"the best look finds it with {found.best:.3f} (--worth {found.best / 2:.1g} plans on)"
+            f"Not worth looking: {what} is on this floor with a chance of "
+            f"{percent(found.present)}, and the best look finds it with {percent(found.best)} "
+            f"(--worth {found.best / 2:.1g} plans on)"
         )
     if budget is not None:
         return f"No look for {what} ends within {budget:.0f} s"

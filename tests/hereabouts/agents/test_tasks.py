@@ -182,6 +182,8 @@ TASKS: list[tuple[str, Any, Any]] = [
      what="cup"), 0.0),
     ("was it there then",
      one("where_is", lambda a: a["things"][0]["still_there"] > 0.5, what="cup 2", at="#2"), True),
+    ("one word instead of a list of them",
+     one("find_plan", lambda a: len(a["known"]), what="cup"), 1),
     ("one plan for what can be seen, and what is known of the rest",
      one("find_plan", lambda a: (len(a["known"]), "keys" in a["untrusted_answer"][0]),
          what=["cup", "keys"]), (1, True)),
@@ -194,9 +196,9 @@ TASKS: list[tuple[str, Any, Any]] = [
          question="do we have a book, a banana and a giraffe?"),
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
-      "giraffe: None is known: the robot viewed 0% of place 3, 98% of the "
-      "kitchen, 98% of the bedroom, last at 1970-01-01 00:01:40; one would stand out of "
-      "view with probability 1.00, most in place 3"]),
+      "giraffe: None is known: the robot viewed 0 % of place 3, 98 % of the "
+      "kitchen, 98 % of the bedroom, last at 1970-01-01 00:01; the chance that one "
+      "stood out of view is 100 %, most in place 3"]),
     ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
                           question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],

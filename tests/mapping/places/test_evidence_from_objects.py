@@ -129,7 +129,7 @@ def test_why_names_the_objects_and_what_the_views_say(
     (reason,) = semantic_map.history.explain("place/1")
     steps = [step.text for _, step in reason.walk()]
     assert any("refrigerator" in text and "existence" in text for text in steps)
-    assert "by the views alone 0.6" in steps
+    assert "by the views alone 60 %" in steps
     assert any(text.startswith("5 views of the room (kitchen)") for text in steps)
     assert check_map(semantic_map.engine.quads_for_pattern(None, None, None, None)) == []
 

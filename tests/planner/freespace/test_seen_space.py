@@ -237,7 +237,7 @@ def test_a_search_goes_to_see_what_nobody_has_seen(semantic_map: SemanticMap) ->
     assert beyond
     words = "\n".join(step_lines(beyond))
     assert re.search(r"the area beyond \((1\.9|2\.1), 4\.[123]\) was never seen", words)
-    assert "a room begins there with probability 0.30" in words
+    assert "a room begins there with 30 %" in words
     (goal,) = [g for g in found.goals if g.candidate.kind == "frontier"]
     assert goal.seconds is not None
 

@@ -92,7 +92,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("is there a banana", "It was there, and has probably been moved since:"),
         ("is there a free cup", "The map does not keep what is free, so this is about all of"),
         ("how many places are there", " places: "),
-        ("is the cup in the bedroom?", "Unknown: the robot viewed 0% of the bedroom"),
+        ("is the cup in the bedroom?", "Unknown: the robot viewed 0 % of the bedroom"),
         ("is cup 2 in the bedroom?", "No: cup 2 is in the kitchen"),
         ("how many giraffes", "giraffe: 0"),
         ("is there a cup near the banana?", "No cup is known within 2 m of banana"),

@@ -6,7 +6,7 @@ import { clock } from "/files/time-axis.js";
 
 const MAX_STEPS = 12, MAX_THINGS = 30, MANY = 3000; // that are listed; with more in the map a plan takes long
 const SURE = 0.5; // existence of the things that are ringed, beside the best one
-const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \(probability there [\d.]+(?:, in the same room [\d.]+)?\)/g; // told otherwise on the page
+const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \((?:[^()]* sure|still there with [^()]*)\)/g; // told otherwise on the page
 const MOMENT = /\b\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?Z?/g; // of UTC
 const EXAMPLES = /^(.+); questions.* that are: (.+)$/s; // of a refusal
 const HEAD = /^(.{3,70}?): (?=\D)(.+)$/s;

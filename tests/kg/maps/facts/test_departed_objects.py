@@ -256,7 +256,7 @@ def test_it_can_be_asked_for_and_explained(semantic_map: SemanticMap) -> None:
     assert rows == [("cup", "bowl", 0.3), ("cup", "vase", 0.1)]
     (reason,) = semantic_map.history.explain("object/1")
     texts = [step.text for step in reason.because]
-    assert "may also be bowl, probability 0.3" in texts
+    assert "may also be bowl (30 %)" in texts
 
 
 def test_the_size_speaks_for_and_against_names(semantic_map: SemanticMap) -> None:
@@ -268,7 +268,7 @@ def test_the_size_speaks_for_and_against_names(semantic_map: SemanticMap) -> Non
     text = explained(semantic_map)
     assert "against cup: 0.30 x 0.20 x 0.10 m, the largest have 0.18 x 0.14 x 0.13 m" in text
     assert "the size fits bowl: 0.30 x 0.20 x 0.10 m" in text
-    assert text.index("probability 0.3") < text.index("fits bowl") < text.index("probability 0.1")
+    assert text.index("(30 %)") < text.index("fits bowl") < text.index("(10 %)")
 
 
 def explained(semantic_map: SemanticMap) -> str:

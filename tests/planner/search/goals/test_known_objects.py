@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -52,21 +53,21 @@ def line(chart: SemanticMap, target: str, now: float = 10.0) -> str:
             10.0,
             {},
             "Probably at (1.0, 2.0) m: cup 1 was seen there 4 times, last just now "
-            "(probability there 0.60); it may also be a bowl (probability 0.30)",
+            "(60 % sure); it may also be a bowl (30 %)",
         ),
         (
             "bowl",
             10.0,
             {},
             "Perhaps at (1.0, 2.0) m: cup 1, which may be a bowl, was seen there 4 times, "
-            "last just now (probability there 0.30)",
+            "last just now (30 % sure)",
         ),
         (
             "cup",
             70.0,
             {"existence": 0.49, "labels": {}, "observations": 1},
             "Perhaps at (1.0, 2.0) m: cup 1, which may be no cup, was seen there once, 60 s ago "
-            "(probability there 0.49)",
+            "(49 % sure)",
         ),
     ],
 )
@@ -81,11 +82,11 @@ def test_a_known_thing_is_said_with_its_doubts(
 def test_the_number_is_the_chance_that_it_is_still_there(chart: SemanticMap) -> None:
     day = 86400.0
     later = [line(chart, "cup", now) for now in (10.0, day / 3, day, 30 * day)]
-    numbers = [float(text.split("there ")[2][:4]) for text in later]
+    numbers = [float(re.findall(r"([\d.]+) %", text)[-1]) for text in later]
     assert numbers == sorted(numbers, reverse=True)
     assert later[1].startswith("Perhaps still at")
     assert later[3].startswith("Probably no longer at (1.0, 2.0) m: cup 1 was seen there 4 times, ")
-    assert "last 30 days ago (probability there 0.00)" in later[3]
+    assert "last 30 days ago (still there with under 0.1 %)" in later[3]
 
 
 def told(chart: SemanticMap, word: str) -> list[dict[str, object]]:

@@ -154,7 +154,7 @@ def test_a_relation_added_by_hand_counts_at_once_for_members_too(semantic_map: S
     )
     (goal,) = derive_goals(semantic_map, "banana")
     assert (goal.iri, goal.probability) == (bath.iri, pytest.approx(0.15))
-    assert goal.why == "this is a shower (belief 0.50), where food is found (0.3, Ada)"
+    assert goal.why == "this is a shower (belief 0.50), where food is found (30 %, Ada)"
 
 
 def test_targets_are_named_by_label_synonym_iri_in_any_spelling(semantic_map: SemanticMap) -> None:

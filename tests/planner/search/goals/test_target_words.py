@@ -65,9 +65,9 @@ def test_a_thing_that_no_detector_sees_is_answered_by_its_usual_places(
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("dishwasher", "They are usually in the kitchen (60% of 7 such rooms have one)"),
-        ("trash can", "They are most often on the floor in the kitchen (41% of 29 activities"),
-        ("guitar", "They are perhaps in the home office (18% of 1 activities with one)"),
+        ("dishwasher", "They are usually in the kitchen (60 % of 7 such rooms have one)"),
+        ("trash can", "They are most often on the floor in the kitchen (41 % of 29 activities"),
+        ("guitar", "They are perhaps in the home office (18 % of 1 activities with one)"),
         ("mattress", "They are parts of a bed; search for that"),
         ("kettel", "'kettel' is read as kettle. No detector here can see things called 'kettle'"),
         ("Schl\u00fcssel", "No detector here can see things called 'Schl\u00fcssel' (keys)"),
