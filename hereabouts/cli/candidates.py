@@ -67,10 +67,11 @@ def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> s
     if fates is None or not fates.detections:
         return ""
     weak = fates.fates.get(Fate.WEAK, 0)
-    reason = f", {weak} of them with too low a score" if weak else ""
+    some = "each time" if weak == fates.detections else f"{times(weak)} of these"
+    reason = f", {some} with too low a score" if weak else ""
     return (
-        f"the detector reported {label} {times(fates.detections)}{reason}, which was not enough "
-        f"for an object of the map (hereabouts why {address} --candidates {label})"
+        f"The detector reported {label} {times(fates.detections)}{reason}: not enough for an "
+        f"object of the map (hereabouts why {address} --candidates {label})"
     )
 
 

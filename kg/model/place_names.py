@@ -11,6 +11,7 @@ from kg.model.records import likeliest
 
 SURE: Final = 0.5  # belief in a place's category from which on it is named without "perhaps"
 NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # as mappers label places
+_LONG: Final = 6  # letters of a kind from which on the end of a word is hardly it by chance
 _DETERMINERS: Final = frozenset(
     ("the", "a", "an", "my", "our", "your", "his", "her", "its", "their", "this", "that")
 )
@@ -39,11 +40,16 @@ def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], 
     """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the name of the place has it already."""
     top = likeliest(beliefs)
     kind = "" if top is None else plain_place(label(top))
-    letter = "[^\\W\\d_]"
-    word = rf"(?<!{letter}){re.escape(kind)}(?!{letter})"
-    if top is None or not kind or re.search(word, name, re.IGNORECASE):
+    if top is None or not kind or kind_in(name, kind):
         return ""
     return f" ({kind})" if beliefs[top] >= SURE else f" (perhaps {kind})"
+
+
+def kind_in(name: str, kind: str) -> bool:
+    """Whether a name has a kind of place: as words, or at the end of one (``redkitchen``)."""
+    words = re.sub(r"[\W\d_]+", " ", f" {name} ").casefold()
+    glued = kind.casefold().replace(" ", "")
+    return f" {kind.casefold()} " in words or (len(glued) >= _LONG and f"{glued} " in words)
 
 
 def place_titles(

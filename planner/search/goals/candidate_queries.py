@@ -306,11 +306,10 @@ class _Rooms:
     def _facts(self, place: Place, kind: str) -> tuple[str, ...]:
         plain, label = plain_place(place.names[kind]), self._target.label
         a_category = with_article(plain)
-        is_one = place.name == plain or place.name.endswith((f"({plain})", f" {plain})"))
-        is_so = f"is believed to be {'one' if is_one else a_category}"
-        believed = (
-            f"{in_words(self._catalogue, place.name)} {is_so} ({percent(place.beliefs[kind])})"
-        )
+        bare = place.name.removesuffix(f" ({plain})").removesuffix(f" (perhaps {plain})")
+        name = in_words(self._catalogue, bare)
+        is_one = f"the room called {plain} is one" if bare == plain else f"{name} is {a_category}"
+        believed = f"{is_one} with {percent(place.beliefs[kind])}"
         row, p = self._rows.get(kind), self._p_in(kind)
         if row is None or p != min(_product(row), 1.0):  # the table has it, from several sources
             holds_it = f"{a_category} holds {label} with {percent(p)}"

@@ -185,8 +185,8 @@ def observed(row: Row, place: str = "place") -> str:
 
 
 def times(count: float) -> str:
-    """A count in words: once, 2 times."""
-    return "once" if count == 1 else f"{count:.0f} times"
+    """A count in words: once, twice, 3 times."""
+    return {1: "once", 2: "twice"}.get(round(count), f"{count:.0f} times")
 
 
 _MAX_NAMED: Final = 3  # objects named: an apple in a bowl on a table

@@ -70,6 +70,12 @@ class Status:
     proof: str
     places: tuple[PlaceStatus, ...]
     detectable: bool = True  # False: no category includes such things; the proof has usual places
+    out_of_view: str = ""  # the end of the proof that has the chance that one stood out of view
+
+    @property
+    def seen(self) -> str:
+        """The proof without the chance that one stood out of view."""
+        return self.proof.removesuffix(self.out_of_view)
 
 
 def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> Status:
@@ -102,10 +108,10 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
         found = tuple(one for one in found if one.place == chosen)
     places = spoken_places(semantic_map)
     named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]
-    value, proof = _combined(found), _proof(category.label, named)
+    value, (proof, hidden) = _combined(found), _proof(category.label, named)
     if category.undetected and value != "present" and "no detector" not in proof:
         proof = f"no detector here can see {category.label}; {proof}"
-    return Status(category.label, value, proof, found)
+    return Status(category.label, value, proof + hidden, found, out_of_view=hidden)
 
 
 def usual_size(category: str) -> float:
@@ -150,15 +156,16 @@ def _combined(places: Sequence[PlaceStatus]) -> Value:
     return "hidden" if values - {"never looked"} else "never looked"
 
 
-def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
+def _proof(label: str, places: Sequence[PlaceStatus]) -> tuple[str, str]:
+    """Proof of a status, and the chance that one stood out of view, or ""."""
     for value in ("present", "gone"):
         if known := [one for one in places if one.value == value]:
             more = f", and {len(known) - 1} more" if len(known) > 1 else ""
-            return _known_proof(label, known[0]) + more
+            return _known_proof(label, known[0]) + more, ""
     if not places:
-        return "the map has no places, so the viewed area is unknown"
+        return "the map has no places, so the viewed area is unknown", ""
     if any(one.value == "never looked" and one.viewed_share >= _LOOKED_AT for one in places):
-        return f"no detector that mapped here has a name for {label}, so none could be seen"
+        return f"no detector that mapped here has a name for {label}, so none could be seen", ""
     least = sorted(places, key=lambda one: one.viewed_share)[:_PLACES_NAMED]
     parts = [f"{percent(one.viewed_share)} of {one.place_label}" for one in least]
     others = len(places) - len(least)
@@ -168,9 +175,9 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> str:
     unseen = max(places, key=lambda one: one.out_of_view)
     viewed = f"the robot viewed {', '.join(parts)}{rest}{at}"
     if unseen.out_of_view < 0.005:
-        return viewed
+        return viewed, ""
     of = f", most in {unseen.place_label}" if len(places) > 1 else ""
-    return f"{viewed}; the chance that one stood out of view is {percent(unseen.out_of_view)}{of}"
+    return viewed, f"; the chance that one stood out of view is {percent(unseen.out_of_view)}{of}"
 
 
 def _known_proof(label: str, one: PlaceStatus) -> str:

@@ -70,7 +70,8 @@ def find_sentences(
     if target.iri is None:
         return [f"{target.none} is in the map{guess}", *looks]
     fate = status(semantic_map, target.thing or target.iri)
-    return [f"{target.none} is in the map{_NONE[fate.value]}: {fate.proof}{guess}", *looks]
+    proof = fate.seen if guess else fate.proof  # the guess has a chance of its own
+    return [f"{target.none} is in the map{_NONE[fate.value]}: {proof}{guess}", *looks]
 
 
 def _looks(semantic_map: SemanticMap, target: Target) -> list[str]:

@@ -175,7 +175,7 @@ def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
         borne[key] = borne.get(key, 0.0) + reason.probability
     total = sum(borne.values())
     return [
-        f"{percent(borne[key] / total):>5}  {_named(named[key])}: "
+        f"{percent(borne[key] / total):>5}  {_named(named[key])}"
         + fact_chain(named[key].facts[named[key].kind == "moved" :])
         for key in sorted(borne, key=lambda key: (-borne[key], key))[:_MAX_REASONS]
         if borne[key] >= _BEARS * total and named[key].kind != "known"
@@ -183,11 +183,12 @@ def reason_lines(steps: Sequence[ViewStep]) -> list[str]:
 
 
 def _named(candidate: Candidate) -> str:
-    """A candidate with the position [m] of the object that it is near."""
-    if candidate.kind != "nearby":
-        return purpose(candidate)
+    """``near cup 2 at (1.0, 2.0): `` before the facts; "" where they begin with a place."""
+    if candidate.kind == "place":
+        return ""
     x, y = (float(value) for value in candidate.p_map)
-    return f"{purpose(candidate)} at ({x:.1f}, {y:.1f})"
+    at = f" at ({x:.1f}, {y:.1f})" if candidate.kind == "nearby" else ""
+    return f"{purpose(candidate)}{at}: "
 
 
 def worthwhile(steps: Sequence[ViewStep]) -> int:

@@ -112,7 +112,7 @@ def test_detections_that_made_no_object_are_told_of(mapped: Path, prints: Prints
     hint = f"(hereabouts why {mapped} --candidates {found})"
     for command in ("find", "status"):
         told = prints(command, mapped, found)
-        assert f"the detector reported {found} " in told and hint in told
+        assert f"The detector reported {found} " in told and hint in told
     (mapped / "detections.json").write_text("[]")
     assert hint not in prints("status", mapped, found)
 
