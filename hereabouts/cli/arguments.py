@@ -132,6 +132,17 @@ def keep_seconds(arguments: argparse.Namespace) -> float | None:
     return None if arguments.keep is None else duration(arguments.keep)
 
 
+def seconds_of(text: str) -> float:
+    """A length of time above zero: seconds, or with a unit (90s, 10min)."""
+    from kg.history.timestamps import duration
+    from kg.model.errors import HistoryError
+
+    try:
+        return positive(str(duration(text)))
+    except HistoryError:
+        return positive(text)
+
+
 def moment_of(text: str) -> str:
     """A moment that a person typed (yesterday, 2h, ISO 8601, #42) as ISO 8601 or #42.
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hereabouts.cli.arguments import declare, now_of, positive, share, speed
+from hereabouts.cli.arguments import declare, now_of, positive, seconds_of, share, speed
 from hereabouts.cli.console import (
     heading,
     note,
@@ -91,7 +91,7 @@ def add(parser: argparse.ArgumentParser) -> None:
     declare(
         parser,
         _OPTIONS,
-        budget=_seconds,
+        budget=seconds_of,
         worth=share,
         speed=speed,
         turn_rate=positive,
@@ -301,14 +301,6 @@ def _without_floor(
     for iri in (iri for target in targets for iri in target.queried):
         write(explain_none(semantic_map, iri))
     return 0
-
-
-def _seconds(text: str) -> float:
-    units = {"min": 60.0, "s": 1.0, "h": 3600.0, "": 1.0}
-    for unit, length in units.items():
-        if text.endswith(unit):
-            return positive(text.removesuffix(unit)) * length
-    raise AssertionError("every text ends with nothing")
 
 
 def _range(text: str) -> tuple[float, float]:

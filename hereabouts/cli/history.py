@@ -86,7 +86,7 @@ _FACTS = ("change", "subject", "predicate", "before", "after")
 _DIFF_OPTIONS = """
 MAP
 T1 -> before  first moment
-T2 -> after   second moment
+[T2] -> after  second moment (default: now)
 --moved       only objects that moved
 --far M       shortest move [m] (default: 0.3)
 --facts       all facts that changed instead
@@ -95,7 +95,7 @@ T2 -> after   second moment
 
 
 def add_diff(parser: argparse.ArgumentParser) -> None:
-    declare(parser, _DIFF_OPTIONS, far={"type": float, "default": 0.3})
+    declare(parser, _DIFF_OPTIONS, after={"default": "now"}, far={"type": float, "default": 0.3})
 
 
 def diff(arguments: argparse.Namespace) -> int:

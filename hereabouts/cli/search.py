@@ -27,6 +27,7 @@ from hereabouts.cli.arguments import (
     declare,
     open_viewers,
     positive,
+    seconds_of,
     share,
     title_for,
 )
@@ -109,7 +110,8 @@ _OPTIONS = f"""
 MAP
 [OBJECT ...]    what to find, e.g. banana, sofa, 'something to drink from'; optional with --resume
 --robot ROBOT   {_ROBOT}
---budget S      give up after S seconds of the robot's clock (default: no limit)
+--budget TIME   give up after this time of the robot's clock: 300, 90s, 10min (default:
+                no limit)
 --give-up-at P  give up once the probability that the looks missed an object on this floor is below
                 P (default: {BELIEF.stop_below:g})
 --resume        continue the latest search that did not find everything
@@ -122,7 +124,7 @@ def add(parser: argparse.ArgumentParser) -> None:
         parser,
         _OPTIONS,
         robot={"required": True},
-        budget=positive,
+        budget=seconds_of,
         give_up_at={"type": share, "default": BELIEF.stop_below},
         patience={"type": positive, "default": 30.0},
     )

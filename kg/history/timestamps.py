@@ -20,7 +20,15 @@ from kg.rdf.quad_store import Term
 #: ``#42`` or 42 (the 42nd transaction), text as of `instant`, or a datetime
 Instant = int | str | datetime
 
-_SECONDS: Final = {"s": 1.0, "m": 60.0, "h": 3600.0, "d": 86400.0, "w": 604800.0, "y": 31557600.0}
+#: [s] of a unit of time, as people write it
+_SECONDS: Final = {
+    **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+    **dict.fromkeys(("m", "min", "mins", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+    **dict.fromkeys(("w", "week", "weeks"), 604800.0),
+    **dict.fromkeys(("y", "year", "years"), 31557600.0),
+}
 _HOURS: Final = {"minute": 1 / 60, "hour": 1.0, "day": 24.0, "week": 168.0, "month": 730.0}
 _NUMBERS: Final = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "few": 3, "couple": 2, "": 1}
 _SPAN: Final = re.compile(
@@ -56,10 +64,10 @@ def sequence_of(log: HistoryLog, when: Instant) -> int:
 
 
 def duration(text: str) -> float:
-    """Seconds of ``30d``, ``12h``, ``90m``, ``45s``, ``2w`` or ``1y``; HistoryError otherwise."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smhdwy])", text.strip().lower())
-    if match is None:
-        raise HistoryError(f"no duration {text!r}; write 30d, 12h, 90m, 45s, 2w or 1y")
+    """Seconds of ``30d``, ``12 h``, ``90 min``, ``45s`` or ``2 weeks``; HistoryError otherwise."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([a-z]+)", text.strip().lower())
+    if match is None or match[2] not in _SECONDS:
+        raise HistoryError(f"no duration {text!r}; write 30d, 12h, 90min, 45s, 2w or 1y")
     return float(match[1]) * _SECONDS[match[2]]
 
 
@@ -100,7 +108,7 @@ def instant(words: str, now: float) -> str:
         count = _NUMBERS.get(match[1] or "") or (whole_number(match[1]) or _MAX_COUNT)
         return iso(now - 3600.0 * _HOURS[match[2]] * min(count, _MAX_COUNT))
     try:
-        if re.fullmatch(r"\d+(\.\d+)?[smhdwy]( ago)?", plain):
+        if re.fullmatch(r"\d+(\.\d+)? ?[a-z]+( ago)?", plain):
             return iso(now - duration(plain.removesuffix(" ago")))
         return iso(moment(text.upper()))
     except (HistoryError, ValueError, OverflowError, OSError):

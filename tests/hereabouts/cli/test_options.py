@@ -80,7 +80,7 @@ RECORDING: dict[str, tuple[list[str], str, Any]] = {
 }
 SEARCH: dict[str, tuple[list[str], str, Any]] = {
     **TOPICS,
-    "--budget": (["9"], "search.budget", 9.0),
+    "--budget": (["9 min"], "search.budget", 540.0),
     "--give-up-at": (["0.3"], "search.give_up_at", 0.3),
     "--patience": (["10"], "search.timeout", 10.0),
     "--detector": (["other.onnx"], "ros1.networks.detector", "other.onnx"),

@@ -222,8 +222,8 @@ def test_times_are_what_is_printed_even_within_the_millisecond_a_history_begins(
 
 @pytest.mark.parametrize(
     ("text", "seconds"),
-    [("30d", 2592000), ("1.5h", 5400), ("90s", 90)]
-    + [(text, None) for text in ("", "30", "d", "-1d", "1 month")],
+    [("30d", 2592000), ("1.5h", 5400), ("90s", 90), ("20 min", 1200), ("2 Weeks", 1209600)]
+    + [(text, None) for text in ("", "30", "d", "-1d", "1 month", "3 moons", "1  h")],
 )
 def test_durations(text: str, seconds: float | None) -> None:
     if seconds is None:

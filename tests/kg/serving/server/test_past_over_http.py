@@ -34,6 +34,7 @@ COMMANDS = (
     ("log", "object/2"),
     ("log", "object/1", "--last", "1", "--json"),
     ("diff", "#2", "#5"),
+    ("diff", "#2"),
     ("diff", "#2", "#5", "--json"),
     ("diff", "#2", "#5", "--facts"),
     ("why", "object/1 here:x"),
