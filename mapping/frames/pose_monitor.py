@@ -213,7 +213,7 @@ class PoseMonitors:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What was found, one line for each kind."""
+        """Lines on wrong poses, one for each kind of fault."""
         return tuple(line for one in self._monitors.values() for line in one.problems.values())
 
 

@@ -65,7 +65,7 @@ class ImageEncoder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What the folder of a map keeps of one encoder."""
+    """The embeddings of one encoder in the folder of a map."""
 
     name: str
     checksum: str
@@ -178,7 +178,7 @@ def picture_key(picture: bytes) -> int:
 
 
 def kept_looks(path: Path) -> Kept | None:
-    """What a file keeps; None without it, and with a warning where it is damaged."""
+    """The embeddings of a file; None without it, and with a warning where it is damaged."""
     try:
         return _read(path)
     except DAMAGE as error:
@@ -187,7 +187,7 @@ def kept_looks(path: Path) -> Kept | None:
 
 
 def kept_embeddings(folder: Path, iris: Iterable[str]) -> tuple[Kept, dict[str, Floats]]:
-    """What the map in `folder` keeps of its encoder, with embeddings (views, D) of its objects.
+    """The file of the encoder of the map in `folder`, and embeddings (views, D) of its objects.
 
     Raises ModelError for a map that was made without one.
     """

@@ -152,7 +152,7 @@ class ColourJudge:
 
     @property
     def told(self) -> str:
-        """What is wrong with some frames, for people; "" where none is bad."""
+        """A sentence on the bad frames, for people; "" without any."""
         if not (bad := self.bad):
             return ""
         return (

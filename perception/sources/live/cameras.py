@@ -106,7 +106,7 @@ class CameraStreams:
 
     @property
     def choice(self) -> Choice | None:
-        """What the first of the cameras that are chosen takes; None before."""
+        """The topics of the first camera that has chosen some; None before."""
         return next((choice for one in self.cameras if (choice := one.choice) is not None), None)
 
     @property

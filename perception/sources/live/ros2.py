@@ -207,7 +207,7 @@ class _Participant:
 
 
 def _unheard(domain: int) -> str:
-    """What to look at where no topic is seen."""
+    """Advice where no topic is seen."""
     where = "as CYCLONEDDS_URI has it"
     if not os.environ.get("CYCLONEDDS_URI"):
         try:

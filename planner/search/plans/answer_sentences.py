@@ -75,7 +75,7 @@ def find_sentences(
 
 
 def _looks(semantic_map: SemanticMap, target: Target) -> list[str]:
-    """What looks like a text that says more than its category, such as ``red mug``."""
+    """Sentences on things that look like a text with more than a category: ``red mug``."""
     if target.thing or not target.note or len(target.text.split()) < 2:
         return []
     if not compares_texts(semantic_map):
