@@ -97,7 +97,7 @@ def compares_texts(semantic_map: SemanticMap) -> bool:
 def alike(
     semantic_map: SemanticMap, text: str, synset: str = "", *, bundled: bool = False
 ) -> Alike | None:
-    """Things and views that look like a text; by `synset` of WordNet 3.0 if `bundled`, or without an encoder.
+    """Things and views that look like a text; by `synset` of WordNet 3.0 if `bundled`.
 
     Believed objects are compared, things without a name, and with an encoder key views. None where
     it cannot be known: for a synset without classes, and a map without pictures here. Raises

@@ -136,7 +136,7 @@ class DetectionsMessage:
 
 @dataclass(frozen=True, slots=True)
 class OnTheWay:
-    """What navigation tells of its way to a goal; only a robot in this process sends it."""
+    """Progress of navigation on its way to a goal; only a robot in this process sends it."""
 
     distance: float  # [m] that is left
     seconds: float  # [s] that it takes, as navigation estimates them

@@ -46,7 +46,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class GoalPose:
-    """Where the robot is to go, or is: its base."""
+    """A pose of the robot's base: its goal, or its own."""
 
     x: float  # [m] in `frame`
     y: float
@@ -95,7 +95,7 @@ class Navigation(ABC):
     @property
     @abstractmethod
     def missing(self) -> str:
-        """What is missing where it is not ready."""
+        """The missing part where it is not ready."""
 
     def wanted(self, topics: Mapping[str, str]) -> set[str]:
         """Topics of status and result."""
@@ -220,7 +220,7 @@ class MoveBase(Navigation):
 
     @property
     def missing(self) -> str:
-        """What is missing where it is not ready."""
+        """The missing part where it is not ready."""
         return f"nobody takes goals of {self._goal_topic} (--navigation)"
 
     def close(self) -> None:
@@ -304,7 +304,7 @@ class Nav2Topics(Nav2):
 
     @property
     def missing(self) -> str:
-        """What is missing where it is not ready."""
+        """The missing part where it is not ready."""
         return f"nobody subscribes to {self.GOAL}, or publishes {self._status} (--navigation)"
 
     def close(self) -> None:
@@ -346,7 +346,7 @@ class Nav2Services(Nav2):
 
     @property
     def missing(self) -> str:
-        """What is missing where it is not ready."""
+        """The missing part where it is not ready."""
         return (
             f"the server passes on no service {self._service('send_goal')}; a foxglove_bridge with "
             "include_hidden:=true does, where Nav2 runs (--navigation)"

@@ -126,7 +126,7 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
 
 
 def notes_of(semantic_map: SemanticMap, place: str) -> list[tuple[str, str]]:
-    """What a person noted about a place, by its IRI, and who did; none, or one."""
+    """The note of a person on a place (its IRI), and who wrote it; none, or one."""
     asserted = semantic_map.assertions.all(place)
     return [(one.value, one.by) for one in asserted if one.property == "note"]
 

@@ -33,7 +33,7 @@ _SEEN_FROM = 150  # remembered objects whose cameras are read
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetFacts:
-    """What a map and its ontology have on one target."""
+    """The facts of a map and its ontology on one target."""
 
     target: Target
     known: tuple[KnownObject, ...]  # the surest first
@@ -44,7 +44,7 @@ class TargetFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchFacts:
-    """What a search knows of a map."""
+    """The facts of a map that a search uses."""
 
     of_targets: tuple[TargetFacts, ...]
     places: tuple[Place, ...]
@@ -61,14 +61,14 @@ class SearchFacts:
 
     @property
     def targets(self) -> tuple[Target, ...]:
-        """What is searched for."""
+        """The targets of the search."""
         return tuple(one.target for one in self.of_targets)
 
 
 def read_facts(
     semantic_map: SemanticMap, words: Sequence[str], now: float | None = None
 ) -> SearchFacts:
-    """What a search for `words` knows at `now`, by default the latest time in the map.
+    """The facts for a search for `words` at `now`, by default the latest time in the map.
 
     Raises UnknownCategoryError for words that name no target.
     """

@@ -55,7 +55,7 @@ class Undetectable:
 
     @property
     def looks(self) -> list[str]:
-        """What looks like it, if that is known."""
+        """Things that look like it, if that is known."""
         return [] if self.alike is None else self.alike.sentences("it")
 
     @property
@@ -149,7 +149,7 @@ def _by_looks_alone(semantic_map: SemanticMap, text: str) -> Undetectable | None
 
 @dataclass(frozen=True, slots=True)
 class AlikeHere:
-    """What looks like a text in a map, in words."""
+    """Things of a map that look like a text, in words."""
 
     found: Alike
     things: tuple[str, ...] = ()  # as in ``bottle 17 in the kitchen``
@@ -182,7 +182,7 @@ class AlikeHere:
 
 
 def alike_here(semantic_map: SemanticMap, text: str, synset: str = "") -> AlikeHere | None:
-    """What looks most like a text, or else a synset of WordNet; None where it cannot be known.
+    """Things that look most like a text, or a synset of WordNet; None where it cannot be known.
 
     Raises ModelError where there is no synset, and the map's encoder cannot compare the text.
     """
