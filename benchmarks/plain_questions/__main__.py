@@ -29,7 +29,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
 from kg.serving.opening import in_memory_map
 from lab.command_line import parser_of
-from planner.questions.patterns import ROBOT, parsed
+from planner.questions.patterns import ROBOT, Question, parsed
 from planner.questions.recognition import target_named
 from planner.questions.rooms import WHOLE
 from planner.search.goals.place_names import place_category
@@ -45,14 +45,17 @@ HOUSEHOLD: Final = tuple(
 
 def understood(semantic_map: SemanticMap, text: str) -> tuple[str, str, str]:
     """Kind, category and place of a question; ``none`` for one that is refused."""
-    question = parsed(text)
+    return _understood(semantic_map, parsed(text))
+
+
+def _understood(semantic_map: SemanticMap, question: Question | None) -> tuple[str, str, str]:
     if question is None:
         return "none", "", ""
     about, where = [question.what or question.other, *question.also], question.where
     if question.what and question.other:
         about.append("" if question.other in ("door", ROBOT) else question.other)
         where = question.other
-    if question.kind in ("in place", "changed"):
+    if question.kind == "in place":
         about = []
     names = [_name(semantic_map, one) if one else "" for one in about]
     if None in names or (question.where and not _is_place(semantic_map, question.where)):
@@ -95,9 +98,15 @@ def scored(path: Path) -> Iterator[tuple[Mapping[str, str], str, tuple[str, str,
     """Each row of a file with its verdict (right, open or wrong), and as it was understood."""
     with in_memory_map() as semantic_map, path.open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            found = understood(semantic_map, row["question"])
+            question = parsed(row["question"])
+            found = _understood(semantic_map, question)
             what = "|".join(_name(semantic_map, one) or "" for one in row["what"].split("|") if one)
-            right = found[:2] == (row["kind"], what) and _same(semantic_map, found[2], row["where"])
+            kinds = row["kind"].split("/")
+            right = found[0] in kinds and found[1] == what
+            right = right and _same(semantic_map, found[2], row["where"])
+            right = right or found[0] == "none" in kinds
+            if right and question is not None and (when := row.get("when")):
+                right = when in f"{question.when} {question.at}"
             refused = "open" if found[0] == "none" else "wrong"
             yield row, "right" if right else refused, found
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, cast
 
 from kg.maps.query.parameter_resolution import preferred_languages
+from planner.questions.clues import has_clue, read_clues
 from planner.questions.sentences import Gaps, Language, languages
 
 Kind = (
@@ -142,7 +143,9 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     if any(not words for _, words in plain):  # politeness alone
         return last, {"kind": "help"}
     for language, words in plain:
-        if gaps := language.read(words) or language.read(language.without_fillers(words)):
+        gaps = language.read(words) or language.read(language.without_fillers(words))
+        doubtful = gaps is None or any(has_clue(language, gaps.get(gap,"")) for gap in ("what", "where", "other"))
+        if gaps := (read_clues(language, words) if doubtful else None) or gaps:
             return language, gaps
     for language, words in plain:
         again = language.respelt(words, known)

@@ -18,7 +18,7 @@ FOLDER: Final = Path(__file__).with_name("sentences")
 ENGLISH: Final = "en"  # is tried last, since its sentences take names alone, too
 _TOKEN: Final = re.compile(r"\{(?:(\w+):)?(\w+)\}|([\[\]()|])|\s+|([^\s{}\[\]()|]+)")
 _WORD: Final = re.compile(r"(?<![{:\w])[^\s{}\[\]()|]+")
-_PAUSES: Final = re.compile(r"[ ,;:]*[,;:](?= )[ ,;:]*")
+_PAUSES: Final = re.compile(r" - |[ ,;:?!.]*[,;:?!.](?= )[ ,;:]*")
 _MARKS: Final = {"[": "(?:", "]": ")?", "(": "(?:", ")": ")", "|": "|"}
 _UMLAUTS: Final = {"ä": "(?:ä|ae)", "ö": "(?:ö|oe)", "ü": "(?:ü|ue)", "ß": "(?:ß|ss)"}
 _MIN_MISSPELT: Final = 4  # letters of a word that lacks a letter, or has one too many
@@ -41,12 +41,7 @@ class Sentence:
         found = self._pattern.fullmatch(words)
         if found is None:
             return None
-        gaps = dict(self.fields)
-        for group, text in found.groupdict().items():
-            if text is not None:
-                shape, _, gap = group.partition("__")
-                gaps[gap.rstrip("0123456789_")] = self.language.meaning(shape, text.strip())
-        return gaps
+        return {**self.fields, **self.language.gaps(found)}
 
     def _may_begin(self, first: str) -> bool:
         """Whether a word may be the first one: saves most of the templates from being compiled."""
@@ -85,10 +80,16 @@ class Language:
             return rf"\b(?:{'|'.join(map(_spelt, longest_first))})\b"
         return self._texts("shapes").get(name, r"[^\s,].*?")
 
-    def meaning(self, shape: str, text: str) -> str:
-        """What a text of a list means; any other text itself."""
-        values = self.lists.get(shape, {})
-        return next((v for key, v in values.items() if re.fullmatch(_spelt(key), text)), text)
+    def gaps(self, found: re.Match[str]) -> Gaps:
+        """The texts in the gaps of a template's pattern; those of lists by what they mean."""
+        gaps = Gaps()
+        for group, text in found.groupdict().items():
+            if text is not None:
+                shape, _, gap = group.partition("__")
+                values = self.lists.get(shape, {}).items()
+                meant = (v for key, v in values if re.fullmatch(_spelt(key), text.strip()))
+                gaps[gap.rstrip("0123456789_")] = next(meant, text.strip())
+        return gaps
 
     def _expanded(self, template: str) -> str:
         while "<" in template:

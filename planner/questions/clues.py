@@ -1,0 +1,160 @@
+"""Questions that no sentence has, read by their clues.
+
+A text is split into clues, such as ``where`` or ``how many``, and names, which are all other words,
+each with the preposition before it. A reading of a language's file has the clues and names of one
+kind of question. Their order does not matter, but each must be used: a text is refused if a clue
+or a name is left over, or if readings of two kinds fit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Final
+
+from planner.questions.sentences import Gaps, Language
+
+_HANGING: Final = "hanging"  # the clue of a preposition without a name: "which room is it in"
+_OR: Final = "or"  # "in the hall or in the kitchen"
+_JOIN: Final = "and"  # the preposition of a further name in a list
+_FROM_HERE: Final = ("near", "to", "from", "between", "and")  # prepositions of "me", and of "here"
+_WORD: Final = re.compile(r"[^ ,]+ \d+(?![\w:.])|[^ ,]+|,")  # ``place 4`` is one
+Name = tuple[str, str]  # preposition, or "", and words
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """The clues of a text with the texts of their gaps, and its names in order."""
+
+    clues: set[str] = field(default_factory=set)
+    gaps: Gaps = field(default_factory=dict)
+    names: list[Name] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class _Reading:
+    """A kind of question: ``a|b`` is one of two clues, ``[a]`` may be missing."""
+
+    clues: tuple[frozenset[str], ...]  # of each, one must be there
+    further: frozenset[str]  # clues that may be there
+    names: tuple[tuple[frozenset[str], str, bool], ...]  # prepositions, gap, whether it is needed
+    time: str  # the gap of a time
+    fields: Mapping[str, str]
+
+    @classmethod
+    def of(cls, block: Mapping[str, str], soft: Sequence[str]) -> _Reading:
+        """The reading of a block of a language's file, which may have any soft clues."""
+        clues, names = (block.get(key, "").split() for key in ("clues", "names"))
+        gaps = [(*one.strip("[]").rpartition(":")[::2], one[0] != "[") for one in names]
+        return cls(
+            tuple(frozenset(one.split("|")) for one in clues if one[0] != "["),
+            frozenset((*soft, *(clue.strip("[]") for clue in clues if clue[0] == "["))),
+            tuple((frozenset(before.split("|")), gap, needed) for before, gap, needed in gaps),
+            block.get("time", "at"),
+            {key: value for key, value in block.items() if key not in ("clues", "names", "time")},
+        )
+
+    def fit(self, split: _Split, join: str) -> Gaps | None:
+        """The gaps of a text; None if a clue or a name is missing, or left over."""
+        clues, gaps = split.clues, {"at": "", **split.gaps, **self.fields}
+        if clues.difference(self.further, *self.clues) or not all(map(clues.intersection, self.clues)):
+            return None
+        names = self._listed(split.names, join)
+        for before, gap, needed in self.names:
+            at = next((n for n, name in enumerate(names) if name[0] in before), None)
+            if at is not None:
+                gaps[gap] = names.pop(at)[1]
+            elif needed:
+                return None
+        if "time" in gaps:
+            gaps[self.time] = gaps.pop("time")
+        return None if names else gaps
+
+    def _listed(self, names: list[Name], join: str) -> list[Name]:
+        """The names; those of a list are one, unless the second has a gap of its own."""
+        if any(_JOIN in before for before, _, _ in self.names):
+            return list(names)
+        found = list[Name]()
+        for before, words in names:
+            if before == _JOIN and found:
+                found[-1] = (found[-1][0], f"{found[-1][1]} {join} {words}")
+            else:
+                found.append((before, words))
+        return found
+
+
+def has_clue(language: Language, words: str) -> bool:
+    """Whether words that a sentence takes for a name have a clue or a preposition."""
+    return any(table for table, _, _ in _tokens(language, words))
+
+
+def read_clues(language: Language, words: str) -> Gaps | None:
+    """The gaps of plain words; None if no reading uses all of them, or several kinds do."""
+    split, join = _split(language, words), language.words("joins")[0]
+    fits = [gaps for one in _readings(language) if (gaps := one.fit(split, join)) is not None]
+    return fits[0] if len({one["kind"] for one in fits}) == 1 else None
+
+
+@cache
+def _readings(language: Language) -> tuple[_Reading, ...]:
+    soft, blocks = language.words("soft"), language.file.get("reading", ())
+    return tuple(_Reading.of(block, soft) for block in blocks)  # type: ignore[attr-defined]
+
+
+@cache
+def _patterns(language: Language) -> list[tuple[str, str, re.Pattern[str]]]:
+    """Tables of a language's file, names of clues or prepositions in them, and expressions."""
+    return [
+        (table, name, re.compile(rf"{language.pattern(f'({template})').pattern}(?![\w'])"))
+        for table in ("clues", "prepositions")
+        for name, template in language.file.get(table, {}).items()  # type: ignore[attr-defined]
+    ]
+
+
+def _tokens(language: Language, words: str) -> Iterator[tuple[str, str, re.Match[str]]]:
+    """The longest clue or preposition at each word, with its table and name; else the word."""
+    at = 0
+    while at < len(words):
+        every = ((table, name, p.match(words, at)) for table, name, p in _patterns(language))
+        found = [(table, name, match) for table, name, match in every if match]
+        word = _WORD.match(words, at)
+        found += [("", "", word)] if word and (not found or " " in word[0]) else []
+        table, name, match = max(found, key=lambda one: len(one[2][0].rstrip(" ,") or ","))
+        yield table, name, match
+        at += len(match[0].rstrip(" ,") or match[0])
+        at += len(words[at:]) - len(words[at:].lstrip(" "))
+
+
+def _split(language: Language, words: str) -> _Split:
+    split, before, name = _Split(), "", list[str]()
+    determiner, here = language.one_of("determiners"), language.one_of("here")
+
+    def end_name() -> None:
+        nonlocal before
+        if any(not determiner.fullmatch(word) for word in name):
+            split.names.append((before, " ".join(name)))
+            before = ""
+        name.clear()
+
+    for table, clue, match in _tokens(language, words):
+        if table or match[0] == "," or determiner.fullmatch(match[0]):
+            end_name()
+        if table == "prepositions":
+            split.clues.update({_HANGING} if before not in ("", _OR) else ())
+            before = before if before == _OR else clue
+        elif before in _FROM_HERE and here.fullmatch(match[0].strip(" ,")):
+            name.append(match[0].strip(" ,"))
+            end_name()
+        elif table:
+            split.clues.add(clue)
+            split.gaps.update(language.gaps(match))
+        elif match[0] != ",":
+            name.append(match[0])
+    end_name()
+    if before and "what" in split.clues and split.names and not split.names[0][0]:
+        split.names[0] = (before, split.names[0][1])  # the kitchen, what is in it
+    elif before:
+        split.clues.add(_HANGING)
+    return split
