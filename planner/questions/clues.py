@@ -9,13 +9,16 @@ or a name is left over, or if readings of two kinds fit.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Final
 
 from planner.questions.sentences import Gaps, Language
 
+_FILE: Final = Path(__file__).with_name("readings.toml")
 _HANGING: Final = "hanging"  # the clue of a preposition without a name: "which room is it in"
 _OR: Final = "or"  # "in the hall or in the kitchen"
 _JOIN: Final = "and"  # the preposition of a further name in a list
@@ -35,30 +38,28 @@ class _Split:
 
 @dataclass(frozen=True, slots=True)
 class _Reading:
-    """A kind of question: ``a|b`` is one of two clues, ``[a]`` may be missing."""
+    """One way to ask a kind of question: ``a|b`` is one of two clues, ``[a]`` may be missing."""
 
+    kind: str
     clues: tuple[frozenset[str], ...]  # of each, one must be there
     further: frozenset[str]  # clues that may be there
     names: tuple[tuple[frozenset[str], str, bool], ...]  # prepositions, gap, whether it is needed
-    time: str  # the gap of a time
-    fields: Mapping[str, str]
 
     @classmethod
-    def of(cls, block: Mapping[str, str], soft: Sequence[str]) -> _Reading:
-        """The reading of a block of a language's file, which may have any soft clues."""
-        clues, names = (block.get(key, "").split() for key in ("clues", "names"))
-        gaps = [(*one.strip("[]").rpartition(":")[::2], one[0] != "[") for one in names]
+    def of(cls, kind: str, text: str, soft: Sequence[str]) -> _Reading:
+        """The reading of a line of the file; `soft` clues may be there, too."""
+        clues, _, names = text.partition("/")
+        gaps = [(*one.strip("[]").rpartition(":")[::2], one[0] != "[") for one in names.split()]
         return cls(
-            tuple(frozenset(one.split("|")) for one in clues if one[0] != "["),
-            frozenset((*soft, *(clue.strip("[]") for clue in clues if clue[0] == "["))),
+            kind,
+            tuple(frozenset(one.split("|")) for one in clues.split() if one[0] != "["),
+            frozenset((*soft, *(one.strip("[]") for one in clues.split() if one[0] == "["))),
             tuple((frozenset(before.split("|")), gap, needed) for before, gap, needed in gaps),
-            block.get("time", "at"),
-            {key: value for key, value in block.items() if key not in ("clues", "names", "time")},
         )
 
     def fit(self, split: _Split, join: str) -> Gaps | None:
         """The gaps of a text; None if a clue or a name is missing, or left over."""
-        clues, gaps = split.clues, {"at": "", **split.gaps, **self.fields}
+        clues, gaps = split.clues, Gaps({"kind": self.kind, "at": "", **split.gaps})
         if clues.difference(self.further, *self.clues) or not all(map(clues.intersection, self.clues)):
             return None
         names = self._listed(split.names, join)
@@ -69,7 +70,7 @@ class _Reading:
             elif needed:
                 return None
         if "time" in gaps:
-            gaps[self.time] = gaps.pop("time")
+            gaps["when" if self.kind == "changed" else "at"] = gaps.pop("time")
         return None if names else gaps
 
     def _listed(self, names: list[Name], join: str) -> list[Name]:
@@ -85,22 +86,24 @@ class _Reading:
         return found
 
 
-def has_clue(language: Language, words: str) -> bool:
-    """Whether words that a sentence takes for a name have a clue or a preposition."""
-    return any(table for table, _, _ in _tokens(language, words))
+def has_clue(language: Language, gaps: Gaps) -> bool:
+    """Whether a name in the gaps of a sentence has a clue or a preposition in it."""
+    names = (gaps.get(gap, "") for gap in ("what", "where", "other"))
+    return any(table for name in names for table, _, _ in _tokens(language, name))
 
 
 def read_clues(language: Language, words: str) -> Gaps | None:
     """The gaps of plain words; None if no reading uses all of them, or several kinds do."""
     split, join = _split(language, words), language.words("joins")[0]
-    fits = [gaps for one in _readings(language) if (gaps := one.fit(split, join)) is not None]
+    fits = [gaps for one in _readings() if (gaps := one.fit(split, join)) is not None]
     return fits[0] if len({one["kind"] for one in fits}) == 1 else None
 
 
 @cache
-def _readings(language: Language) -> tuple[_Reading, ...]:
-    soft, blocks = language.words("soft"), language.file.get("reading", ())
-    return tuple(_Reading.of(block, soft) for block in blocks)  # type: ignore[attr-defined]
+def _readings() -> tuple[_Reading, ...]:
+    file = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+    lines = ((kind, line) for kind, several in file["readings"].items() for line in several)
+    return tuple(_Reading.of(kind, line, file["soft"]) for kind, line in lines)
 
 
 @cache

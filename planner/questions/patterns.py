@@ -142,10 +142,12 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     plain = [(language, w) for language, w in plain if re.fullmatch(r"[\w '#:.,/-]*", w)]
     if any(not words for _, words in plain):  # politeness alone
         return last, {"kind": "help"}
-    for language, words in plain:
-        gaps = language.read(words) or language.read(language.without_fillers(words))
-        doubtful = gaps is None or any(has_clue(language, gaps.get(gap,"")) for gap in ("what", "where", "other"))
-        if gaps := (read_clues(language, words) if doubtful else None) or gaps:
+    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
+    for language, _, gaps in read:
+        if gaps and not has_clue(language, gaps):
+            return language, gaps
+    for language, words, gaps in read:
+        if gaps := read_clues(language, words) or gaps:
             return language, gaps
     for language, words in plain:
         again = language.respelt(words, known)
