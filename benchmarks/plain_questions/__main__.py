@@ -18,6 +18,7 @@ Several categories are joined by "|".
 from __future__ import annotations
 
 import csv
+import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -74,6 +75,7 @@ def _is_place(semantic_map: SemanticMap, words: str) -> bool:
 
 def _same(semantic_map: SemanticMap, one: str, other: str) -> bool:
     """Whether words name the same place, or kind of thing: a television is a tv."""
+    one, other = ("" if words in WHOLE else words for words in (one, other))
     if one == other or not one or not other:
         return one == other
     category = place_category(semantic_map.catalogue, one)
@@ -85,7 +87,7 @@ def _same(semantic_map: SemanticMap, one: str, other: str) -> bool:
 
 def _name(semantic_map: SemanticMap, words: str) -> str | None:
     """Label of the category that words name; None if they name none."""
-    if words[-1:].isdigit():
+    if re.fullmatch(r"[a-z ]+ \d+", words):
         return words
     try:
         target = target_named(semantic_map, words)

@@ -20,6 +20,7 @@ from planner.questions.sentences import Gaps, Language
 
 _FILE: Final = Path(__file__).with_name("readings.toml")
 _HANGING: Final = "hanging"  # the clue of a preposition without a name: "which room is it in"
+_OF: Final = "of"  # may stand before a clue: "the time of the latest sighting"
 _OR: Final = "or"  # "in the hall or in the kitchen"
 _JOIN: Final = "and"  # the preposition of a further name in a list
 _FROM_HERE: Final = ("near", "to", "from", "between", "and")  # prepositions of "me", and of "here"
@@ -145,7 +146,7 @@ def _split(language: Language, words: str) -> _Split:
         if table or match[0] == "," or determiner.fullmatch(match[0]):
             end_name()
         if table == "prepositions":
-            split.clues.update({_HANGING} if before not in ("", _OR) else ())
+            split.clues.update({_HANGING} if before not in ("", _OF, _OR) else ())
             before = before if before == _OR else clue
         elif before in _FROM_HERE and here.fullmatch(match[0].strip(" ,")):
             name.append(match[0].strip(" ,"))

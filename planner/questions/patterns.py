@@ -144,7 +144,8 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         return last, {"kind": "help"}
     read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
     for language, _, gaps in read:
-        if gaps and not has_clue(language, gaps):
+        timeless = gaps and gaps["at"] and gaps["kind"] in _TIMELESS
+        if gaps and not timeless and not has_clue(language, gaps):
             return language, gaps
     for language, words, gaps in read:
         if gaps := read_clues(language, words) or gaps:
@@ -178,6 +179,8 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
         return None
     if kind in ("near", "distance") and not other:
         other = ROBOT
+    if kind == "distance" and what == ROBOT:
+        what, other = other, what
     what = f"something to {gaps['need']}" if "need" in gaps else what
     return Question(
         kind,
