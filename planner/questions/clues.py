@@ -10,15 +10,16 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from planner.questions.sentences import Gaps, Language
 
-_FILE: Final = Path(__file__).with_name("readings.toml")
+READINGS: Final = Path(__file__).with_name("readings.toml")
+_VOID: Final = "void"  # the clue of words that say nothing
 _HANGING: Final = "hanging"  # the clue of a preposition without a name: "which room is it in"
 _OF: Final = "of"  # may stand before a clue: "the time of the latest sighting"
 _OR: Final = "or"  # "in the hall or in the kitchen"
@@ -70,6 +71,8 @@ class _Reading:
                 gaps[gap] = names.pop(at)[1]
             elif needed:
                 return None
+        if "gone" in clues and self.kind != "changed":  # where it has gone is no change
+            gaps.pop("event")
         if "time" in gaps:
             gaps["when" if self.kind == "changed" else "at"] = gaps.pop("time")
         return None if names else gaps
@@ -87,9 +90,8 @@ class _Reading:
         return found
 
 
-def has_clue(language: Language, gaps: Gaps) -> bool:
-    """Whether a name in the gaps of a sentence has a clue or a preposition in it."""
-    names = (gaps.get(gap, "") for gap in ("what", "where", "other"))
+def has_clue(language: Language, names: Iterable[str]) -> bool:
+    """Whether a name that a sentence has found has a clue or a preposition in it."""
     return any(table for name in names for table, _, _ in _tokens(language, name))
 
 
@@ -101,8 +103,13 @@ def read_clues(language: Language, words: str) -> Gaps | None:
 
 
 @cache
+def _file() -> dict[str, Any]:
+    return tomllib.loads(READINGS.read_text(encoding="utf-8"))
+
+
+@cache
 def _readings() -> tuple[_Reading, ...]:
-    file = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+    file = _file()
     lines = ((kind, line) for kind, several in file["readings"].items() for line in several)
     return tuple(_Reading.of(kind, line, file["soft"]) for kind, line in lines)
 
@@ -113,7 +120,7 @@ def _patterns(language: Language) -> list[tuple[str, str, re.Pattern[str]]]:
     return [
         (table, name, re.compile(rf"{language.pattern(f'({template})').pattern}(?![\w'])"))
         for table in ("clues", "prepositions")
-        for name, template in language.file.get(table, {}).items()  # type: ignore[attr-defined]
+        for name, template in language.table(table).items()
     ]
 
 
@@ -131,6 +138,13 @@ def _tokens(language: Language, words: str) -> Iterator[tuple[str, str, re.Match
         at += len(words[at:]) - len(words[at:].lstrip(" "))
 
 
+def _in_name(language: Language, name: list[str], clue: str, text: str) -> bool:
+    """Whether a clue continues a name: a soft one behind an article, or a noun behind a word."""
+    if not name or language.one_of("articles").fullmatch(name[-1]):
+        return bool(name) and clue != _VOID and clue in _file()["soft"]
+    return bool(language.one_of("nouns").fullmatch(text))
+
+
 def _split(language: Language, words: str) -> _Split:
     split, before, name = _Split(), "", list[str]()
     determiner, here = language.one_of("determiners"), language.one_of("here")
@@ -143,6 +157,8 @@ def _split(language: Language, words: str) -> _Split:
         name.clear()
 
     for table, clue, match in _tokens(language, words):
+        if table == "clues" and _in_name(language, name, clue, match[0].strip(" ,")):
+            table = ""
         if table or match[0] == "," or determiner.fullmatch(match[0]):
             end_name()
         if table == "prepositions":
@@ -155,7 +171,7 @@ def _split(language: Language, words: str) -> _Split:
             split.clues.add(clue)
             split.gaps.update(language.gaps(match))
         elif match[0] != ",":
-            name.append(match[0])
+            name.append(match[0].strip(" ,"))
     end_name()
     if before and "what" in split.clues and split.names and not split.names[0][0]:
         split.names[0] = (before, split.names[0][1])  # the kitchen, what is in it

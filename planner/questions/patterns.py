@@ -122,8 +122,7 @@ def parsed(text: str, known: Known = lambda name: False, language: str = "") -> 
     spoken, gaps = _read(text, known, language)
     if not gaps or gaps["kind"] == "order":
         return None
-    question = _question(spoken, gaps, known)
-    return None if question and question.at and question.kind in _TIMELESS else question
+    return None if _is_timeless(gaps) else _question(spoken, gaps, known)
 
 
 def ordered(text: str) -> str:
@@ -144,8 +143,9 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         return last, {"kind": "help"}
     read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
     for language, _, gaps in read:
-        timeless = gaps and gaps["at"] and gaps["kind"] in _TIMELESS
-        if gaps and not timeless and not has_clue(language, gaps):
+        names = (gaps.get(gap, "") for gap in ("what", "where", "other")) if gaps else ()
+        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
+        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
             return language, gaps
     for language, words, gaps in read:
         if gaps := read_clues(language, words) or gaps:
@@ -159,6 +159,11 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
             return language, {"kind": "where", "what": words}
     return last, {}
+
+
+def _is_timeless(gaps: Gaps) -> bool:
+    """Whether a moment is asked for where no answer has one."""
+    return bool(gaps.get("at")) and gaps["kind"] in _TIMELESS
 
 
 def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:

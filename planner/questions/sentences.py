@@ -78,7 +78,7 @@ class Language:
         if values := self.lists.get(name):
             longest_first = sorted(values, key=len, reverse=True)
             return rf"\b(?:{'|'.join(map(_spelt, longest_first))})\b"
-        return self._texts("shapes").get(name, r"[^\s,].*?")
+        return self.table("shapes").get(name, r"[^\s,].*?")
 
     def gaps(self, found: re.Match[str]) -> Gaps:
         """The texts in the gaps of a template's pattern; those of lists by what they mean."""
@@ -93,7 +93,7 @@ class Language:
 
     def _expanded(self, template: str) -> str:
         while "<" in template:
-            template = re.sub(r"<(\w+)>", lambda m: f"({self._texts('rules')[m[1]]})", template)
+            template = re.sub(r"<(\w+)>", lambda m: f"({self.table('rules')[m[1]]})", template)
         return template
 
     @cached_property
@@ -101,8 +101,9 @@ class Language:
         """Texts that a gap may have, and what each means."""
         return self.file["lists"]  # type: ignore[return-value]
 
-    def _texts(self, key: str) -> Mapping[str, str]:
-        return self.file[key]  # type: ignore[return-value]
+    def table(self, key: str) -> Mapping[str, str]:
+        """Texts by name, such as the rules; empty where the file has none."""
+        return self.file.get(key, {})  # type: ignore[return-value]
 
     def words(self, key: str) -> Sequence[str]:
         """A list of words, which may be regular expressions."""
@@ -130,7 +131,7 @@ class Language:
     def plain(self, text: str) -> str:
         """Lower case, single spaces, full forms; without marks at the end and politeness."""
         words = " ".join(text.replace("\u2019", "'").casefold().split()).strip(" ?!.,;:'\"")
-        spelt = self._texts("spelt")
+        spelt = self.table("spelt")
         words = _PAUSES.sub(", ", words)
         words = " ".join(spelt.get(word, word) for word in words.split())
         before, after = (self._around(key) for key in ("before", "after"))
