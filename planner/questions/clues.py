@@ -1,8 +1,8 @@
 """Questions that no sentence has, read by their clues.
 
 A text is split into clues, such as ``where`` or ``how many``, and names, which are all other words,
-each with the preposition before it. A reading of a language's file has the clues and names of one
-kind of question. Their order does not matter, but each must be used: a text is refused if a clue
+each with the preposition before it. A reading has the clues and names of one kind of
+question. Their order does not matter, but each must be used: a text is refused if a clue
 or a name is left over, or if readings of two kinds fit.
 """
 
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -29,13 +29,56 @@ _WORD: Final = re.compile(r"[^ ,]+ \d+(?![\w:.])|[^ ,]+|,")  # ``place 4`` is on
 Name = tuple[str, str]  # preposition, or "", and words
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Split:
     """The clues of a text with the texts of their gaps, and its names in order."""
 
+    language: Language
     clues: set[str] = field(default_factory=set)
     gaps: Gaps = field(default_factory=dict)
     names: list[Name] = field(default_factory=list)
+    before: str = ""  # the preposition of the next name
+    name: list[str] = field(default_factory=list)  # words of one that has no end yet
+
+    def add(self, table: str, clue: str, found: re.Match[str]) -> None:
+        """Adds a clue or a preposition of the file, or a word that is neither."""
+        text = found[0].strip(" ,")
+        if table == "clues" and self._is_in_name(clue, text):
+            table = ""
+        if table or not text or self.language.one_of("determiners").fullmatch(text):
+            self.end_name()
+        if table == "prepositions":
+            self.clues.update({_HANGING} if self.before not in ("", _OF, _OR) else ())
+            self.before = self.before if self.before == _OR else clue
+        elif self.before in _FROM_HERE and self.language.one_of("here").fullmatch(text):
+            self.name.append(text)
+            self.end_name()
+        elif table:
+            self.clues.add(clue)
+            self.gaps.update(self.language.gaps(found))
+        elif text:
+            self.name.append(text)
+
+    def _is_in_name(self, clue: str, text: str) -> bool:
+        """Whether a clue is part of a name: a soft one after an article, a noun after a word."""
+        if not self.name or self.language.one_of("articles").fullmatch(self.name[-1]):
+            return bool(self.name) and clue != _VOID and clue in _file()["soft"]
+        return bool(self.language.one_of("nouns").fullmatch(text))
+
+    def end_name(self) -> None:
+        """Ends a name; determiners alone are none."""
+        if any(not self.language.one_of("determiners").fullmatch(word) for word in self.name):
+            self.names.append((self.before, " ".join(self.name)))
+            self.before = ""
+        self.name.clear()
+
+    def end(self) -> None:
+        """Ends the text; its last preposition may belong to its first name."""
+        self.end_name()
+        if self.before and "what" in self.clues and self.names and not self.names[0][0]:
+            self.names[0] = (self.before, self.names[0][1])  # the kitchen, what is in it
+        elif self.before:
+            self.clues.add(_HANGING)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +105,9 @@ class _Reading:
     def fit(self, split: _Split, join: str) -> Gaps | None:
         """The gaps of a text; None if a clue or a name is missing, or left over."""
         clues, gaps = split.clues, Gaps({"kind": self.kind, "at": "", **split.gaps})
-        if clues.difference(self.further, *self.clues) or not all(map(clues.intersection, self.clues)):
+        if clues.difference(self.further, *self.clues) or not all(
+            map(clues.intersection, self.clues)
+        ):
             return None
         names = self._listed(split.names, join)
         for before, gap, needed in self.names:
@@ -97,8 +142,11 @@ def has_clue(language: Language, names: Iterable[str]) -> bool:
 
 def read_clues(language: Language, words: str) -> Gaps | None:
     """The gaps of plain words; None if no reading uses all of them, or several kinds do."""
-    split, join = _split(language, words), language.words("joins")[0]
-    fits = [gaps for one in _readings() if (gaps := one.fit(split, join)) is not None]
+    split, join = _Split(language), language.words("joins")[0]
+    for token in _tokens(language, words):
+        split.add(*token)
+    split.end()
+    fits = [gaps for one in readings() if (gaps := one.fit(split, join)) is not None]
     return fits[0] if len({one["kind"] for one in fits}) == 1 else None
 
 
@@ -108,7 +156,8 @@ def _file() -> dict[str, Any]:
 
 
 @cache
-def _readings() -> tuple[_Reading, ...]:
+def readings() -> tuple[_Reading, ...]:
+    """The ways to ask, of all languages."""
     file = _file()
     lines = ((kind, line) for kind, several in file["readings"].items() for line in several)
     return tuple(_Reading.of(kind, line, file["soft"]) for kind, line in lines)
@@ -136,45 +185,3 @@ def _tokens(language: Language, words: str) -> Iterator[tuple[str, str, re.Match
         yield table, name, match
         at += len(match[0].rstrip(" ,") or match[0])
         at += len(words[at:]) - len(words[at:].lstrip(" "))
-
-
-def _in_name(language: Language, name: list[str], clue: str, text: str) -> bool:
-    """Whether a clue continues a name: a soft one behind an article, or a noun behind a word."""
-    if not name or language.one_of("articles").fullmatch(name[-1]):
-        return bool(name) and clue != _VOID and clue in _file()["soft"]
-    return bool(language.one_of("nouns").fullmatch(text))
-
-
-def _split(language: Language, words: str) -> _Split:
-    split, before, name = _Split(), "", list[str]()
-    determiner, here = language.one_of("determiners"), language.one_of("here")
-
-    def end_name() -> None:
-        nonlocal before
-        if any(not determiner.fullmatch(word) for word in name):
-            split.names.append((before, " ".join(name)))
-            before = ""
-        name.clear()
-
-    for table, clue, match in _tokens(language, words):
-        if table == "clues" and _in_name(language, name, clue, match[0].strip(" ,")):
-            table = ""
-        if table or match[0] == "," or determiner.fullmatch(match[0]):
-            end_name()
-        if table == "prepositions":
-            split.clues.update({_HANGING} if before not in ("", _OF, _OR) else ())
-            before = before if before == _OR else clue
-        elif before in _FROM_HERE and here.fullmatch(match[0].strip(" ,")):
-            name.append(match[0].strip(" ,"))
-            end_name()
-        elif table:
-            split.clues.add(clue)
-            split.gaps.update(language.gaps(match))
-        elif match[0] != ",":
-            name.append(match[0].strip(" ,"))
-    end_name()
-    if before and "what" in split.clues and split.names and not split.names[0][0]:
-        split.names[0] = (before, split.names[0][1])  # the kitchen, what is in it
-    elif before:
-        split.clues.add(_HANGING)
-    return split

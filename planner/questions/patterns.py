@@ -7,7 +7,7 @@ understood: no answer is better than a wrong one.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
@@ -141,15 +141,8 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     plain = [(language, w) for language, w in plain if re.fullmatch(r"[\w '#:.,/-]*", w)]
     if any(not words for _, words in plain):  # politeness alone
         return last, {"kind": "help"}
-    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
-    for language, _, gaps in read:
-        names = (gaps.get(gap, "") for gap in ("what", "where", "other")) if gaps else ()
-        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
-        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
-            return language, gaps
-    for language, words, gaps in read:
-        if gaps := read_clues(language, words) or gaps:
-            return language, gaps
+    if (read := _by_sentence_or_clues(plain, known)) is not None:
+        return read
     for language, words in plain:
         again = language.respelt(words, known)
         if again != words and (gaps := language.read(again)):
@@ -159,6 +152,20 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
             return language, {"kind": "where", "what": words}
     return last, {}
+
+
+def _by_sentence_or_clues(
+    plain: Sequence[tuple[Language, str]], known: Known
+) -> tuple[Language, Gaps] | None:
+    """What a sentence says; clues go first where one of its names has other words in it."""
+    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
+    for language, _, gaps in read:
+        names = [gaps.get(gap, "") for gap in ("what", "where", "other")] if gaps else []
+        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
+        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
+            return language, gaps
+    either = ((language, read_clues(language, words) or gaps) for language, words, gaps in read)
+    return next(((language, gaps) for language, gaps in either if gaps), None)
 
 
 def _is_timeless(gaps: Gaps) -> bool:

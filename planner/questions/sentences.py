@@ -21,6 +21,7 @@ _WORD: Final = re.compile(r"(?<![{:\w])[^\s{}\[\]()|]+")
 _PAUSES: Final = re.compile(r" - |[ ,;:?!.]*[,;:?!.](?= )[ ,;:]*")
 _MARKS: Final = {"[": "(?:", "]": ")?", "(": "(?:", ")": ")", "|": "|"}
 _UMLAUTS: Final = {"ä": "(?:ä|ae)", "ö": "(?:ö|oe)", "ü": "(?:ü|ue)", "ß": "(?:ß|ss)"}
+_IN_ASCII: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 _MIN_MISSPELT: Final = 4  # letters of a word that lacks a letter, or has one too many
 
 Gaps = dict[str, str]
@@ -45,8 +46,11 @@ class Sentence:
 
     def _may_begin(self, first: str) -> bool:
         """Whether a word may be the first one: saves most of the templates from being compiled."""
-        words = _WORD.findall(self.template)
-        return self.template.startswith("{") or any(re.fullmatch(_spelt(w), first) for w in words)
+        return self.template.startswith("{") or first.translate(_IN_ASCII) in self._words
+
+    @cached_property
+    def _words(self) -> frozenset[str]:
+        return frozenset(word.translate(_IN_ASCII) for word in _WORD.findall(self.template))
 
     @cached_property
     def _pattern(self) -> re.Pattern[str]:

@@ -65,7 +65,9 @@ def test_readings_have_the_clues_of_a_language() -> None:
     for language in languages():
         named = {*language.table("clues"), *language.table("prepositions")}
         assert {"where", "what", "is", "in"} <= named
-    every = {name for one in languages() for t in ("clues", "prepositions") for name in one.table(t)}
+    every = {
+        name for one in languages() for t in ("clues", "prepositions") for name in one.table(t)
+    }
     for lines in file["readings"].values():
         for line in lines:
             clues, _, names = line.partition("/")
