@@ -25,6 +25,7 @@ _OF: Final = "of"  # may stand before a clue: "the time of the latest sighting"
 _OR: Final = "or"  # "in the hall or in the kitchen"
 _JOIN: Final = "and"  # the preposition of a further name in a list
 _FROM_HERE: Final = ("near", "to", "from", "between", "and")  # prepositions of "me", and of "here"
+_OF_EVENTS: Final = ("changed", "compare", "largest")  # kinds that ask for one
 _WORD: Final = re.compile(r"[^ ,]+ \d+(?![\w:.])|[^ ,]+|,")  # ``place 4`` is one
 Name = tuple[str, str]  # preposition, or "", and words
 
@@ -54,6 +55,9 @@ class _Split:
             self.name.append(text)
             self.end_name()
         elif table:
+            if self.before and clue not in _file()["soft"]:  # "in which room"
+                self.clues.update({_HANGING} if self.before not in (_OF, _OR) else ())
+                self.before = self.before if self.before == _OR else ""
             self.clues.add(clue)
             self.gaps.update(self.language.gaps(found))
         elif text:
@@ -116,8 +120,8 @@ class _Reading:
                 gaps[gap] = names.pop(at)[1]
             elif needed:
                 return None
-        if "gone" in clues and self.kind != "changed":  # where it has gone is no change
-            gaps.pop("event")
+        if self.kind not in _OF_EVENTS or (self.kind == "changed" and "what" in gaps):
+            gaps.pop("event", None)  # where it has gone, or whether it was moved or taken
         if "time" in gaps:
             gaps["when" if self.kind == "changed" else "at"] = gaps.pop("time")
         return None if names else gaps
