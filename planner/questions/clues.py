@@ -145,7 +145,18 @@ def has_clue(language: Language, names: Iterable[str]) -> bool:
 
 
 def read_clues(language: Language, words: str) -> Gaps | None:
-    """The gaps of plain words; None if no reading uses all of them, or several kinds do."""
+    """The gaps of plain words, or of their other form; None if no reading uses all of them.
+
+    None, too, if readings of several kinds do.
+    """
+    form, at = language.formed(words)
+    found = _read(language, words)
+    if found is None and form != words and (found := _read(language, form)) is not None:
+        found["at"] = found["at"] or at
+    return found
+
+
+def _read(language: Language, words: str) -> Gaps | None:
     split, join = _Split(language), language.words("joins")[0]
     for token in _tokens(language, words):
         split.add(*token)

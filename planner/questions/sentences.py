@@ -152,13 +152,18 @@ class Language:
             rf"(?:{pattern})(?: |[,!.]+ ?|$)" if key == "before" else f",? (?:{pattern})$"
         )
 
-    def read(self, words: str) -> Gaps | None:
-        """The gaps of the first sentence that plain words are; None if they are none."""
+    def formed(self, words: str) -> tuple[str, str]:
+        """Plain words in the form that has a sentence, and the moment of the past in them."""
         at = ""
         for form in self._forms:
             if (gaps := form.match(words)) is not None:
                 words = " ".join(gaps["as"].format(**gaps).split())
                 at = gaps.get("at", at)
+        return words, at
+
+    def read(self, words: str) -> Gaps | None:
+        """The gaps of the first sentence that plain words are; None if they are none."""
+        words, at = self.formed(words)
         found = (sentence.match(words) for sentence in self.questions)
         gaps = next((one for one in found if one is not None), None)
         return gaps and {**gaps, "at": at}
