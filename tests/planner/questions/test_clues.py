@@ -49,6 +49,7 @@ def test_the_order_of_clues_and_names_does_not_matter(
         "is the cup under or on the table",
         "was there a sink in the corridor",
         "please move the vase",
+        "is the cup new",
         "did the cat take the banana",
         "why is the cup",
         "where did the cup move",
