@@ -1,1 +1,1 @@
-"""Plain questions: sentences that are read as questions, and their answers by shipped queries."""
+"""Plain questions, read by sentences or by clues, and their answers by shipped queries."""

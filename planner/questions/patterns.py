@@ -7,11 +7,12 @@ understood: no answer is better than a wrong one.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, cast
 
 from kg.maps.query.parameter_resolution import preferred_languages
+from planner.questions.clues import has_clue, read_clues
 from planner.questions.sentences import Gaps, Language, languages
 
 Kind = (
@@ -121,8 +122,7 @@ def parsed(text: str, known: Known = lambda name: False, language: str = "") -> 
     spoken, gaps = _read(text, known, language)
     if not gaps or gaps["kind"] == "order":
         return None
-    question = _question(spoken, gaps, known)
-    return None if question and question.at and question.kind in _TIMELESS else question
+    return None if _is_timeless(gaps) else _question(spoken, gaps, known)
 
 
 def ordered(text: str) -> str:
@@ -141,9 +141,8 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
     plain = [(language, w) for language, w in plain if re.fullmatch(r"[\w '#:.,/-]*", w)]
     if any(not words for _, words in plain):  # politeness alone
         return last, {"kind": "help"}
-    for language, words in plain:
-        if gaps := language.read(words) or language.read(language.without_fillers(words)):
-            return language, gaps
+    if (read := _by_sentence_or_clues(plain, known)) is not None:
+        return read
     for language, words in plain:
         again = language.respelt(words, known)
         if again != words and (gaps := language.read(again)):
@@ -153,6 +152,25 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
         if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
             return language, {"kind": "where", "what": words}
     return last, {}
+
+
+def _by_sentence_or_clues(
+    plain: Sequence[tuple[Language, str]], known: Known
+) -> tuple[Language, Gaps] | None:
+    """What a sentence says; clues go first where one of its names has other words in it."""
+    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
+    for language, _, gaps in read:
+        names = [gaps.get(gap, "") for gap in ("what", "where", "other")] if gaps else []
+        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
+        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
+            return language, gaps
+    either = ((language, read_clues(language, words) or gaps) for language, words, gaps in read)
+    return next(((language, gaps) for language, gaps in either if gaps), None)
+
+
+def _is_timeless(gaps: Gaps) -> bool:
+    """Whether a moment is asked for where no answer has one."""
+    return bool(gaps.get("at")) and gaps["kind"] in _TIMELESS
 
 
 def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
@@ -173,6 +191,8 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
         return None
     if kind in ("near", "distance") and not other:
         other = ROBOT
+    if kind == "distance" and what == ROBOT:
+        what, other = other, what
     what = f"something to {gaps['need']}" if "need" in gaps else what
     return Question(
         kind,

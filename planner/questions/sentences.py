@@ -18,9 +18,10 @@ FOLDER: Final = Path(__file__).with_name("sentences")
 ENGLISH: Final = "en"  # is tried last, since its sentences take names alone, too
 _TOKEN: Final = re.compile(r"\{(?:(\w+):)?(\w+)\}|([\[\]()|])|\s+|([^\s{}\[\]()|]+)")
 _WORD: Final = re.compile(r"(?<![{:\w])[^\s{}\[\]()|]+")
-_PAUSES: Final = re.compile(r"[ ,;:]*[,;:](?= )[ ,;:]*")
+_PAUSES: Final = re.compile(r" - |[ ,;:?!.]*[,;:?!.](?= )[ ,;:]*")
 _MARKS: Final = {"[": "(?:", "]": ")?", "(": "(?:", ")": ")", "|": "|"}
 _UMLAUTS: Final = {"ä": "(?:ä|ae)", "ö": "(?:ö|oe)", "ü": "(?:ü|ue)", "ß": "(?:ß|ss)"}
+_IN_ASCII: Final = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 _MIN_MISSPELT: Final = 4  # letters of a word that lacks a letter, or has one too many
 
 Gaps = dict[str, str]
@@ -41,17 +42,15 @@ class Sentence:
         found = self._pattern.fullmatch(words)
         if found is None:
             return None
-        gaps = dict(self.fields)
-        for group, text in found.groupdict().items():
-            if text is not None:
-                shape, _, gap = group.partition("__")
-                gaps[gap.rstrip("0123456789_")] = self.language.meaning(shape, text.strip())
-        return gaps
+        return {**self.fields, **self.language.gaps(found)}
 
     def _may_begin(self, first: str) -> bool:
         """Whether a word may be the first one: saves most of the templates from being compiled."""
-        words = _WORD.findall(self.template)
-        return self.template.startswith("{") or any(re.fullmatch(_spelt(w), first) for w in words)
+        return self.template.startswith("{") or first.translate(_IN_ASCII) in self._words
+
+    @cached_property
+    def _words(self) -> frozenset[str]:
+        return frozenset(word.translate(_IN_ASCII) for word in _WORD.findall(self.template))
 
     @cached_property
     def _pattern(self) -> re.Pattern[str]:
@@ -83,16 +82,22 @@ class Language:
         if values := self.lists.get(name):
             longest_first = sorted(values, key=len, reverse=True)
             return rf"\b(?:{'|'.join(map(_spelt, longest_first))})\b"
-        return self._texts("shapes").get(name, r"[^\s,].*?")
+        return self.table("shapes").get(name, r"[^\s,].*?")
 
-    def meaning(self, shape: str, text: str) -> str:
-        """What a text of a list means; any other text itself."""
-        values = self.lists.get(shape, {})
-        return next((v for key, v in values.items() if re.fullmatch(_spelt(key), text)), text)
+    def gaps(self, found: re.Match[str]) -> Gaps:
+        """The texts in the gaps of a template's pattern; those of lists by what they mean."""
+        gaps = Gaps()
+        for group, text in found.groupdict().items():
+            if text is not None:
+                shape, _, gap = group.partition("__")
+                values = self.lists.get(shape, {}).items()
+                meant = (v for key, v in values if re.fullmatch(_spelt(key), text.strip()))
+                gaps[gap.rstrip("0123456789_")] = next(meant, text.strip())
+        return gaps
 
     def _expanded(self, template: str) -> str:
         while "<" in template:
-            template = re.sub(r"<(\w+)>", lambda m: f"({self._texts('rules')[m[1]]})", template)
+            template = re.sub(r"<(\w+)>", lambda m: f"({self.table('rules')[m[1]]})", template)
         return template
 
     @cached_property
@@ -100,8 +105,9 @@ class Language:
         """Texts that a gap may have, and what each means."""
         return self.file["lists"]  # type: ignore[return-value]
 
-    def _texts(self, key: str) -> Mapping[str, str]:
-        return self.file[key]  # type: ignore[return-value]
+    def table(self, key: str) -> Mapping[str, str]:
+        """Texts by name, such as the rules; empty where the file has none."""
+        return self.file.get(key, {})  # type: ignore[return-value]
 
     def words(self, key: str) -> Sequence[str]:
         """A list of words, which may be regular expressions."""
@@ -129,7 +135,7 @@ class Language:
     def plain(self, text: str) -> str:
         """Lower case, single spaces, full forms; without marks at the end and politeness."""
         words = " ".join(text.replace("\u2019", "'").casefold().split()).strip(" ?!.,;:'\"")
-        spelt = self._texts("spelt")
+        spelt = self.table("spelt")
         words = _PAUSES.sub(", ", words)
         words = " ".join(spelt.get(word, word) for word in words.split())
         before, after = (self._around(key) for key in ("before", "after"))
@@ -146,13 +152,18 @@ class Language:
             rf"(?:{pattern})(?: |[,!.]+ ?|$)" if key == "before" else f",? (?:{pattern})$"
         )
 
-    def read(self, words: str) -> Gaps | None:
-        """The gaps of the first sentence that plain words are; None if they are none."""
+    def formed(self, words: str) -> tuple[str, str]:
+        """Plain words in the form that has a sentence, and the moment of the past in them."""
         at = ""
         for form in self._forms:
             if (gaps := form.match(words)) is not None:
                 words = " ".join(gaps["as"].format(**gaps).split())
                 at = gaps.get("at", at)
+        return words, at
+
+    def read(self, words: str) -> Gaps | None:
+        """The gaps of the first sentence that plain words are; None if they are none."""
+        words, at = self.formed(words)
         found = (sentence.match(words) for sentence in self.questions)
         gaps = next((one for one in found if one is not None), None)
         return gaps and {**gaps, "at": at}

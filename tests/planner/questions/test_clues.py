@@ -1,0 +1,77 @@
+"""Questions that no sentence has: what their clues say, and what may not be left over."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import pytest
+
+from planner.questions.clues import READINGS, read_clues
+from planner.questions.patterns import parsed
+from planner.questions.sentences import languages
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "names"),
+    [
+        ("the mug, where did it go this time", "where", ("mug", "", "")),
+        ("any idea where the backpack ended up?", "where", ("backpack", "", "")),
+        ("so which room did anybody leave the vase in", "where", ("vase", "", "")),
+        ("the kitchen - what do we have in there?", "in place", ("", "kitchen", "")),
+        ("is the cup in the kitchen or in the bedroom", "where", ("cup", "", "")),
+        ("nearest object to the oven", "around", ("", "", "oven")),
+        ("the chair, is it still in place 4", "status", ("chair", "place 4", "")),
+        ("how do I get to the bathroom from the hallway", "route", ("", "bathroom", "")),
+        ("was the cup in the kitchen yesterday, do you know", "status", ("cup", "kitchen", "")),
+        ("distance between robot and couch", "distance", ("couch", "", "robot")),
+        ("sag mal, der Koffer, wo ist der hin", "where", ("koffer", "", "")),
+        ("weiß jemand wo das Buch hingekommen ist", "where", ("buch", "", "")),
+        ("ist die Tasse im Bad oder in der Küche", "where", ("tasse", "", "")),
+    ],
+)
+def test_the_order_of_clues_and_names_does_not_matter(
+    text: str, kind: str, names: tuple[str, str, str]
+) -> None:
+    question = parsed(text)
+    assert question is not None
+    assert question.kind == kind
+    where = "" if question.start else question.where
+    assert (question.what, where, question.other) == names or kind == "route"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "where is the cup that she broke",
+        "what is to the left of the bed",
+        "what did the kids leave in the bathroom",
+        "is the cup under or on the table",
+        "was there a sink in the corridor",
+        "please move the vase",
+        "is the cup new",
+        "did the cat take the banana",
+        "why is the cup",
+        "where did the cup move",
+        "wo ist die Tasse die Anna zerbrochen hat",
+        "wer hat die Tasse verstellt",
+    ],
+)
+def test_no_word_is_left_out(text: str) -> None:
+    assert all(read_clues(language, language.plain(text)) is None for language in languages())
+
+
+def test_readings_have_the_clues_of_a_language() -> None:
+    file = tomllib.loads(READINGS.read_text(encoding="utf-8"))
+    for language in languages():
+        named = {*language.table("clues"), *language.table("prepositions")}
+        assert {"where", "what", "is", "in"} <= named
+    every = {
+        name for one in languages() for t in ("clues", "prepositions") for name in one.table(t)
+    }
+    for lines in file["readings"].values():
+        for line in lines:
+            clues, _, names = line.partition("/")
+            befores = [one.rpartition(":")[0] for one in re.findall(r"[^\s\[\]]+", names)]
+            used = {*re.findall(r"\w+", clues), *re.findall(r"\w+", " ".join(befores))}
+            assert used <= {*every, "hanging"}, line
