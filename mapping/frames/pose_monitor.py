@@ -149,8 +149,8 @@ class PoseMonitor:
         if self._before is not None and not {"step", "jump"} & {*self.problems}:
             self._tell(
                 "step",
-                f"from frame {self._doubted[0]} on depth contradicts the poses or the depth before, "
-                f"and no later frame tells which is right; {_MEND} where the poses are off",
+                f"from frame {self._doubted[0]} on depth contradicts the poses or the depth "
+                f"before, and no later frame tells which is right; {_MEND} where the poses are off",
             )
         self._before = None
 
