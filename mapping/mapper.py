@@ -208,6 +208,8 @@ class Mapper:
         self._apply(self._rest_of_rooms)
         self._apply(self._rest_of_things)
         self._scene.finish()
+        if self._monitors is not None:
+            self._monitors.finish()
         self._reporter.finish()
 
     def objects(self) -> tuple[ObjectRecord, ...]:

@@ -119,15 +119,31 @@ def first_only(*topics: str) -> Change:
     return change
 
 
-def uncalibrated(*topics: str, first: int | None = None) -> Change:
-    """Cameras whose K is 0, in the first messages or in all."""
+def uncalibrated(*topics: str, first: int | None = None, with_p: bool = False) -> Change:
+    """Cameras whose K is 0, and P unless `with_p`, in the first messages or in all."""
 
     def change(messages: Messages) -> Messages:
         seen, out = dict[str, int](), Messages()
         for m in messages:
             number = seen[m.topic] = seen.get(m.topic, 0) + 1
             zero = m.topic in topics and (first is None or number <= first)
-            out.append(changed(m, k=np.zeros(9), p=np.zeros(12)) if zero else m)
+            fields = {"k": np.zeros(9)} | ({} if with_p else {"p": np.zeros(12)})
+            out.append(changed(m, **fields) if zero else m)
+        return out
+
+    return change
+
+
+def of_another_moment(topic: str, first: int, last: int, back: int = 10) -> Change:
+    """The messages from `first` to before `last` have the pixels of those `back` before them."""
+
+    def change(messages: Messages) -> Messages:
+        of_topic = [m for m in messages if m.topic == topic]
+        number, out = iter(range(len(of_topic))), Messages()
+        for m in messages:
+            n = next(number) if m.topic == topic else -1
+            late = first <= n < last
+            out.append(changed(m, data=of_topic[n - back].fields["data"]) if late else m)
         return out
 
     return change

@@ -102,6 +102,7 @@ IMAGES: Final = (
     Kind("colour 'jpg' by a driver", change=(i.compressed_colour("jpg"),)),
     Kind("depth 32FC1", change=(i.depth(i.metres, "32FC1"),)),
     Kind("depth mono16", change=(i.depth(lambda mm: mm, "mono16"),)),
+    Kind("depth 16SC1", change=(i.depth(lambda mm: mm.astype(np.int16), "16SC1"),)),
     Kind("depth big-endian", change=(i.depth(i.big_endian, "16UC1", is_bigendian=1),)),
     Kind("depth with padded rows", change=(i.padded,)),
     Kind("depth compressedDepth PNG", change=(i.compressed_depth("png"),)),
@@ -119,6 +120,14 @@ IMAGES: Final = (
         remedy=("--depth-scale", "1000000"),
         said="--depth-scale 1e",
     ),
+    *(
+        Kind(
+            f"{count} depth images side by side of another moment",
+            change=(c.of_another_moment(DEPTH, 20, 20 + count),),
+            said="contradicts the frames before and after",
+        )
+        for count in (2, 5)
+    ),
     Kind("depth of a camera beside, tf says where", change=(i.depth_apart,), holes=True),
     Kind(
         "depth of a camera beside, in colour's frame",
@@ -134,6 +143,10 @@ CAMERAS: Final = (
         "K = 0",
         change=(c.uncalibrated(INFO, DEPTH_INFO),),
         remedy=OWN_CAMERA,
+    ),
+    Kind(
+        "K = 0 beside a P",
+        change=(c.uncalibrated(INFO, DEPTH_INFO, with_p=True),),
     ),
     Kind(
         "K = 0 of colour alone",

@@ -1,7 +1,8 @@
 """Pose monitor: detects jumps and drift of a stream's poses by its depth images.
 
 Jump: the depth of two consecutive frames of one scene shows another motion than their poses do.
-Lone: the depth of single frames contradicts those before and after, which agree with each other.
+Lone: the depth of a few frames contradicts those before and after, which agree with each other.
+Step: depth contradicts the frames before, and no later frame shows which of them are right.
 Colour: some frames' colour does not show what their depth shows, as a minority of late images.
 Constant: a depth that many pixels share stays the same while the camera moves.
 Drift: where the camera returns to a place, the depth of two key frames agrees only after one of
@@ -19,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from perception.camera.depth_agreement import (
-    LONE,
     Agreement,
     DepthSamples,
     agreement,
@@ -43,6 +43,8 @@ POOR: Final = 0.7  # share of agreeing points that is a contradiction
 GOOD: Final = 0.85  # least share of agreeing points of two images of one scene
 KEY_STEP: Final = 0.4  # [m] between key frames, or ...
 KEY_TURN: Final = np.radians(20.0)  # ... so much turned
+DOUBTED: Final = 0.8  # share of agreeing points of frames beside each other; sound ones have 0.94
+RUN: Final = 8  # frames that contradict the one before them and the one after them
 KEPT: Final = 300  # key frames
 AWAY: Final = 8  # key frames between two views of one place
 NEAR: Final = 1.0  # [m] between the cameras of two such views ...
@@ -80,7 +82,8 @@ class PoseMonitor:
     def __init__(self, name: str) -> None:
         self._name = name
         self._last: _View | None = None
-        self._before: _View | None = None  # the last, where the last one contradicts it
+        self._before: _View | None = None  # the last one before some that contradict it
+        self._doubted = list[str]()  # names of those
         self._lone = list[str]()  # names of frames between two that agree
         self._motion = np.eye(4)
         self._keys = list[_View]()
@@ -125,20 +128,35 @@ class PoseMonitor:
 
         `found` is the agreement of the last one and this one.
         """
-        before, self._before = self._before, None
-        if _fit(found) >= LONE:
-            return
-        self._before = last
-        if before is None:
-            return
-        motion = np.linalg.inv(before.T) @ view.T
-        if _fit(agreement(before.samples, view.samples, motion)) < GOOD:
-            return
-        self._before = None  # what comes next is compared with this one
-        self._lone.append(last.id)
-        count = len(self._lone)
-        if count & (count - 1) == 0:  # told anew as they double
-            self._tell("lone", lone_text(f"{count} frames", self._lone))
+        before, contradicts = self._before, _fit(found) < DOUBTED
+        if before is not None:
+            motion = np.linalg.inv(before.T) @ view.T
+            fit = agreement(before.samples, view.samples, motion)
+            if contradicts and fit.share >= GOOD and _is_enough(fit):
+                self._before, told = None, len(self._lone)
+                self._lone += self._doubted
+                if len(self._lone).bit_length() > told.bit_length():  # told anew as they double
+                    self._tell("lone", lone_text(f"{len(self._lone)} frames", self._lone))
+            elif len(self._doubted) < RUN:
+                self._doubted.append(view.id)
+            else:
+                self._tell_step()
+        if self._before is None and contradicts and before is None:
+            self._before, self._doubted = last, [view.id]
+
+    def _tell_step(self) -> None:
+        """Tell of frames that contradict those before, where none after shows which are right."""
+        if self._before is not None and not {"step", "jump"} & {*self.problems}:
+            self._tell(
+                "step",
+                f"from frame {self._doubted[0]} on depth contradicts the poses or the depth "
+                f"before, and no later frame tells which is right; {_MEND} where the poses are off",
+            )
+        self._before = None
+
+    def finish(self) -> None:
+        """Tell what no later frame explains."""
+        self._tell_step()
 
     def _check_jump(self, last: _View, view: _View, motion: Floats) -> None:
         """Look for another motion than that of the poses, which the depth contradicts."""
@@ -211,6 +229,11 @@ class PoseMonitors:
             self._monitors[frame.camera] = PoseMonitor(name)
         self._monitors[frame.camera].add(frame)
 
+    def finish(self) -> None:
+        """Tell what no later frame explains."""
+        for one in self._monitors.values():
+            one.finish()
+
     @property
     def problems(self) -> tuple[str, ...]:
         """Lines on wrong poses, one for each kind of fault."""
@@ -219,12 +242,16 @@ class PoseMonitors:
 
 def _contradicts(found: Agreement) -> bool:
     """Whether two images show different scenes although they have nearly the same pose."""
-    return found.share < POOR and found.agreeing + found.contradicting >= MIN_POINTS
+    return found.share < POOR and _is_enough(found)
 
 
 def _fit(found: Agreement) -> float:
     """Share of agreeing points of two images in one another; 1 where too few are in view."""
-    return found.share if found.agreeing + found.contradicting >= MIN_POINTS else 1.0
+    return found.share if _is_enough(found) else 1.0
+
+
+def _is_enough(found: Agreement) -> bool:
+    return found.agreeing + found.contradicting >= MIN_POINTS
 
 
 def _turn(T: Floats) -> float:

@@ -12,8 +12,10 @@ different things, nothing is guessed.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -29,6 +31,7 @@ from perception.inference.heads.signature import heads_of
 from perception.inference.model_zoo import ModelCard, resolve
 from perception.inference.session import RESIZES, VALUES, Fitted, Session, fit
 
+_log = logging.getLogger(__name__)
 Answer = tuple[list[NDArray[np.generic]], Fitted]
 
 
@@ -45,17 +48,58 @@ class Reading:
 class Readings:
     """The readings of one network; the first answers decide.
 
-    `problem` tells what others lack.
+    `problem` tells what others lack, `guessed` whether nothing says how it takes colours.
     """
 
-    def __init__(self, found: Sequence[Reading], problem: str = "") -> None:
+    def __init__(
+        self, found: Sequence[Reading], problem: str = "", *, guessed: bool = False
+    ) -> None:
         self._left, self._problem = tuple(found), problem
         self.decided = len(self._left) == 1
+        self._tries = TRIES if guessed else 0  # pictures by which the range of colours is chosen
 
     @property
     def likeliest(self) -> Reading:
         """The one that was decided for, or the likeliest."""
         return self._left[0]
+
+    def choose_range(self, answer_of: Callable[[Reading], Answer], threshold: float) -> str:
+        """The other range of colours by which a picture shows something where its own shows none.
+
+        It is taken from then on; "" where there is none, or the own has shown something before.
+        """
+        if self._tries == 0:
+            return ""
+        own, _, order = self.likeliest.values.partition(" ")
+        if (found := self._best(own, answer_of, threshold)) >= SURE:
+            self._tries = 0
+        if found > 0:
+            return ""
+        self._tries -= 1
+        others = [one for one in RANGES if one != own]
+        best, other = max((self._best(one, answer_of, threshold), one) for one in others)
+        if best < SURE:
+            return ""
+        self._left, self._tries = self._in_range(other), 0
+        return f"{other} {order}".strip()
+
+    def _in_range(self, values: str) -> tuple[Reading, ...]:
+        orders = (one.values.partition(" ")[1:] for one in self._left)
+        return tuple(
+            replace(one, values="".join((values, *order)))
+            for one, order in zip(self._left, orders, strict=True)
+        )
+
+    def _best(self, values: str, answer_of: Callable[[Reading], Answer], least: float) -> float:
+        """The highest score of a picture with colours in a range; 0: none above `least`."""
+        readings = self._in_range(values)
+        answer = answer_of(readings[0])
+        found = [
+            one.head.candidates(*answer, least).score
+            for one in readings
+            if _fits(one, *answer, least)
+        ]
+        return max((float(score.max(initial=0.0)) for score in found), default=0.0)
 
     def decide(self, answer_of: Callable[[Reading], Answer], threshold: float) -> bool:
         """Whether one reading is left, by an answer where several are; they may find nothing.
@@ -100,7 +144,8 @@ def _fits(
         head = reading.head
         if not head.fits(outputs, fitted, least):
             return False
-        return bool(np.all(head.candidates(outputs, fitted, least).label < len(reading.labels)))
+        found = head.candidates(outputs, fitted, least if head.overlapping else 0.0)
+        return bool(np.all(found.label < len(reading.labels)))
     except (ModelError, IndexError, ValueError):  # shapes that it does not have
         return False
 
@@ -127,6 +172,9 @@ def _names(readings: Sequence[Reading]) -> str:
     return ", ".join(one.head.name for one in readings)
 
 
+RANGES: Final = ("0..1", "0..255", "imagenet")  # of colours
+SURE: Final = 0.5  # score that no picture in a wrong range of colours reaches
+TRIES: Final = 20  # pictures that show nothing by which other ranges are tried
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
 _HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1 ...
@@ -180,14 +228,22 @@ class OnnxDetector:
         answer: list[NDArray[np.generic]] = []
         shape = (rgb.shape[0], rgb.shape[1])
 
+        @cache
         def answer_of(reading: Reading) -> Answer:
             head = reading.head
             size = self.session.image_size(head.image_input)
             fitted = fit(rgb, size, reading.resize, reading.values)
-            answer[:] = self.session.run(head.outputs, head.inputs(fitted, shape))
-            return answer, fitted
+            answer[:] = found = self.session.run(head.outputs, head.inputs(fitted, shape))
+            return found, fitted
 
         try:
+            if values := self.readings.choose_range(answer_of, self.threshold):
+                _log.warning(
+                    "%s shows nothing in a picture with colours in its usual range, and something "
+                    "as %r, which is taken; metadata values in the file would say it",
+                    self.name,
+                    values,
+                )
             if not self.readings.decide(answer_of, self.threshold):
                 return NO_DETECTIONS
             return self._decoded(*answer_of(self.readings.likeliest), shape)
@@ -211,7 +267,7 @@ class OnnxDetector:
                 f"scores up to {highest:g} are no shares of 1 (percent, or values before the "
                 "sigmoid?): export the network so that its scores lie in 0..1"
             )
-        self._check_inside(found.xyxy, shape)
+        self._check_boxes(found.xyxy, shape)
         xyxy = np.clip(found.xyxy, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         sides = xyxy[:, 2:] - xyxy[:, :2]
         real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]
@@ -230,9 +286,14 @@ class OnnxDetector:
             mask=tuple(masks),
         )
 
-    def _check_inside(self, xyxy: NDArray[np.float32], shape: tuple[int, int]) -> None:
-        """Raise ModelError where all boxes lie outside the image, as in another unit."""
+    def _check_boxes(self, xyxy: NDArray[np.float32], shape: tuple[int, int]) -> None:
+        """Raise ModelError where boxes end before they begin, or all lie outside the image."""
         boxes = xyxy[(np.abs(xyxy) < _FAR).all(axis=1)]
+        if ((boxes[:, 2:] < boxes[:, :2]).any(axis=1)).sum() > len(boxes) / 2:
+            raise ModelError(
+                f"most of its {len(boxes)} boxes end before they begin, as of centre and size; "
+                "export the network so that they are x1, y1, x2, y2"
+            )
         centre = (boxes[:, :2] + boxes[:, 2:]) / 2
         outside = (centre < 0).any(axis=1) | (centre > shape[::-1]).any(axis=1)
         if len(boxes) and outside.all():
@@ -289,14 +350,16 @@ def load_detector(
         if head in (None, one.name):
             try:
                 known, of_labels = _labelled(one, session, labels, card)
-                readings.append(Reading(known, of_labels, *_preparation(one, session, card)))
+                readings.append(Reading(known, of_labels, *_preparation(known, session, card)))
             except ModelError as error:
                 problems.append(error)
     if not readings:
         raise problems[0]
     others = "".join(f"; or {problem}" for problem in dict.fromkeys(map(str, problems)))
     name = card.name if card is not None else path.stem
-    return OnnxDetector(name, session, Readings(readings, others), threshold)
+    bytes_ = session.takes_bytes(readings[0].head.image_input)
+    guessed = card is None and "values" not in session.metadata and not bytes_
+    return OnnxDetector(name, session, Readings(readings, others, guessed=guessed), threshold)
 
 
 def _labelled(

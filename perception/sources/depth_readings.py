@@ -36,6 +36,7 @@ PAIRS: Final = 12  # of frames, by each of two readings of the poses
 APART: Final = 0.3  # [m] between the two frames of a pair ...
 TURNED: Final = np.radians(25.0)  # ... that are not turned more against each other
 STEP: Final = 0.1  # [m] between two frames whose motion is measured by depth ...
+RUN: Final = 8  # frames beside each other that may contradict those before and after them
 SHARED: Final = 0.5  # ... which share so much of their points
 SAME: Final = 0.02  # by which the share of a plainer reading may be less
 REACH: Final = 60  # frames between the two, at most
@@ -126,21 +127,31 @@ def lone_frames(
     judged: Sequence[Judged],
     samples_at: SamplesAt,
 ) -> set[int]:
-    """Frames of poor pairs that contradict the frames before and after, which agree."""
-    poor = (pair for pair, found in judged if _fit(found) < LONE)
-    doubted = {number for pair in poor for number in pair.numbers}
+    """Frames of poor pairs in runs that contradict the frames before and after, which agree."""
+    poor = [pair for pair, found in judged if _fit(found) < LONE]
+    if len(poor) > len(judged) / 2:
+        return set()  # no minority
 
-    def share(i: int, j: int) -> float:
+    def found(i: int, j: int) -> Agreement:
         pair = FramePair(samples_at(i), samples_at(j), (poses[i], poses[j]))
-        return _fit(pair.share(convention, 1.0))
+        return pair.share(convention, 1.0)
 
-    return {
-        n
-        for n in doubted
-        if 0 < n < len(poses) - 1
-        and share(n - 1, n + 1) >= GOOD
-        and max(share(n - 1, n), share(n, n + 1)) < LONE
-    }
+    def end(n: int, step: int) -> int | None:
+        """The first frame beyond `n` that its neighbour towards `n` contradicts."""
+        for one in range(n + step, n + step * (RUN + 1), step):
+            if not 0 <= one < len(poses):
+                return None
+            if _fit(found(*sorted((one, one - step)))) < LONE:
+                return one
+        return None
+
+    def is_lone(n: int) -> bool:
+        first, last = end(n, -1), end(n, 1)
+        if first is None or last is None or last - first > RUN + 1:
+            return False
+        return (around := found(first, last)).share >= GOOD and around.overlap >= OVERLAP
+
+    return {n for n in sorted({number for pair in poor for number in pair.numbers}) if is_lone(n)}
 
 
 def share_without(judged: Sequence[Judged], lone: Collection[int] = ()) -> float | None:

@@ -64,6 +64,25 @@ def input_extent(fitted: Fitted) -> tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
+SHARES: Final = 1.5  # up to which coordinates are shares of the input
+
+
+def in_input(boxes: Floats, fitted: Fitted) -> Floats:
+    """Boxes (n, 4) in pixels of the input: of these, or shares of it, as their values tell."""
+    return boxes * input_corner(fitted) if are_shares(boxes) else boxes
+
+
+def are_shares(boxes: Floats) -> bool:
+    """Whether all coordinates (n, 4) that are numbers are shares of the input."""
+    known = boxes[np.isfinite(boxes).all(axis=1)]
+    return bool(len(known)) and float(np.abs(known).max()) <= SHARES
+
+
+def input_corner(fitted: Fitted) -> Floats:
+    """x, y, x, y [px] of the input's lower right corner."""
+    return np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
+
+
 MAX_CANDIDATES: Final = 30_000  # pairs of box and class, the best of them
 MAX_OF_A_CLASS: Final = 1_000  # that suppression compares
 

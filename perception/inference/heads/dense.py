@@ -25,6 +25,9 @@ from perception.inference.heads.candidates import (
     Head,
     MaskGrid,
     Outputs,
+    are_shares,
+    in_input,
+    input_corner,
     input_extent,
     pairs_above,
 )
@@ -39,7 +42,6 @@ REAL: Final = 0.9  # share of a network's boxes that are boxes in its input ...
 OUTSIDE: Final = 0.6  # ... or so far outside, in its sides ...
 MIN_SIDE: Final = 1.0  # ... with sides of so many pixels
 HIGHEST: Final = 100.0  # scores above 1 are refused with a line of their own
-SHARES: Final = 1.5  # up to which coordinates are shares of the input
 _ROUNDING: Final = 1e-3
 
 
@@ -59,7 +61,8 @@ class DenseHead(Head):
     decode: Callable[[list[Floats]], Dense]
     objectness: bool = False  # whether a column of it, which is no constant, tells this head
     background: int | None = None  # its column among the scores of the second output
-    shares: bool | None = None  # whether corners are shares of the input, where names tell the rest
+    shares: bool | None = None  # whether boxes are shares of the input; None: either
+    named: bool = False  # whether names tell what is in which output
     corners: bool | None = None  # whether rows begin with x1, y1, x2, y2; None: all one
     overlapping: bool = True
 
@@ -75,18 +78,19 @@ class DenseHead(Head):
             mean = arrays[1].mean(axis=0)
             if mean[self.background] < mean.max():
                 return False
-        if self.shares is not None:
-            largest = np.abs(raw[np.isfinite(raw).all(axis=1)]).max(initial=0.0)
-            return bool(largest <= SHARES) == self.shares
+        size = input_corner(fitted)
+        good = np.isfinite(found.xyxy).all(axis=1) & np.isfinite(found.scores).all(axis=1)
+        boxes, scores = in_input(found.xyxy[good], fitted), found.scores[good]
+        if not len(boxes):
+            return True  # nothing tells
+        if self.shares is not None and are_shares(found.xyxy) != self.shares:
+            return False
+        if self.named:
+            return True
         # of centres and sizes some are in another order than corners
         ordered = bool((raw[:, 2:4] > raw[:, :2]).all())
         if self.corners is not None and len(raw) > 1 and ordered != self.corners:
             return False
-        size = np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
-        good = np.isfinite(found.xyxy).all(axis=1) & np.isfinite(found.scores).all(axis=1)
-        boxes, scores = found.xyxy[good], found.scores[good]
-        if not len(boxes):
-            return True  # nothing tells
         sides = boxes[:, 2:] - boxes[:, :2]
         inside = ((boxes > -OUTSIDE * size) & (boxes < (1 + OUTSIDE) * size)).all(axis=1)
         real = inside & (sides >= MIN_SIDE).all(axis=1)
@@ -104,7 +108,7 @@ class DenseHead(Head):
         mask = None
         if found.coefficients is not None:
             mask = prototype_masks(found.coefficients[rows], arrays[-1], fitted)
-        boxes = fitted.to_image(found.xyxy[rows])
+        boxes = fitted.to_image(in_input(found.xyxy, fitted)[rows])
         return Candidates(boxes, found.scores[rows, classes], classes, mask)
 
 
@@ -181,21 +185,17 @@ def nanodet(height: int, width: int, strides: tuple[int, ...]) -> Callable[[list
     return decode
 
 
-def decoded(
-    size: tuple[int, int], *, corners: bool = False, shares: bool = False, objectness: bool = False
-) -> Callable[[list[Floats]], Dense]:
+def decoded(*, corners: bool = False, objectness: bool = False) -> Callable[[list[Floats]], Dense]:
     """Decoder of rows (n, 4 + C), or (n, 5 + C) with objectness, of finished boxes.
 
-    These are corners, or centre and size, in pixels of the input or as `shares` of its `size`
-    (height, width).
+    These are corners, or centre and size.
     """
-    scale = np.array([size[1], size[0]] * 2, np.float32) if shares else np.float32(1)
 
     def decode(outputs: list[Floats]) -> Dense:
         raw = outputs[0]
         boxes = raw[:, :4] if corners else corners_of(raw[:, :2], raw[:, 2:4])
         scores = raw[:, 4:5] * raw[:, BOX:] if objectness else raw[:, 4:]
-        return Dense(boxes * scale, scores)
+        return Dense(boxes, scores)
 
     return decode
 

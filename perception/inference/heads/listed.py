@@ -31,10 +31,12 @@ from perception.inference.heads.candidates import (
     Inputs,
     MaskGrid,
     Outputs,
+    in_input,
+    input_corner,
     input_extent,
     pairs_above,
 )
-from perception.inference.heads.dense import SHARES, check_equal_length, corners_of, prototype_masks
+from perception.inference.heads.dense import check_equal_length, corners_of, prototype_masks
 from perception.inference.session import Fitted
 
 _ROUNDING: Final = 1e-3
@@ -129,8 +131,10 @@ class RowsHead(Head):
         """Whether scores are shares of 1, classes whole numbers and boxes in order."""
         rows = self._rows(outputs)[:, list(self.order)]
         score, label = rows[:, 4], rows[:, 5]
+        known = label[score > 0]
         return bool(
             ((score <= 1 + _ROUNDING) & (score >= -1)).all()
+            and not (self.first_label and np.isin(known, (0, *UNUSED_IDS)).any())
             and ((label == np.rint(label)) & (label >= -1) & (label < _MOST)).all()
             and (rows[:, 2:4] >= rows[:, :2]).all()
         )
@@ -145,7 +149,7 @@ class RowsHead(Head):
             mask = prototype_masks(whole[:, 6:], outputs[1].astype(np.float32)[0], fitted)
         # a network that takes the scale of the image undoes it
         scaled = "scale_factor" in self.size_inputs
-        boxes = rows[:, :4] if scaled else in_image(rows[:, :4], fitted)
+        boxes = rows[:, :4] if scaled else fitted.to_image(in_input(rows[:, :4], fitted))
         return Candidates(boxes, rows[:, 4], _whole_numbers(rows[:, 5]), mask)
 
 
@@ -181,8 +185,7 @@ class ListHead(Head):
         """Whether labels begin with this one's first, and boxes are in order and in the image."""
         boxes, labels, score, _ = self._arrays(outputs)
         good = score > threshold
-        size = np.float32(1) if _are_shares(boxes[good]) else _size_of(fitted)
-        within = boxes[good] <= size * np.float32(1 + _BORDER)
+        within = in_input(boxes[good], fitted) <= input_corner(fitted) * np.float32(1 + _BORDER)
         label = _whole_numbers(labels.astype(np.float32)[good])
         unused = self.first_label == 1 and np.isin(label, UNUSED_IDS).any()
         return bool((label >= self.first_label).all() and within.all() and not unused)
@@ -192,7 +195,7 @@ class ListHead(Head):
         boxes, labels, scores, masks = self._arrays(outputs)
         found = _listed(boxes, scores, labels, threshold)
         chosen = np.nonzero(scores > threshold)[0]
-        image = in_image(found.xyxy, fitted)
+        image = fitted.to_image(in_input(found.xyxy, fitted))
         mask = None
         if masks:
             grids = masks[0].astype(np.float32)[chosen]
@@ -200,21 +203,6 @@ class ListHead(Head):
             whole = grids.shape[1:] == fitted.tensor.shape[2:]
             mask = _whole_masks(grids, fitted) if whole else _box_masks(grids, image)
         return Candidates(image, found.score, found.label, mask)
-
-
-def in_image(boxes: Floats, fitted: Fitted) -> Floats:
-    """Boxes (n, 4) in the image's pixels: of the input's, or shares of it, as their values tell."""
-    return fitted.to_image(boxes * _size_of(fitted) if _are_shares(boxes) else boxes)
-
-
-def _are_shares(boxes: Floats) -> bool:
-    known = boxes[np.isfinite(boxes).all(axis=1)]
-    return bool(len(known)) and float(np.abs(known).max()) <= SHARES
-
-
-def _size_of(fitted: Fitted) -> Floats:
-    """x, y, x, y [px] of the input's lower right corner."""
-    return np.array(fitted.tensor.shape[:1:-1] * 2, np.float32)
 
 
 def _listed(

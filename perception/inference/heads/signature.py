@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from kg.model.errors import ModelError
+from perception.inference.class_labels import METADATA_KEYS
 from perception.inference.heads.candidates import Head
 from perception.inference.heads.dense import (
     BINS,
@@ -67,6 +68,7 @@ _ORDERS: Final = {
         "rows-of-batch-class-first": (3, 4, 5, 6, 2, 1),
     },
 }
+_FROM_1: Final = "rows-labels-from-1"
 #: outputs of AutoML's EfficientDet: rows of the image's number, y1, x1, y2, x2, score, class from 1
 _Y_FIRST: Final = ("detections", (2, 1, 4, 3, 5, 6))
 #: roles of outputs by their names, the first that matches; what is left has none
@@ -78,12 +80,14 @@ _ROLES: Final = (
     ("labels", r"class|label|categor"),
     ("boxes", r"box|^dets|_dets"),
 )
-#: heads of lists by all their outputs' names: (pattern, y first, first labels, resize)
+#: heads of lists by the axes of boxes and all outputs' names: (pattern, y first, first labels,
+#: resize)
 _LISTS: Final = (
     (r"num_dets|graph\d*_|pred_(boxes|classes)|(^|,)dets(,|$)", (False,), (0,), "letterbox"),
     (r"detection_boxes", (True,), (1,), "stretch"),
-    (r"^boxes,labels,scores", (False,), (1,), "stretch"),
-    (r"^boxes,(scores,(classes|labels)|classes,scores)", (False,), (0,), "letterbox"),
+    (r"valid_detections", (True, False), (0,), "stretch"),
+    (r"^2,boxes,labels,scores", (False,), (1,), "stretch"),
+    (r"^3,boxes,(scores,classes|classes,scores)", (False,), (0,), "letterbox"),
     (r"(^|,)num|num_", (False,), (0,), "letterbox"),
     (r"", (False,), (0, 1), "stretch"),
 )
@@ -189,7 +193,7 @@ def _lists(session: Session) -> Iterator[Head]:
     listed = all(len(s) < len(boxes) or (len(s) == len(boxes) and s[-1] == 1) for s in flat)
     if len(boxes) not in (2, 3) or boxes[-1] != (4 if with_scores else 5) or not listed:
         return
-    names = ",".join(shapes).lower()
+    names = f"{len(boxes)},{','.join(shapes)}".lower()
     downs: tuple[bool, ...]
     _, downs, firsts, resize = next(one for one in _LISTS if re.search(one[0], names))
     if downs == (True,) and "int" in session.output_types[roles["labels"]]:
@@ -228,16 +232,14 @@ def _boxes_and_scores(session: Session) -> Iterator[Head]:
         return
 
     image = next(iter(session.inputs))
-    height, width = session.image_size(image)
-    shares = np.array([width, height] * 2, np.float32)
     # of an SSD shares of the input, and a column for the background
-    for kind, scale in (("", np.float32(1)), ("-shares", shares)):
+    for kind in ("", "-shares"):
         for column, background in (("", None), ("-background-first", 0), ("-background-last", -1)):
 
-            def decode(outputs: list[Any], scale: Any = scale, apart: Any = background) -> Dense:
+            def decode(outputs: list[Any], apart: Any = background) -> Dense:
                 of_class = outputs[1].T if by_class else outputs[1]
                 kept = of_class if apart is None else np.delete(of_class, apart, 1)
-                return Dense(outputs[0] * scale, kept)
+                return Dense(outputs[0], kept)
 
             yield DenseHead(
                 image_input=image,
@@ -249,6 +251,7 @@ def _boxes_and_scores(session: Session) -> Iterator[Head]:
                 decode=decode,
                 background=background,
                 shares=bool(kind),
+                named=True,
             )
 
 
@@ -277,13 +280,18 @@ def _rows(session: Session) -> Iterator[Head]:
         automl = width == len(_Y_FIRST[1]) + 1 and rows[0].partition(":")[0] == _Y_FIRST[0]
         if automl:
             orders = {"rows-of-batch-y-first-labels-from-1": _Y_FIRST[1]}
+        firsts = dict.fromkeys(orders, int(automl))
+        # EfficientDet's, whose classes are COCO's ids; names in the file begin with the first class
+        told = any(key in session.metadata for key in METADATA_KEYS)
+        if "rows" in orders and isinstance(many, int) and not channels and not told:
+            orders, firsts = orders | {_FROM_1: orders["rows"]}, firsts | {_FROM_1: 1}
         for name, order in orders.items():
             yield RowsHead(
                 image_input=image,
                 outputs=names,
                 name=name,
                 order=order,
-                first_label=int(automl),
+                first_label=firsts[name],
                 resize=resize,
                 size_inputs=sizes,
             )
@@ -309,7 +317,7 @@ def _grid_heads(
         unknown = not isinstance(high, int)
         strides = {one: STRIDES, cells(*size, PLUS_STRIDES): PLUS_STRIDES}.get(high, ())
         of_nanodet = (wide - 4 * BINS) * (strides == PLUS_STRIDES or wide - 4 * BINS == 80)
-        with_object, classes = decoded(size, objectness=True), wide - BOX
+        with_object, classes = decoded(objectness=True), wide - BOX
         rows = (wide - 4) * (high in counts or unknown)
         if strides:
             nano = nanodet(*size, strides)
@@ -322,9 +330,9 @@ def _grid_heads(
         corners_ = (wide - 4) * (high in counts or few)
         shares = (wide - 4) * (few or unknown)
         table += [
-            ("yolov8-rows", rows, box, rgb, decoded(size)),
-            ("corners-rows", corners_, box, rgb, decoded(size, corners=True)),
-            ("rtdetr", shares, "stretch", rgb, decoded(size, shares=True)),
+            ("yolov8-rows", rows, box, rgb, decoded()),
+            ("corners-rows", corners_, box, rgb, decoded(corners=True)),
+            ("rtdetr", shares, "stretch", rgb, decoded()),
         ]
     for name, classes, resize, values, decode in table:
         if classes > 0:
@@ -338,6 +346,7 @@ def _grid_heads(
                 decode=decode,
                 objectness=name == "yolox-decoded",
                 corners=_CORNERS.get(name),
+                shares=True if name == "rtdetr" else None,
             )
 
 

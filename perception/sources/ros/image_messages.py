@@ -104,7 +104,9 @@ _COLOUR: Final[dict[str, tuple[type, int, int | None]]] = {
         for type_ in (np.uint8, np.uint16)
     },
 }
-_DEPTH: Final[dict[str, type]] = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
+_DEPTH: Final[dict[str, type]] = {
+    "16UC1": np.uint16, "mono16": np.uint16, "16SC1": np.int16, "32FC1": np.float32
+}  # fmt: skip
 _DEPTH_HEADER: Final = struct.Struct("<iff")  # format, then the two parameters of the quantisation
 _SIZE: Final = struct.Struct("<II")  # width, height of RVL depth
 _VIDEO: Final = re.compile("h\\.?26[45]|hevc|avc|av1|vp[89]|theora|mpeg")
@@ -181,7 +183,8 @@ def depth_image(message: Any, where: str) -> NDArray[np.uint16] | NDArray[np.flo
                 f"{where}: encoding {message.encoding!r} is not depth; known are "
                 f"{', '.join(_DEPTH)}"
             )
-        return _raw_image(message, type_, 1, where)
+        image = _raw_image(message, type_, 1, where)
+        return np.maximum(image, 0).astype(np.uint16) if type_ is np.int16 else image
     kind, data = image_kind(message), _bytes(message)
     if kind.compression == "compressedDepth":
         return _compressed_depth(data, kind.encoding, "rvl" in message.format, where)
@@ -300,9 +303,7 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
     """
     if not is_calibrated(message):
         raise RecordingError(f"{where} is not calibrated (K is 0); --intrinsics FILE would work")
-    K = np.asarray(_field(message, "k"), np.float64)
-    P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
-    matrix = P.reshape(3, 4)[:, :3] if rectified and len(P) == 12 and P[0] else K.reshape(3, 3)
+    matrix = _matrix(message, rectified)
     fisheye = not rectified and str(message.distortion_model) in FISHEYE
     dist = () if rectified else _distortion(message, fisheye, where)
     roi = message.roi
@@ -325,13 +326,21 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
 
 def is_calibrated(message: Any) -> bool:
     """Whether a CameraInfo has a camera matrix."""
-    K = np.asarray(_field(message, "k"), np.float64).reshape(-1)
-    return len(K) == 9 and bool(K[0])
+    return bool(_matrix(message)[0, 0])
+
+
+def _matrix(message: Any, rectified: bool = False) -> NDArray[np.float64]:
+    """K (3, 3); of rectified images P's, and where K is 0 and nothing has to be undone."""
+    K = np.asarray(_field(message, "k"), np.float64)
+    K = K.reshape(3, 3) if K.size == 9 else np.zeros((3, 3))
+    P = np.asarray(_field(message, "p"), np.float64).reshape(-1)
+    by_P = rectified or not (K[0, 0] or any(_field(message, "d")))
+    return P.reshape(3, 4)[:, :3] if by_P and len(P) == 12 and P[0] else K
 
 
 def view_of(message: Any) -> NDArray[np.float64]:
     """(2,) tangents of the field of view of a calibrated CameraInfo, across and down."""
-    K = np.asarray(_field(message, "k"), np.float64).reshape(3, 3)
+    K = _matrix(message)
     return np.array([message.width / K[0, 0], message.height / K[1, 1]])
 
 

@@ -268,6 +268,7 @@ def problems(frames):
     monitor = PoseMonitor("room")
     for frame in frames:
         monitor.add(frame)
+    monitor.finish()
     return monitor.problems
 
 
@@ -303,6 +304,24 @@ def test_single_frames_that_fit_neither_neighbour_are_named(spoil):
     lone = problems(frames)["lone"]
     assert lone.startswith("depth of 2 frames contradicts")  # told as they double
     assert "frame-000019" in lone
+
+
+@pytest.mark.parametrize("count", [2, 5, 8])
+def test_frames_side_by_side_that_agree_with_each_other_alone_are_named(count):
+    frames = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    for n in range(12, 12 + count):
+        frames[n] = scaled(frames[n], 1.3)
+    lone = problems(frames)["lone"]
+    assert lone.startswith(f"depth of {count} frames contradicts")
+    assert "frame-000012, frame-000013" in lone
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_last_frames_that_contradict_those_before_are_told(count):
+    frames = [room_frame(T, n) for n, T in enumerate(round_tour())]
+    frames[-count:] = [scaled(frame, 1.3) for frame in frames[-count:]]
+    step = problems(frames)["step"]
+    assert f"from frame {frames[-count].id} on depth contradicts" in step
 
 
 def test_a_jump_is_noticed_where_it_happens():

@@ -89,6 +89,10 @@ def test_depth_of_every_encoding(big: bool, padding: int) -> None:
         assert np.array_equal(
             depth_image(image(MM, encoding, padding=padding, big=big), "here"), MM
         )
+    signed = np.array([[500, -1, 0], [-32768, 32767, 7]], np.int16)
+    read = depth_image(image(signed, "16SC1", padding=padding, big=big), "here")
+    assert np.array_equal(read, np.array([[500, 0, 0], [0, 32767, 7]], np.uint16))
+    assert read.dtype == np.uint16
     floats = np.array([[0.5, np.nan, np.inf], [-1, 0, 3.25]], np.float32)
     read = depth_image(image(floats, "32FC1", padding=padding, big=big), "here")
     assert np.array_equal(read, floats, equal_nan=True)

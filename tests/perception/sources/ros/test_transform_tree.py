@@ -221,9 +221,18 @@ def test_fisheye_cameras(d: tuple[float, ...]) -> None:
     assert not rectified.distorted
 
 
+def test_a_camera_that_its_projection_alone_tells_is_read_where_nothing_has_to_be_undone() -> None:
+    fields = {"k": np.zeros(9), "d": np.zeros(5)}
+    found = intrinsics_of(camera_info(**fields), "info")
+    assert found == intrinsics_of(camera_info(), "info", rectified=True)
+    assert not found.distorted
+    with pytest.raises(RecordingError, match="info is not calibrated"):
+        intrinsics_of(camera_info(k=np.zeros(9), p=np.zeros(12)), "info")
+
+
 def test_cameras_that_cannot_be_used() -> None:
     with pytest.raises(RecordingError, match="info is not calibrated"):
-        intrinsics_of(camera_info(k=np.zeros(9)), "info")
+        intrinsics_of(camera_info(k=np.zeros(9), d=np.ones(5)), "info")
     for model, count in (("equidistant", 6), ("omni", 4)):
         other = camera_info(distortion_model=model, d=np.full(count, 0.1))
         with pytest.raises(RecordingError, match=rf"'{model}' with {count} .*image_rect"):

@@ -1,0 +1,1 @@
+"""Networks in the wild: detectors as other programs export them."""
