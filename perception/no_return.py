@@ -172,5 +172,5 @@ def told(constants: Iterable[Constant]) -> str:
     texts = []
     for one in constants:
         over, along = "over " * (one.value >= _HIGH), " along the ray" * one.along_ray
-        texts.append(f"{over}{one.value:.4g} m{along} ({one.share:.0%} of pixels)")
+        texts.append(f"{over}{one.value:.4g} m{along} ({100 * one.share:.0f} % of pixels)")
     return ", ".join(texts[:MAX_TOLD]) + " and others" * (len(texts) > MAX_TOLD)

@@ -123,10 +123,10 @@ def depth_findings(
         error = error or another_body(name, poses, briefly, share)
         error = error or two_causes(name, poses, convention, depth_scale, briefly, share)
         error = error or (
-            f"{name}: depth does not fit the poses: {int(100 * share)}% of the points that two "
-            f"frames share agree, {GOOD:.0%} and more is sound; intrinsics, poses or their stamps "
-            "are wrong, perhaps two of them, or much of the scene moves; --poses FILE gives other "
-            "poses, --poses estimate finds some in the images, which works where depth and "
+            f"{name}: depth does not fit the poses: {int(100 * share)} % of the points that two "
+            f"frames share agree, {100 * GOOD:.0f} % and more is sound; intrinsics, poses or their "
+            "stamps are wrong, perhaps two of them, or much of the scene moves; --poses FILE gives "
+            "other poses, --poses estimate finds some in the images, which works where depth and "
             "intrinsics are right, --no-check maps it as it is"
         )
     shown = [read[index] for index in sorted(read)] or [frame(0)]

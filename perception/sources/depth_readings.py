@@ -382,8 +382,9 @@ def _causes() -> tuple[_Cause, ...]:
 
 def _would_fit(name: str, given: float, best: float, cause: str, remedy: str) -> str:
     return (
-        f"{name}: depth does not fit the poses ({given:.0%} of the points that two frames share "
-        f"agree), but does ({best:.0%}) if {cause}; {remedy}, --no-check maps it as it is"
+        f"{name}: depth does not fit the poses ({100 * given:.0f} % of the points that two frames "
+        f"share agree), but does ({100 * best:.0f} %) if {cause}; {remedy}, --no-check maps it as "
+        "it is"
     )
 
 

@@ -13,7 +13,13 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
 from planner.questions.moments import read_since, since
-from planner.questions.named_things import NAMED, counted, counted_kinds, counted_unnamed
+from planner.questions.named_things import (
+    NAMED,
+    counted,
+    counted_kinds,
+    counted_unnamed,
+    plural,
+)
 from planner.questions.patterns import EVENTS, Kind, PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.questions.thing_answers import ThingAnswers
@@ -234,7 +240,8 @@ class Answerer(ThingAnswers):
         rest = len(known) - len(sure)
         doubted = f", and perhaps {rest} more" if rest else ""
         whether = self._question.whether(len(sure), len(known))
-        line = f"{whether}{target.label}: {len(sure)}{where}{doubted}"
+        kinds = target.label if len(sure) == 1 else plural(target.label)
+        line = f"{whether}{len(sure)} {kinds}{where}{doubted}"
         answer = self._of_category(target, [line])
         return replace(answer, things=tuple(one.iri for one in sure))
 
@@ -316,7 +323,7 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         kind, place = str(things[0]["category"]), things[0]["place"]
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
-        several = f"{kind}{'es' if kind.endswith(('s', 'x', 'z', 'ch', 'sh')) else 's'}"
+        several = plural(kind)
         asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
         spoken = spoken_places(semantic_map)

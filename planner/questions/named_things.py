@@ -140,11 +140,39 @@ class NamedThings:
         return PlainAnswer(self._question.kind, query, parameters, tuple(lines), columns, table)
 
 
+_PLURALS: Final = {
+    "person": "people",
+    "man": "men",
+    "woman": "women",
+    "child": "children",
+    "knife": "knives",
+    "shelf": "shelves",
+    "mouse": "mice",
+    "tooth": "teeth",
+    "foot": "feet",
+    **{one: one for one in ("sheep", "scissors", "skis", "glasses", "trousers", "furniture")},
+}
+
+
+def plural(noun: str) -> str:
+    """Several of a noun: ``benches``, ``mice``, ``teddy bears``."""
+    first, _, last = noun.rpartition(" ")
+    if last not in _PLURALS:
+        if last.endswith("y") and last[-2:-1] not in "aeiou":
+            several = f"{last[:-1]}ies"
+        else:
+            several = last + ("es" if last.endswith(("s", "x", "z", "ch", "sh")) else "s")
+    else:
+        several = _PLURALS[last]
+    return f"{first} {several}".strip()
+
+
 def counted_kinds(rows: Iterable[Row], catalogue: Catalogue) -> str:
-    """``a bed, 3 x book``: objects by category, the most frequent first."""
+    """``a bed, 3 books``: objects by category, the most frequent first."""
     counts = Counter(str(row["category"]) for row in rows).most_common()
     named = [
-        with_article(kind, catalogue) if n == 1 else f"{n} x {kind}" for kind, n in counts[:NAMED]
+        with_article(kind, catalogue) if n == 1 else f"{n} {plural(kind)}"
+        for kind, n in counts[:NAMED]
     ]
     return _listed(named, sum(n for _, n in counts[NAMED:]))
 

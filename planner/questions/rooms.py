@@ -11,6 +11,7 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
+from kg.model.shares import percent
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -153,9 +154,7 @@ class _Answerer:
         kind = _kind(self._map, place)
         believed = f"{place.label} is believed to be {kind}" if kind else "its kind is not known"
         perhaps = [p for one, p in rooms.perhaps if one == place]
-        other = (
-            f", and {with_article(rooms.name)} with probability {perhaps[0]:.2f}" if perhaps else ""
-        )
+        other = f", and {with_article(rooms.name)} with {percent(perhaps[0])}" if perhaps else ""
         return [f"No: {believed}{other}"]
 
     def _count(self, rooms: _Rooms) -> list[str]:
@@ -232,7 +231,7 @@ class _Answerer:
         return f"Between {first} and {second}, at ({door.x:.1f}, {door.y:.1f}), {door.width:.1f} m"
 
     def _described(self, place: PlaceRecord) -> str:
-        """``place 6 is believed to be a kitchen (0.51): at (2.1, 7.2), 13 m2, next to place 5``."""
+        """``place 6 is believed to be a kitchen (51 %): at (2.1, 7.2), 13 m2, next to place 5``."""
         x, y = place.area.centre
         kind = _kind(self._map, place)
         believed = f" is believed to be {kind}:" if kind else " is"
@@ -259,9 +258,7 @@ class _Answerer:
         return self._spoken.get(place.iri, place.label)
 
     def _perhaps(self, rooms: _Rooms) -> list[str]:
-        named = ", ".join(
-            f"{place.label} (probability {p:.2f})" for place, p in rooms.perhaps[:_LISTED]
-        )
+        named = ", ".join(f"{place.label} ({percent(p)})" for place, p in rooms.perhaps[:_LISTED])
         return [f"Perhaps {with_article(rooms.name)}: {named}"] if named else []
 
     def _none(self, rooms: _Rooms) -> str:
@@ -286,7 +283,7 @@ def _kind(semantic_map: SemanticMap, place: PlaceRecord) -> str:
     if top is None:
         return ""
     label = plain_place(semantic_map.catalogue.label(top))
-    return f"{with_article(label)} (probability {place.beliefs[top]:.2f})"
+    return f"{with_article(label)} ({percent(place.beliefs[top])})"
 
 
 def _capital(text: str) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from kg.history.timestamps import iso, span
 from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord
+from kg.model.shares import percent
 from planner.freespace.planning_map import number
 from planner.questions.named_things import NAMED, NamedThings, Spot, sized
 from planner.questions.patterns import ROBOT, PlainAnswer
@@ -259,9 +260,9 @@ class ThingAnswers(NamedThings):
         where, there = self._there()
         known = [k for k in self._known(target, one) if there(k)]
         lines = [
-            f"{k.label} {k.where.strip()}: it exists with probability {k.believed:.2f}, was seen "
-            f"{times(k.observations)}, and is still there with probability "
-            f"{k.still_there(self._now):.2f}"
+            f"{k.label} {k.where.strip()}: it exists with {percent(k.believed)}, was seen "
+            f"{times(k.observations)}, and is still there with "
+            f"{percent(k.still_there(self._now))}"
             for k in known[:LISTED]
         ]
         if not lines:
@@ -300,7 +301,7 @@ class ThingAnswers(NamedThings):
             for place in self._map.places()
         )
         never = [title for share, title in shares if share < _VIEWED]
-        least = ", ".join(f"{title} ({share:.0%} viewed)" for share, title in shares[:NAMED])
+        least = ", ".join(f"{title} ({percent(share)} viewed)" for share, title in shares[:NAMED])
         if not shares:
             line = "The map has no places"
         elif never:

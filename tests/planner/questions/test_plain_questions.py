@@ -94,7 +94,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("how many places are there", " places: "),
         ("is the cup in the bedroom?", "Unknown: the robot viewed 0 % of the bedroom"),
         ("is cup 2 in the bedroom?", "No: cup 2 is in the kitchen"),
-        ("how many giraffes", "giraffe: 0"),
+        ("how many giraffes", "0 giraffes"),
         ("is there a cup near the banana?", "No cup is known within 2 m of banana"),
         ("something to sit on", "bed 3 was seen there"),
         ("what is next to the cup", "Within 2 m of cup 2: nothing"),
@@ -118,15 +118,15 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("Wo ist die Tasse?", "'tasse' means cup\nProbably no longer in the kitchen: cup 2"),
         ("gibt es eine Banane in der K\u00fcche?", "It was there, and has probably been moved"),
         ("ist das Bett im Schlafzimmer", "It was there, and has probably been moved since:"),
-        ("wie viele Tassen sind in der K\u00fcche", "cup: 1 in the kitchen"),
+        ("wie viele Tassen sind in der K\u00fcche", "1 cup in the kitchen"),
         ("is there a cup on the bed", "No cup is known to be on bed 3\nProbably no longer"),
-        ("how many cups are on the bed?", "cup: 0 on bed 3"),
+        ("how many cups are on the bed?", "0 cups on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
         ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
         ("how far is the cup from the kitchen", "From the kitchen to cup 2: 1.4 m, in the same"),
         ("are all the beds in the kitchen?", "No: bed: 0 of 1 in the kitchen\nProbably no longer"),
         ("Sind alle Betten im Schlafzimmer", "Yes: bed: 1 of 1 in the bedroom"),
-        ("is there more than one cup", "No: cup: 1"),
+        ("is there more than one cup", "No: 1 cup"),
         ("how large is the flat", "The 3 places of the map have "),
         ("how often did you see the bed", "bed 3 in the bedroom: it exists with"),
         ("is there anything new in the kitchen", "Appeared: banana 1, cup 2"),
@@ -152,7 +152,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("welche Tiere gibt es", "'tiere' means animal\nNo animal is in the map"),
         ("wo sind meine Schl\u00fcssel", "see things called 'schl\u00fcssel' (keys)"),
         ("what changed in the kitchen?", "Appeared: banana 1, cup 2\nNew rooms: kitchen\nSince"),
-        ("are there two cups?", "No: cup: 1"),
+        ("are there two cups?", "No: 1 cup"),
         ("do we have two bedrooms", "No: bedroom: 1, the bedroom"),
         ("are there 2 rooms?", "Yes: room: 3"),
         ("what was the last thing you saw?", "years ago: banana 1 in the kitchen\n"),
@@ -160,7 +160,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("which room is the largest?", "The largest is the kitchen (16.0 m2); then the bedroom"),
         ("how do I get to the kitchen?", "From the robot to the kitchen: "),
         ("what is between the cup and the bed?", "From cup 2 to bed 3: nothing is known to be"),
-        ("how sure are you that there is a cup?", "cup 2 in the kitchen: it exists with probabi"),
+        ("how sure are you that there is a cup?", "cup 2 in the kitchen: it exists with "),
         ("how sure are you that the cup is in the bedroom", "No cup is known to be in the bedroom"),
         ("which rooms have you never been in?", "Never viewed: "),
         ("why do you think there is a cup?", "cup 2 has no observation in the map"),
@@ -176,7 +176,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("what happened to the cup", "cup 2 was seen there 4 times"),
         ("Wann hast du zuletzt die Tasse gesehen", "years ago: cup 2 in the kitchen"),
         ("wo is denn mein Bett", "bed 3 was seen there 4 times"),
-        ("is there only one bed", "bed: 1"),
+        ("is there only one bed", "1 bed"),
         (
             "give me a list of everything in the kitchen",
             "2 objects in the kitchen: a banana, a cup",
@@ -211,8 +211,8 @@ def test_a_place_that_is_called_house_is_no_whole_house() -> None:
         )
         semantic_map.apply(MapUpdate(places=(house, shed)))
         semantic_map.apply(MapUpdate(objects=(thing(semantic_map, "cup", 5.0, 1.0, 1),)))
-        assert told(semantic_map, "how many cups are in house?") == "cup: 0 in House"
-        assert told(semantic_map, "how many cups are in the flat?") == "cup: 1"
+        assert told(semantic_map, "how many cups are in house?") == "0 cups in House"
+        assert told(semantic_map, "how many cups are in the flat?") == "1 cup"
 
 
 def test_doubted_things_are_listed_where_none_is_present() -> None:
@@ -308,7 +308,7 @@ def test_the_box_of_the_page_takes_questions(flat: Path) -> None:
             with pytest.raises(refused.type, match=f"^{re.escape(str(refused.value))}$"):
                 answer_box(semantic_map, [text])
         rooms = answer_box(semantic_map, ["how many cups are there?"])
-        assert (rooms["answer"], rooms["steps"]) == (["cup: 1"], [])
+        assert (rooms["answer"], rooms["steps"]) == (["1 cup"], [])
         found = answer_box(semantic_map, ["where is the blue cup?"])
         assert found["steps"] and found["known"]
         assert str(found["answer"]).startswith("['The map does not keep what is blue")
