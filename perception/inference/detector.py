@@ -173,7 +173,7 @@ def _names(readings: Sequence[Reading]) -> str:
 
 
 RANGES: Final = ("0..1", "0..255", "imagenet")  # of colours
-SURE: Final = 0.5  # score that no picture in a wrong range of colours reaches
+SURE: Final = 0.8  # score that hardly any picture in a wrong range of colours reaches
 TRIES: Final = 20  # pictures that show nothing by which other ranges are tried
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
