@@ -8,7 +8,7 @@ depth with noise and detections with errors are made once for each pose and stat
 takes another draw of detections, so that a frame costs what its mapping costs. Stamps are those of
 a real day. After a quarter of the frames `compact` drops the older half of the history, and a line
 tells what it gives back. A shorter run, or one that Ctrl+C ends, ends with a row that goes on
-straight from its last rows.
+straight from its rows.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -177,14 +178,20 @@ def _compact(semantic_map: SemanticMap, seconds: float) -> None:
 
 
 def whole_day(rows: Sequence[Row]) -> Row:
-    """A row of 24 h that goes on straight from the last two."""
-    before, last = rows[-2:]
-    steps = (DAY - last.frames) / (last.frames - before.frames)
-    ends = [
-        type(b)(b + steps * (b - a))
-        for a, b in ((getattr(before, f.name), getattr(last, f.name)) for f in fields(Row))
-    ]
-    return Row(*ends)
+    """A row of 24 h that goes on straight, and at the same pace, from the first and the last row.
+
+    History grows as it grew fastest, since `compact` made it smaller once.
+    """
+    first, last = rows[0], rows[-1]
+    left = DAY - last.frames
+    ends = {
+        name: type(b)(b + left * (b - a) / (last.frames - first.frames))
+        for name in (f.name for f in fields(Row))
+        for a, b in [(getattr(first, name), getattr(last, name))]
+    }
+    rates = [(b.history - a.history) / (b.frames - a.frames) for a, b in pairwise(rows)]
+    history = last.history + left * max(rates)
+    return Row(**ends | {"ms": last.ms, "cpu": last.cpu, "history": history})
 
 
 def run(arguments: argparse.Namespace) -> int:
