@@ -56,6 +56,7 @@ from kg.serving.workers.evaluation.ingestion import (
 from kg.serving.workers.isolation import confine
 from kg.store.folder import is_disk_full
 
+_LAST = (b".", b"E")  # messages that end an answer
 GRACE = 0.5  # [s] after the time limit until the worker ends itself
 CHUNK = 1 << 16
 
@@ -203,7 +204,9 @@ class Evaluator:
         self.send(b"E", json.dumps({"error": name, "message": line}).encode())
 
     def send(self, kind: bytes, payload: bytes) -> None:
-        """Send a message to the parent."""
+        """Send a message to the parent; the last of an answer ends the limit of its time."""
+        if kind in _LAST:  # not after it: a worker that is held up then would be ended for nothing
+            _limit_time(0, 0)
         self._out.write(HEAD.pack(kind, len(payload)) + payload)
         self._out.flush()
 
@@ -329,4 +332,3 @@ def main() -> None:
         kind, request = message
         _limit_time(request["timeout"], request["within"])
         evaluator.answer(kind, request)
-        _limit_time(0, 0)

@@ -253,14 +253,14 @@ def test_the_state_of_the_map_waits_for_a_busy_processor_and_a_query_does_not(
     live: SemanticMap,
 ) -> None:
     state = {"base": live.base, "objects": True, "surface": 0}
-    with QueryPool(live, workers=1, timeout=3.0) as pool:
+    with QueryPool(live, workers=1, timeout=0.5) as pool:
 
         def held(call: WorkerCall) -> Answer:
             """The answer of a worker that gets no processor for longer than the time limit."""
             pool.run("ASK {}")  # it has started
             (worker,) = pool.pids
             os.kill(worker, signal.SIGSTOP)
-            freed = threading.Timer(4.5, goes_on, (worker,))
+            freed = threading.Timer(1.5, goes_on, (worker,))
             freed.start()
             try:
                 return pool.answer(call)
