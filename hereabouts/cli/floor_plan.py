@@ -90,7 +90,7 @@ def _list(arguments: argparse.Namespace) -> int:
     """List the places, after the rooms of the floor were made places if that is wanted."""
     from kg.serving.opening import open_map
     from mapping.places.found_places import find_places
-    from planner.search.goals.place_names import in_brackets
+    from planner.search.goals.place_names import likely_kind
 
     find = arguments.edit == "find"
     with open_map(arguments.map, read_only=not find, exclusive=find) as semantic_map:
@@ -102,7 +102,7 @@ def _list(arguments: argparse.Namespace) -> int:
             (
                 place.iri.removeprefix(base),
                 place.label,
-                in_brackets(semantic_map.catalogue, place)[2:-1],
+                likely_kind(semantic_map.catalogue, place),
                 round(place.area.area, 1),
                 ", ".join(labels.get(iri, iri) for iri in place.adjacent),
             )

@@ -36,13 +36,19 @@ def is_of_mapper(iri: str, label: str) -> bool:
     return bool(NUMBERED.fullmatch(label)) and (kind != "room" or label == f"room {number}")
 
 
-def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
-    """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the name of the place has it already."""
+def likely_kind(beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
+    """The everyday name of the likeliest category, by its `label`: ``kitchen``; ``perhaps kitchen``
+    where it is unsure, and "" without any.
+    """
     top = likeliest(beliefs)
     kind = "" if top is None else plain_place(label(top))
-    if top is None or not kind or kind_in(name, kind):
-        return ""
-    return f" ({kind})" if beliefs[top] >= SURE else f" (perhaps {kind})"
+    return f"perhaps {kind}" if kind and not sure_kind(beliefs, label) else kind
+
+
+def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], str]) -> str:
+    """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the name of the place has it already."""
+    kind = likely_kind(beliefs, label)
+    return f" ({kind})" if kind and not kind_in(name, kind.removeprefix("perhaps ")) else ""
 
 
 def kind_in(name: str, kind: str) -> bool:

@@ -23,14 +23,14 @@ _UNNAMED = (
 )
 
 
-def in_brackets(catalogue: Catalogue, place: PlaceRecord) -> str:
-    """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the label of the place has it already."""
-    return place_names.in_brackets(place.label, place.beliefs, catalogue.label)
+def likely_kind(catalogue: Catalogue, place: PlaceRecord) -> str:
+    """The kind of a place: ``kitchen``, or ``perhaps kitchen``; "" without any."""
+    return place_names.likely_kind(place.beliefs, catalogue.label)
 
 
 def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
     """``place 6 (kitchen)``: the label of a place with its kind."""
-    return place.label + in_brackets(catalogue, place)
+    return place.label + place_names.in_brackets(place.label, place.beliefs, catalogue.label)
 
 
 def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
@@ -122,7 +122,7 @@ def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, .
     catalogue, places = semantic_map.catalogue, semantic_map.places()
     known = catalogue.get(text, "place")
     tail = f" {(known.label if known else text.strip()).casefold()}"
-    return tuple(p for p in places if in_brackets(catalogue, p).rstrip(")").endswith(tail))
+    return tuple(p for p in places if likely_kind(catalogue, p).endswith(tail))
 
 
 def notes_of(semantic_map: SemanticMap, place: str) -> list[tuple[str, str]]:
