@@ -138,7 +138,7 @@ export class AnswerPanel {
     return plan.steps.slice(0, Math.min(plan.worthwhile, MAX_STEPS)).map((step, n) => {
       const reason = step.why.slice(0, 1).find((one) => !given.has(one.iri));
       if (reason) given.add(reason.iri);
-      return element("li", "", linkButton(() => this._view.goTo(step.x, step.y), `look ${n + 1}`), ` after ${Math.round(step.seconds)} s, finds it with ${(100 * step.probability).toPrecision(2)} %`,
+      return element("li", "", linkButton(() => this._view.goTo(step.x, step.y), `look ${n + 1}`), ` after ${Math.round(step.seconds)} s, finds it with ${percent(step.probability)}`,
         element("small", reason ? reason.facts.slice(0, 2).join("; ") : ""));
     });
   }

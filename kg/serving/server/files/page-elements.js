@@ -7,7 +7,7 @@ export const byId = (id) => document.getElementById(id);
  * @type {(selector: string) => any[]} */
 export const all = (selector) => [...document.querySelectorAll(selector)];
 
-export const percent = (share) => `${Math.round(100 * share)} %`;
+export const percent = (share) => (share > 0 && share < 0.0005 ? "under 0.1 %" : share >= 0.995 && share < 1 ? "over 99 %" : `${Number((100 * share).toFixed(share < 0.095 ? 1 : 0))} %`); // as kg.model.shares says it
 
 /** An element with text and children.
  * @type {(name: string, text?: string, ...children: (Node | string)[]) => any} */

@@ -200,7 +200,7 @@ function boxed(picture) {
 
 /** A line of an explanation in the words of the page: clock times, percentages. */
 function plain(text) {
-  return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with (\d+ %)/g, "$1 sure")
+  return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure")
     .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at")
     .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time));
