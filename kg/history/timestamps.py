@@ -29,7 +29,7 @@ _SECONDS: Final = {
     **dict.fromkeys(("w", "week", "weeks"), 604800.0),
     **dict.fromkeys(("y", "year", "years"), 31557600.0),
 }
-_HOURS: Final = {"minute": 1 / 60, "hour": 1.0, "day": 24.0, "week": 168.0, "month": 730.0}
+_MONTH: Final = 730 * 3600.0  # [s] on average
 _NUMBERS: Final = {"a": 1, "an": 1, "one": 1, "two": 2, "three": 3, "few": 3, "couple": 2, "": 1}
 _SPAN: Final = re.compile(
     r"(?:last |past )?(?:(\d+|a|an|one|two|three|few|couple)(?: of)? )?"
@@ -106,7 +106,7 @@ def instant(words: str, now: float) -> str:
         return iso((today - timedelta(days=days[plain])).timestamp())
     if match := _SPAN.fullmatch(plain):
         count = _NUMBERS.get(match[1] or "") or (whole_number(match[1]) or _MAX_COUNT)
-        return iso(now - 3600.0 * _HOURS[match[2]] * min(count, _MAX_COUNT))
+        return iso(now - _SECONDS.get(match[2], _MONTH) * min(count, _MAX_COUNT))
     try:
         if re.fullmatch(r"\d+(\.\d+)? ?[a-z]+( ago)?", plain):
             return iso(now - duration(plain.removesuffix(" ago")))

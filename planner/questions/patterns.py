@@ -157,7 +157,7 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
 def _by_sentence_or_clues(
     plain: Sequence[tuple[Language, str]], known: Known
 ) -> tuple[Language, Gaps] | None:
-    """What a sentence says; clues go first where one of its names has other words in it."""
+    """The reading of a sentence; clues go first where one of its names has other words in it."""
     read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
     for language, _, gaps in read:
         names = [gaps.get(gap, "") for gap in ("what", "where", "other")] if gaps else []
