@@ -199,8 +199,8 @@ def _state(track: Track) -> dict[str, Any]:
     return {name: getattr(track, name) for name in _PLAIN} | {
         **{name: getattr(track, name).tolist() for name in _POINTS},
         "sizes": [*track.sizes],
-        "lows": [low.tolist() for low in track.lows],
-        "highs": [high.tolist() for high in track.highs],
+        "lows": _packed(track.lows, np.float64),
+        "highs": _packed(track.highs, np.float64),
         "evidence": {c: [e.strength, e.looks] for c, e in track.evidence.items()},
         "absence": _plain(track.absence),
         "viewpoints": [[*view, looks] for view, looks in track.viewpoints.items()],
@@ -208,9 +208,21 @@ def _state(track: Track) -> dict[str, Any]:
         "together": [[number, times] for number, times in track.together.items()],
         "best": None if track.best is None else _plain(track.best),
         "labels": track.labels,
-        "views": b64encode(b"".join(row.tobytes() for row in track.views.values())).decode(),
+        "views": _packed(track.views.values(), np.float32),
         "box": None if (box := track.box) is None else [*box.centre, *box.extent, box.yaw],
     }
+
+
+def _packed(rows: Iterable[NDArray[np.floating]], kind: type[np.floating]) -> str:
+    """Rows of numbers as text; decimals would take ten times as long."""
+    return b64encode(np.array([*rows], kind).tobytes()).decode()
+
+
+def _corners(packed: str | list[list[float]]) -> NDArray[np.float64]:
+    """Corners (n, 3) [m] of boxes; files of earlier releases have them as decimals."""
+    if isinstance(packed, str):
+        return np.frombuffer(b64decode(packed)).reshape(-1, 3)
+    return np.array(packed, np.float64).reshape(-1, 3)
 
 
 def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
@@ -218,7 +230,7 @@ def _track(number: int, state: Mapping[str, Any], s: ObjectSettings) -> Track:
     points: dict[str, Any] = {
         name: np.array(state[name], np.float64).reshape(3) for name in _POINTS
     }
-    lows, highs = (np.array(state[name], np.float64).reshape(-1, 3) for name in ("lows", "highs"))
+    lows, highs = _corners(state["lows"]), _corners(state["highs"])
     track = Track(**points, **plain, settings=s, number=number, changed=False)
     track.sizes.extend(map(float, state["sizes"]))
     track.lows.extend(lows)

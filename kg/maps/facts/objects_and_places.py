@@ -28,6 +28,7 @@ from kg.model.errors import InvalidFactError
 from kg.model.iris import observation_iri
 from kg.model.records import (
     DepartedRecord,
+    Evidence,
     ObjectRecord,
     PlaceRecord,
     likeliest,
@@ -61,6 +62,7 @@ from kg.store.scheduling import in_pieces
 from kg.store.sparql_backend import reading_ahead
 
 CHUNK_SIZE = 50  # subjects read before a frame that waits may be written
+_MAX_OBSERVED = 4096  # objects whose observation is held
 MIN_BELIEF = 0.005  # smaller beliefs would be stored as zero
 
 
@@ -73,6 +75,7 @@ class RecordCodec:
     def __init__(self, base: str, catalogue: Catalogue | Callable[[], Catalogue]) -> None:
         self.base = base
         self._catalogue = catalogue
+        self._observed = dict[str, tuple[Evidence, list[Quad]]]()  # latest of each object
 
     @property
     def catalogue(self) -> Catalogue:
@@ -115,8 +118,18 @@ class RecordCodec:
         if record.evidence is None:
             return subject_quads(record.iri, facts) + parts
         facts.append((v.EXPLAINED_BY, NamedNode(observation_iri(self.base, record.iri))))
-        evidence = observation_quads(record.iri, record.evidence, self.base)
+        evidence = self._observation(record.iri, record.evidence)
         return subject_quads(record.iri, facts) + evidence + parts
+
+    def _observation(self, iri: str, evidence: Evidence) -> list[Quad]:
+        """Facts of an object's best observation, which most frames that show it leave as it is."""
+        held, quads = self._observed.get(iri, (None, []))
+        if held is not evidence:
+            quads = observation_quads(iri, evidence, self.base)
+            if len(self._observed) >= _MAX_OBSERVED:
+                self._observed.clear()
+            self._observed[iri] = evidence, quads
+        return quads
 
     def of_place(self, record: PlaceRecord) -> list[Quad]:
         """Facts of a place and of its beliefs; raises InvalidFactError as `of_object` does."""

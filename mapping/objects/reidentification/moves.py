@@ -10,8 +10,9 @@ two equal cups, each of the new ones may be either of the old ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,12 +57,14 @@ def moved_things(
     if not absent or not appeared:
         return []
     weights: NDArray[np.float64] = np.zeros((len(absent), len(appeared)))
-    for row, one in enumerate(absent):
-        for column, n in enumerate(appeared):
-            plain = weight(one, n, departed, now, count, settings)
-            if looks is not None and plain >= _UNLIKELY:
-                plain *= looks(one.track, n, _rivals(one.track, n, absent))
-            weights[row, column] = plain
+    labels = cache(_labels)
+    for row, column in np.argwhere(_in_reach(absent, appeared, settings)).tolist():
+        one, n = absent[row], appeared[column]
+        alike = _alike(labels(one.track), labels(n), count, settings)
+        plain = alike * weight(one, n, departed, now, settings) if alike else 0.0
+        if looks is not None and plain >= _UNLIKELY:
+            plain *= looks(one.track, n, _rivals(one.track, n, absent))
+        weights[row, column] = plain
     by_thing, by_origin = weights.sum(axis=0), weights.sum(axis=1)
     probability = weights / (1 + by_thing[None, :] + by_origin[:, None] - weights)
     cost = np.where(probability > 0, 1 - probability, np.inf)
@@ -73,36 +76,52 @@ def moved_things(
     ]
 
 
+def _in_reach(
+    absent: Sequence[Absentee], appeared: Sequence[Track], s: ObjectSettings
+) -> NDArray[np.bool_]:
+    """Which of the absent (rows) may be which that appeared (columns), by time and distance."""
+    last = np.array([one.track.last_seen for one in absent])
+    time = np.array([n.first_seen for n in appeared]) - last[:, None]
+    here = np.array([n.p_map for n in appeared])
+    distance = np.linalg.norm(np.array([one.track.p_map for one in absent])[:, None] - here, axis=2)
+    reach: NDArray[np.bool_] = (time > 0) & (distance <= 0.5 + s.speed * time)
+    return reach
+
+
 def weight(
     one: Absentee,
     n: Track,
     departed: Departed,
     now: float,
-    count: Callable[[str], int],
     s: ObjectSettings,
 ) -> float:
-    """Likelihood ratio of `n` being that thing and being one of another origin."""
+    """Likelihood ratio of `n`, in reach, being that thing and of another origin, but for labels."""
     o = one.track
     distance = float(np.linalg.norm(o.p_map - n.p_map))
-    if n.first_seen <= o.last_seen or o is n:
-        return 0.0
-    if distance > 0.5 + s.speed * (n.first_seen - o.last_seen):
-        return 0.0
-    labels, others = _labels(o), _labels(n)
-    alike = 0.0
-    for category in sorted(labels.keys() & others.keys()):  # sums follow the order
-        expected = s.same_label + s.unexplained * count(category)
-        alike += labels[category] * others[category] / expected
     stretch = math.log(n.size / o.size) ** 2 / 2
     narrow, wide = s.same_size, s.other_size
     size = wide / narrow * math.exp(stretch / wide**2 - stretch / narrow**2)
     if distance < _gate(o, n, s):  # it stood there all the time
-        return s.returned * o.peak * alike * max(size, s.any_size)
+        return s.returned * o.peak * max(size, s.any_size)
     place = math.exp(-distance / s.short_way)
     time = departed(o, n.first_seen - o.last_seen)
     if one.looked:  # it left, or was never there
         time = one.left * time / (departed(o, now - o.last_seen) + s.mistaken)
-    return time * o.peak * alike * max(size, s.any_size) * place
+    return time * o.peak * max(size, s.any_size) * place
+
+
+def _alike(
+    labels: Mapping[str, float],
+    others: Mapping[str, float],
+    count: Callable[[str], int],
+    s: ObjectSettings,
+) -> float:
+    """Likelihood ratio, by the labels of two things, of their being one and being two."""
+    alike = 0.0
+    for category in sorted(labels.keys() & others.keys()):  # sums follow the order
+        expected = s.same_label + s.unexplained * count(category)
+        alike += labels[category] * others[category] / expected
+    return alike
 
 
 def _rivals(o: Track, n: Track, absent: Sequence[Absentee]) -> list[Track]:
