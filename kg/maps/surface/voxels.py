@@ -251,13 +251,14 @@ class VoxelGrid:
     def within(self, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
         """Centres (n, 3) [m] of voxels that are there, between two corners (3,) [m]."""
         first, last = (np.floor(corner / self.size).astype(np.int64) for corner in (low, high))
-        found = [np.empty((3, 0), np.int64)]
-        for chunk in self._chunks_between(first, last):
-            held = self.chunks[chunk]
-            keys = chunk << LOCAL_BITS | held["local"][held["gone"] == 0].astype(np.int64)
-            cells = cells_of(keys)
-            found.append(cells[:, ((cells >= first[:, None]) & (cells <= last[:, None])).all(0)])
-        return np.asarray((np.concatenate(found, 1).T + 0.5) * self.size, np.float64)
+        chunks = self._chunks_between(first, last)
+        held = (self.chunks[chunk] for chunk in chunks)
+        found = [records["local"][records["gone"] == 0] for records in held]
+        start = np.array(chunks, np.int64) << LOCAL_BITS
+        keys = np.repeat(start, [len(local) for local in found])
+        cells = cells_of(keys | np.concatenate([*found, np.empty(0, np.uint32)]).astype(np.int64))
+        inside = ((cells >= first[:, None]) & (cells <= last[:, None])).all(0)
+        return np.asarray((cells[:, inside].T + 0.5) * self.size, np.float64)
 
     def _chunks_between(self, first: Keys, last: Keys) -> list[int]:
         """Chunks with voxels between two cells (3,)."""

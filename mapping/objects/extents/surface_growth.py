@@ -181,14 +181,19 @@ def _direction(columns: Floats, size: float) -> float | None:
     """Yaw [rad] in which straight walls fill few cells of the profiles across them."""
     relative = columns - columns.mean(0)
 
-    def score(turn: float) -> float:
-        c, s = np.cos(turn), np.sin(turn)
-        cells = np.floor(relative @ np.array([(c, -s), (s, c)]) / size).astype(np.int64)
-        return sum(float((np.bincount(row) ** 2).sum()) for row in (cells - cells.min(0)).T)
+    def scores_of(turns: Floats) -> dict[float, float]:
+        c, s = np.cos(turns), np.sin(turns)
+        axes = np.concatenate([(c, s), (-s, c)], axis=1)  # (2, 2 k) both directions of each turn
+        cells = np.floor(relative @ axes / size).astype(np.int64)
+        cells -= cells.min(0)
+        profiles = cells.max(0) + 1
+        starts = np.cumsum(profiles) - profiles
+        squares = np.bincount((cells + starts).ravel(), minlength=int(profiles.sum())) ** 2
+        by_axis = np.add.reduceat(squares, starts).reshape(2, -1)
+        return dict(zip(turns.tolist(), by_axis.sum(0).astype(float).tolist(), strict=True))
 
-    scores = {float(turn): score(turn) for turn in np.radians(np.arange(0.0, 90.0, _STEP))}
+    scores = scores_of(np.radians(np.arange(0.0, 90.0, _STEP)))
     usual, coarse = np.median([*scores.values()]), max(scores, key=scores.__getitem__)
-    for turn in np.radians(np.arange(1 - _STEP, _STEP)) + coarse:
-        scores[float(turn % (np.pi / 2))] = score(turn)
+    scores |= scores_of((np.radians(np.arange(1 - _STEP, _STEP)) + coarse) % (np.pi / 2))
     best = max(scores, key=scores.__getitem__)
     return best if scores[best] >= _CLEAR * usual else None
