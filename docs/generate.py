@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Final
 
 import make_architecture
+from vocabulary_page import vocabulary_page
 
 import hereabouts
 
@@ -185,7 +186,6 @@ def queries() -> str:
 def vocabulary() -> str:
     """The terms and categories of the shipped ontologies."""
     from kg.knowledge.ontology.import_closure import load_with_imports
-    from kg.knowledge.ontology.vocabulary_page import vocabulary_page
     from kg.model.resources import ONTOLOGIES
 
     return vocabulary_page(load_with_imports(ONTOLOGIES).quads)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 from hereabouts.cli.arguments import count, declare, keep_seconds, moment_of
@@ -22,9 +23,9 @@ if TYPE_CHECKING:
 
 _LOG_OPTIONS = """
 MAP
-IRI -> thing  object/17, a label such as 'cup 2', place/1, robot, or an IRI
---last N      only the last N changes
---explain     list every changed fact
+[IRI] -> thing  object/17, a label such as 'cup 2', place/1, robot, or an IRI
+--last N        only the last N changes
+--explain       list every changed fact
 --json
 """
 
@@ -41,6 +42,11 @@ def log(arguments: argparse.Namespace) -> int:
 
     example: hereabouts log kitchen.map object/17
     """
+    if arguments.thing is None:
+        whole_map = f"hereabouts diff {quote(str(arguments.map))} 1h"
+        arguments.usage_error(
+            f"give the thing, e.g. 'cup 2'; `{whole_map}` tells what changed in the whole map"
+        )
     from kg.history.timestamps import iso
     from kg.serving.opening import open_map
     from planner.search.goals.place_names import thing_named

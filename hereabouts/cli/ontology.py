@@ -43,10 +43,6 @@ _EXPORT = """
 MAP
 -o, --output FILE  .ttl, .owl, .rdf or .nt
 """
-_VOCABULARY = f"""
-[FILE|FOLDER] -> source  {_SOURCE}
--o, --output FILE        file to write (default: stdout)
-"""
 _WORDS = """
 [WORD ...] -> words  only these words
 -o, --output FILE    file to write (default: stdout)
@@ -60,7 +56,6 @@ def add(parser: argparse.ArgumentParser) -> None:
         ("diff", _diff, _DIFF),
         ("reload", _reload, _RELOAD),
         ("export", _export, _EXPORT),
-        ("vocabulary", _vocabulary, _VOCABULARY),
         ("words", _words, _WORDS),
     ):
         output = {"required": run is _export}
@@ -190,22 +185,6 @@ def _words(arguments: argparse.Namespace) -> int:
 
     text = vocabulary_turtle(shipped_ontology().catalogue, arguments.words)
     return _write_page(text, arguments.output)
-
-
-def _vocabulary(arguments: argparse.Namespace) -> int:
-    """Print every term and category of an ontology (default: the shipped one) as Markdown.
-
-    example: hereabouts ontology vocabulary -o vocabulary.md
-    """
-    from kg.knowledge.ontology.import_closure import load_with_imports
-    from kg.knowledge.ontology.vocabulary_page import vocabulary_page
-    from kg.model.resources import ONTOLOGIES
-    from kg.serving.workers.updates import IsolatedParser
-
-    with IsolatedParser() as parse:
-        source = Path(arguments.source) if arguments.source else ONTOLOGIES
-        ontology = load_with_imports(source, parse)
-    return _write_page(vocabulary_page(ontology.quads), arguments.output)
 
 
 def _write_page(page: str, output: str | None) -> int:

@@ -17,7 +17,6 @@ from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue, shipped_
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.knowledge.ontology.lint import check_map
 from kg.knowledge.ontology.loading import superclasses
-from kg.knowledge.ontology.vocabulary_page import vocabulary_page
 from kg.knowledge.placement.surveys import RoomType, similarity
 from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
@@ -130,21 +129,6 @@ def test_ask_warns_and_takes_variables_as_parameters(
     assert "neither $kind nor ?kind is used" in capsys.readouterr().err
     assert main(["find", "banana", path]) == 1
     assert f"the map comes first: hereabouts find {path}" in capsys.readouterr().err
-
-
-PAGE = Path(__file__).resolve().parents[4] / "docs" / "reference" / "vocabulary.md"
-
-
-def test_the_page_is_up_to_date() -> None:
-    text = vocabulary_page(QUADS)
-    assert PAGE.read_text() == text, "make it anew: hereabouts ontology vocabulary -o " + str(PAGE)
-    for row in (
-        "| `here:Mouse` | computer mouse, mice | electronics |",
-        "; `here:Kitchen` (Kueche, Küche); ",
-        "| `here:inPlace` | `here:Object`; `here:UnnamedThing` → `here:Place` |",
-        "| `here:HomePlace` (home) | `bot:Space` | Wider kind of places: a part of a home",
-    ):
-        assert row in text
 
 
 ABOVE = superclasses(QUADS)
