@@ -254,9 +254,9 @@ class VoxelGrid:
         chunks = self._chunks_between(first, last)
         held = (self.chunks[chunk] for chunk in chunks)
         found = [records["local"][records["gone"] == 0] for records in held]
-        start = np.array(chunks, np.int64) << LOCAL_BITS
-        keys = np.repeat(start, [len(local) for local in found])
-        cells = cells_of(keys | np.concatenate([*found, np.empty(0, np.uint32)]).astype(np.int64))
+        start = np.repeat(np.array(chunks, np.int64), [*map(len, found)])
+        local: Keys = np.concatenate([*found, np.empty(0, np.uint32)]).astype(np.int64)
+        cells = cells_of(start << LOCAL_BITS | local)
         inside = ((cells >= first[:, None]) & (cells <= last[:, None])).all(0)
         return np.asarray((cells[:, inside].T + 0.5) * self.size, np.float64)
 
