@@ -95,7 +95,8 @@ def commands() -> str:
     parts = [
         f"# Commands\n\n{_MADE}\nEach command prints its answer on stdout and everything else on "
         "stderr. Exit code 0: done; 1: an error, in one line; 2: wrong usage; `search` has more "
-        "([Map live from ROS, and search with a robot](../how-to/ros.md)).\n",
+        "([Map live from ROS, and search with a robot](../how-to/ros.md)). The map may stand last, "
+        "too. Commands that change nothing take the only map of the folder where none is given.\n",
         "## Options of several commands\n",
         *("| argument | |\n|---|---|", *(row for row in counts if row in shared), ""),
     ]

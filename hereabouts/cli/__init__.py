@@ -20,12 +20,11 @@ import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
-from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
 from hereabouts.cli.arguments import add_command, join_signed
-from hereabouts.cli.console import name_map, printable, with_map
+from hereabouts.cli.console import name_map, note, printable, with_map
 from kg.model.errors import (
     ExtensionError,
     HereaboutsError,
@@ -74,6 +73,14 @@ COMMANDS = {
 
 #: commands of `lab`, a distribution of its own (or the folder of that name in a clone)
 LAB_COMMANDS = ("evaluate", "simulate", "thesis")
+
+#: commands whose first argument is a map, those first that change nothing
+_READERS = ("ask", "find", "status", "why", "log", "diff", "rooms", "describe")
+_WITH_MAP = (
+    *_READERS,
+    *("search", "compact", "assert", "name", "labels", "retract", "update", "restore"),
+    *("plot", "floor", "serve", "mcp", "publish", "export"),
+)
 
 #: options that name what a command writes
 _OUTPUTS = ("output", "picture", "pictures", "features", "mcap", "rerun", "review")
@@ -168,13 +175,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = (sys.argv[1:] if argv is None else argv) or ["--help"]
     arguments = argparse.Namespace()
     try:
-        arguments = build_parser(_needed(words)).parse_args(join_signed(words))
+        arguments = build_parser(_needed(words)).parse_args(join_signed(_map_first(words)))
         if isinstance(address := getattr(arguments, "map", None), str):
             name_map(address)
         _check_outputs(arguments)
         return int(arguments.run(arguments))
     except HereaboutsError as error:
-        text = _map_as_recording(arguments, error) or f"{error}{_swapped(arguments, error)}"
+        text = _map_as_recording(arguments, error) or str(error)
         print(f"error: {with_map(printable(' '.join(text.split())))}", file=sys.stderr)  # noqa: T201
         return 1
     except BrokenPipeError:
@@ -205,16 +212,29 @@ def _map_as_recording(arguments: argparse.Namespace, error: HereaboutsError) -> 
     return f"{recording} is a map; `hereabouts describe {shlex.quote(recording)}` shows it"
 
 
-def _swapped(arguments: argparse.Namespace, error: HereaboutsError) -> str:
-    """A hint if the map was not given as the first argument."""
-    if not isinstance(error, MapNotFoundError):
-        return ""
-    values = (v if isinstance(v, list) else [v] for v in vars(arguments).values())
-    for word in chain.from_iterable(values):
-        is_map = isinstance(word, str) and word != getattr(arguments, "map", None)
-        if is_map and (Path(word) / "store").is_dir():
-            return f"; the map comes first: hereabouts {arguments.command} {word} ..."
-    return ""
+def _map_first(words: Sequence[str]) -> Sequence[str]:
+    """`words` with the map first where it stands last, and with the only one here where none is.
+
+    The map of this folder is taken by commands that change nothing, and told. Raises
+    MapNotFoundError where there are several.
+    """
+    command, given = words[0], [*words[1:]]
+    if command not in _WITH_MAP or (given and _is_map(given[0])) or {"-h", "--help"} & {*given}:
+        return words
+    if given and _is_map(given[-1]):
+        return [command, given[-1], *given[:-1]]
+    named = any(word.endswith(".map") or "://" in word.split(" ")[0] for word in given)
+    here = [] if named or command not in _READERS else sorted(filter(_is_map, Path().iterdir()))
+    if not here:
+        return words
+    if len(here) > 1:
+        raise MapNotFoundError(f"give one of the maps here: {', '.join(map(str, here))}")
+    note(f"map: {here[0]}")
+    return [command, str(here[0]), *given]
+
+
+def _is_map(path: str | Path) -> bool:
+    return (Path(path) / "store").is_dir()
 
 
 def _needed(words: Sequence[str]) -> Sequence[str]:

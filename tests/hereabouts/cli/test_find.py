@@ -56,6 +56,29 @@ def test_what_is_known_comes_before_the_plan(says: Said) -> None:
     assert known["last_seen"].startswith("1970-01-01T00:00:00")
 
 
+def test_the_map_may_stand_last_or_be_the_only_one_here(
+    flat_on_disk: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def told(*words: str, code: int = 0) -> tuple[str, str]:
+        assert main(list(words)) == code
+        return capsys.readouterr()
+
+    first, _ = told("find", str(flat_on_disk), "cup", "--now", "map")
+    assert told("find", "cup", "--now", "map", str(flat_on_disk))[0] == first
+    monkeypatch.chdir(flat_on_disk.parent)
+    assert told("find", "cup", "--now", "map") == (first, "map: flat.map\n")
+    assert "no map at other.map" in told("find", "other.map", "cup", code=1)[1]
+    (tmp_path / "b.map").symlink_to(flat_on_disk)
+    (tmp_path / "a.map").symlink_to(flat_on_disk)
+    monkeypatch.chdir(tmp_path)
+    assert "give one of the maps here: a.map, b.map" in told("ask", "where is the cup?", code=1)[1]
+    with pytest.raises(SystemExit, match="2"):  # what changes a map asks for it
+        main(["retract", "object/1"])
+
+
 def test_now_is_now_unless_a_time_is_given(says: Said) -> None:
     today = json.loads(says("cup", "--json")[0])
     assert today["answer"][0].startswith("Probably no longer in the kitchen: cup 2 was seen")

@@ -127,8 +127,7 @@ def test_ask_warns_and_takes_variables_as_parameters(
     assert "here:Cup" in out
     assert main(["ask", path, "-e", query, "-p", "kind=here:Cup"]) == 1
     assert "neither $kind nor ?kind is used" in capsys.readouterr().err
-    assert main(["find", "banana", path]) == 1
-    assert f"the map comes first: hereabouts find {path}" in capsys.readouterr().err
+    assert main(["find", "banana", path]) == main(["find", path, "banana"])  # in any order
 
 
 ABOVE = superclasses(QUADS)
