@@ -45,11 +45,13 @@ class Undetectable:
             lines.append(f"They are {_how_often(self.usual)} {_where(self.usual)}")
         elif not known.related:
             lines.append("Nothing is known about where they usually are")
+        kinds = [(plain_place(kind), label) for kind, label in self.here]
+        plain = {f"a {label}": None for kind, label in kinds if name_key(label) == name_key(kind)}
+        lines += [f"This map has {' and '.join(plain)}"] * bool(plain)
         lines += [
-            f"The {plain_place(kind)} of this map is {label}"
-            if name_key(label) != name_key(plain_place(kind))
-            else f"This map has a {label}"
-            for kind, label in self.here
+            f"The {kind} of this map is {label}"
+            for kind, label in kinds
+            if name_key(label) != name_key(kind)
         ]
         return [*lines, *self.looks]
 

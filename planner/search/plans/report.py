@@ -29,6 +29,7 @@ from planner.search.plans.view_plan import (
 
 _Which = tuple[int, str, str]
 
+_SURE: Final = 0.999  # the greatest chance that is told: of many things one may still be there
 _MAX_REASONS: Final = 5  # of a step; the others are summed up
 _BEARS: Final = 0.05  # share of a plan's probability from which on a reason is named
 _LITTLE: Final = 0.1  # share of a plan's probability below which its last looks are left out, ...
@@ -229,8 +230,9 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     mean = sum(step.seconds * step.finds for step in steps) / gain if gain else 0.0
     count = len(plan.targets)
     if count == 1:
+        present = percent(min(plan.present, _SURE))
         text = (
-            f"{plan.targets[0]} is on this floor with a chance of {percent(plan.present)}; "
+            f"{plan.targets[0]} is on this floor with a chance of {present}; "
             f"these looks find it with {percent(gain)}, on average after {mean:.0f} s"
         )
     else:
@@ -311,10 +313,10 @@ def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
     """Why a plan has no looks; `budget` [s] is that of the plan."""
     what = ", ".join(found.targets)
     if found.best > 0:
+        present = percent(min(found.present, _SURE))
         return (
-            f"Not worth looking: {what} is on this floor with a chance of "
-            f"{percent(found.present)}, and the best look finds it with {percent(found.best)} "
-            f"(--worth {found.best / 2:.1g} plans on)"
+            f"Not worth looking: {what} is on this floor with a chance of {present}, and "
+            f"the best look finds it with {percent(found.best)} (--worth {found.best / 2:.1g} plans on)"
         )
     if budget is not None:
         return f"No look for {what} ends within {budget:.0f} s"
