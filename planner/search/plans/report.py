@@ -316,8 +316,8 @@ def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
         present = percent(min(found.present, _SURE))
         return (
             f"Not worth looking: {what} is on this floor with a chance of {present}, and "
-            f"the best look finds it with {percent(found.best)} (--worth {found.best / 2:.1g} plans "
-            "on)"
+            f"the best look finds it with {percent(found.best)} (--worth {found.best / 2:.1g} "
+            "plans on)"
         )
     if budget is not None:
         return f"No look for {what} ends within {budget:.0f} s"
