@@ -20,7 +20,7 @@ BASE = "https://example.org/kitchen/"
 
 pytest.importorskip("rosbags")
 Prints = Callable[..., str]
-FRAMES, MAPPED = 12, 6
+FRAMES, MAPPED = 12, 3
 
 
 @pytest.fixture(scope="module")
