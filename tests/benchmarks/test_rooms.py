@@ -133,9 +133,7 @@ def test_the_gate_fails_where_the_reference_wins_within_a_narrow_reach() -> None
     row = ("a", "net", "whole")
     beside = [(x + 0.4, e) for x, e in RIGHT]
     found = [outcome(row, DEFAULT, *beside), outcome(row, REFERENCE, RIGHT[0])]
-    assert list(violations(found)) == [
-        "a, net: F1 within 0.3 m 0.000, the reference's is 0.667",
-    ]
+    assert list(violations(found)) == ["a, net: F1 within 0.3 m 0.000, the reference's is 0.667"]
 
 
 def test_names_and_doubles_are_counted_among_what_is_shown() -> None:

@@ -170,13 +170,7 @@ def test_the_surer_one_wants_to_be_the_later_one_gives_up() -> None:
     nothing = HiddenObject(building().space, building().sensor, [], "nothing")
     start = building().space.nearest((4, 5), 2)
     outcomes = [
-        ours(
-            building(),
-            start,
-            nothing,
-            even(3),
-            Ablation(give_up_at=limit),
-        )
+        ours(building(), start, nothing, even(3), Ablation(give_up_at=limit))
         for limit in (0.1, 1e-5)
     ]
     assert outcomes[0].seconds < outcomes[1].seconds

@@ -209,9 +209,7 @@ def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[st
         assert "example: hereabouts" in capsys.readouterr().out
 
 
-def test_wrong_usage_is_one_line_with_an_example(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_wrong_usage_is_one_line_with_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     from hereabouts.cli import main
 
     for words in (["ask", "x.map"], ["find", "x.map"], ["find", "x.map", "cup", "--from", "a,b"]):

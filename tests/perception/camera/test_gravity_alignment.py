@@ -84,10 +84,7 @@ def test_given_up_wins_over_the_gravity_file(shared):
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
-@given(
-    rotation=st.tuples(*[st.floats(-3, 3)] * 3),
-    shift=st.tuples(*[st.floats(-5, 5)] * 3),
-)
+@given(rotation=st.tuples(*[st.floats(-3, 3)] * 3), shift=st.tuples(*[st.floats(-5, 5)] * 3))
 def test_a_tilted_room_is_stood_up_whatever_its_world(tilted, rotation, shift):
     T_world_room = IDENTITY.copy()
     T_world_room[:3, :3] = cv2.Rodrigues(np.array(rotation))[0]
