@@ -28,15 +28,18 @@ def house() -> list[Frame]:
     return house_tour(5, 3.0)[::3]
 
 
-@pytest.fixture(params=ROOMS)
+def chosen(length: int) -> list[int]:
+    return np.linspace(0, length - 1, 24).astype(int).tolist()
+
+
+@pytest.fixture(scope="module", params=ROOMS)
 def room(request, shared: Shared) -> list[Frame]:
     recording = open_recording(shared(f"data/rgbd/{request.param}"), RecordingOptions(check=False))
-    return list(recording.frames())
+    return [next(recording.frames(n)) for n in chosen(len(recording))]
 
 
 def fit(frames: list[Frame]) -> float | None:
-    chosen = np.linspace(0, len(frames) - 1, 24).astype(int)
-    return colour_fit([(frames[n].rgb, frames[n].depth) for n in chosen])
+    return colour_fit([(frames[n].rgb, frames[n].depth) for n in chosen(len(frames))])
 
 
 def faulty(frames: list[Frame]) -> dict[str, float | None]:
