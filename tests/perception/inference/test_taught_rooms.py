@@ -100,6 +100,26 @@ def test_a_room_that_the_network_does_not_know_is_learnt(network, photographs):
     assert after >= 0.75 and after > before + 0.05
 
 
+class Bright:
+    """A network whose features are nearly the same of all images; their brightness shows a bit."""
+
+    name, device, labels = "bright", "cpu", ("kitchen", "bedroom")
+
+    def described(self, rgb):
+        features = np.array([100.0, 100.0 + np.sign(rgb.mean() - 100.0)], np.float32)
+        return SceneScores(dict.fromkeys(self.labels, 0.5)), features
+
+
+def test_what_all_images_have_in_common_tells_no_room_from_another():
+    images = [np.full((4, 4, 3), value, np.uint8) for value in (200, 50)]
+    both = room_examples(Bright(), images[:1] * 8, label="kitchen", place="p1").with_place(
+        room_examples(Bright(), images[1:] * 8, label="bedroom", place="p2")
+    )
+    taught = TaughtSceneClassifier(Bright(), both)
+    light, dark = (taught.classify_image(rgb).probability for rgb in images)
+    assert light["kitchen"] > 0.7 and dark["bedroom"] > 0.7
+
+
 def test_one_kind_of_room_changes_little_and_files_come_back(photographs, tmp_path):
     network = load_scene_classifier()
     kitchens = [rgb for name, rgb in photographs if name == "kitchen"][:4]

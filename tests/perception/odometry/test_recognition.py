@@ -80,6 +80,13 @@ def test_another_room_is_not_recognised(frames):
             assert "it was not recognised there" in found.reason
 
 
+def test_one_view_is_not_enough_however_well_it_matches(frames):
+    room = frames("icl_livingroom", slice(0, 40, 8))
+    found = result(kept(room), [room[1]])
+    assert isinstance(found, Doubt)
+    assert "1 views match, " in found.reason and "are needed" in found.reason
+
+
 def test_of_two_rooms_that_look_alike_neither_is_taken(frames):
     room = frames("icl_livingroom", slice(0, None, 8))
     views = kept(room)
