@@ -104,8 +104,11 @@ def test_poses_of_a_recording_that_has_some_are_estimated_when_asked(shared):
     assert off_truth(recording, truth)[0] < 0.05
 
 
-@pytest.mark.parametrize("lost", [slice(None), slice(3, 9)], ids=["all", "some"])
-@pytest.mark.parametrize("layout", ["poses.txt", "pose/"])
+@pytest.mark.parametrize(
+    ("layout", "lost"),
+    [("poses.txt", slice(None)), ("poses.txt", slice(3, 9)), ("pose/", slice(None))],
+    ids=["all", "some", "all, in files of their own"],
+)
 def test_poses_that_were_lost_are_estimated_when_asked(shared, living_room, layout, lost, caplog):
     truth = true_poses(shared)
     poses = np.array([entry.T_world_cam for entry in truth.listing.entries[:FEW]])
