@@ -43,17 +43,25 @@ SHARED = Path(os.environ.get("HEREABOUTS_SHARED", ROOT.parent / "shared"))
 
 #: modules that take longest, as measured: begun first, so that no processor is idle at the end
 LONGEST = (
-    "tests/kg/serving/server/test_ontology_over_http.py",
+    "tests/hereabouts/cli/test_live_loops.py",
+    "tests/hereabouts/cli/test_recordings_that_do_not_fit.py",
     "tests/hereabouts/cli/test_served_maps.py",
-    "tests/hereabouts/cli/test_evaluate.py",
-    "tests/hereabouts/cli/test_find.py",
-    "tests/hereabouts/cli/test_bags.py",
-    "tests/kg/serving/server/test_records_over_http.py",
-    "tests/kg/serving/server/test_past_over_http.py",
-    "tests/hereabouts/cli/test_hostile_ontology.py",
-    "tests/hereabouts/cli/test_labels.py",
-    "tests/hereabouts/cli/test_killed.py",
+    "tests/kg/serving/server/test_ontology_over_http.py",
+    "tests/hereabouts/cli/test_ontology.py",
     "tests/kg/serving/server/test_map_page.py",
+    "tests/hereabouts/cli/test_live_bad_streams.py",
+    "tests/benchmarks/test_odometry.py",
+    "tests/hereabouts/cli/test_live_outages.py",
+    "tests/hereabouts/cli/test_serve.py",
+    "tests/hereabouts/cli/test_mcp.py",
+    "tests/perception/sources/test_estimated_poses.py",
+    "tests/perception/sources/live/test_live_tracker.py",
+    "tests/perception/camera/test_depth_edges.py",
+    "tests/hereabouts/cli/test_evaluate.py",
+    "tests/hereabouts/cli/test_map_ask_find.py",
+    "tests/kg/knowledge/ontology/test_owlapi.py",
+    "tests/hereabouts/cli/test_simulate.py",
+    "tests/hereabouts/cli/test_hostile_ontology.py",
 )
 
 

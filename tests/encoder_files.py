@@ -120,11 +120,7 @@ def _text_nodes(name, output, length, mask, kind):
 
 
 def image_network(
-    values: int,
-    *,
-    name: str = "pixel_values",
-    output: str = "image_embeds",
-    side: int | str = 224,
+    values: int, *, name: str = "pixel_values", output: str = "image_embeds", side: int | str = 224
 ) -> onnx.ModelProto:
     """A network whose embedding is the mean of each colour, and their products, in D values."""
     nodes, inputs, constants = _image_nodes(name, output, side, values)

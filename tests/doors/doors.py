@@ -181,10 +181,7 @@ def _command_to_server(house: House, pattern: str) -> set[str]:
 
 def _headers(house: House) -> dict[str, str]:
     """As a client that reads what was written before."""
-    return {
-        "Accept": "application/sparql-results+json",
-        "Here-Sequence": str(house.map.sequence),
-    }
+    return {"Accept": "application/sparql-results+json", "Here-Sequence": str(house.map.sequence)}
 
 
 def _http_get(house: House, pattern: str) -> set[str]:

@@ -10,15 +10,7 @@ import requests
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import InvalidFactError
-from tests.doors.doors import (
-    ASSERTING,
-    PATIENCE,
-    House,
-    RefusedError,
-    command,
-    open_house,
-    tool,
-)
+from tests.doors.doors import ASSERTING, PATIENCE, House, RefusedError, command, open_house, tool
 from tests.planner.flat import fill
 
 CUP, BED = "object/2", "object/3"

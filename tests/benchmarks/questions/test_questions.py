@@ -173,7 +173,7 @@ def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
     from benchmarks.questions.generator import questions_of
     from benchmarks.questions.graph_maps import true
 
-    asked, of_truth = questions_of(facts, 3), true(facts.before, facts.now)
+    asked, of_truth = questions_of(facts, 1), true(facts.before, facts.now)
     with of_truth.semantic_map:
         found = ask("true", of_truth, asked)
     assert {one.interface for one in found} == {*INTERFACES, "JSON"}

@@ -22,6 +22,13 @@ def _copy_kitchen(source: Path, folder: Path) -> Path:
     return folder
 
 
+def thinned(recording: Path, every: int = 5) -> Path:
+    """A simulated recording, with some of its frames."""
+    listed = recording / "rgb.txt"
+    listed.write_text("\n".join(listed.read_text().splitlines()[::every]) + "\n")
+    return recording
+
+
 @pytest.fixture
 def kitchen(shared: Callable[[str], Path], tmp_path: Path) -> Path:
     """Eight distinct views of the real kitchen, as a recording that a test may damage."""

@@ -169,8 +169,7 @@ def _history(folder: Path) -> str:
     for old in Path(path).glob("history.sqlite*"):
         old.unlink()
     _database(
-        file,
-        f"CREATE VIEW meta AS {_ENDLESS_VIEW} SELECT i AS name, 1 AS value FROM n WHERE i < 0",
+        file, f"CREATE VIEW meta AS {_ENDLESS_VIEW} SELECT i AS name, 1 AS value FROM n WHERE i < 0"
     )
     return path
 

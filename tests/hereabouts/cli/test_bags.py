@@ -20,7 +20,7 @@ BASE = "https://example.org/kitchen/"
 
 pytest.importorskip("rosbags")
 Prints = Callable[..., str]
-FRAMES, MAPPED = 12, 6
+FRAMES, MAPPED = 12, 3
 
 
 @pytest.fixture(scope="module")
@@ -107,10 +107,7 @@ def test_info_shows_streams_choice_and_fit(
 
 
 def test_info_of_a_bag_that_cannot_be_mapped_shows_its_streams(
-    folder: Path,
-    prints: Prints,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    folder: Path, prints: Prints, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from hereabouts.cli import main
 

@@ -25,16 +25,20 @@ def flat_on_disk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 Said = Callable[..., tuple[str, str]]
+ANSWERS: dict[tuple[str, ...], tuple[str, str]] = {}  # of the same flat, by the words
 
 
 @pytest.fixture
 def says(capsys: pytest.CaptureFixture[str], flat_on_disk: Path) -> Said:
-    """Callable: run `find` on the flat; returns stdout and stderr."""
+    """Callable: run `find` on the flat, once for the same words; returns stdout and stderr."""
 
     def run(*words: object) -> tuple[str, str]:
-        capsys.readouterr()
-        assert main(["find", str(flat_on_disk), *map(str, words)]) == 0
-        return capsys.readouterr()
+        asked = tuple(map(str, words))
+        if asked not in ANSWERS:
+            capsys.readouterr()
+            assert main(["find", str(flat_on_disk), *asked]) == 0
+            ANSWERS[asked] = capsys.readouterr()
+        return ANSWERS[asked]
 
     return run
 

@@ -49,10 +49,7 @@ class Client:
         return answer
 
     def update(self, text: str) -> requests.Response:
-        headers = {
-            "Authorization": f"Bearer {TOKEN}",
-            "Content-Type": "application/sparql-update",
-        }
+        headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/sparql-update"}
         return requests.post(self.url + "sparql", data=text, headers=headers, timeout=120)
 
     def read(self, **headers: str) -> requests.Response:

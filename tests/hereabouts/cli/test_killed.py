@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[3]
 Prints = Callable[..., str]
 
 
-FRAMES = 20
+FRAMES = 12
 
 
 def _first_frames(source: Path, folder: Path) -> Path:
@@ -73,7 +73,7 @@ def test_killed_twice_then_finished(
     for _ in range(2):
         begun = _written(into)
         process = _start(recording, into)
-        while _written(into) < begun + 3 and process.poll() is None:
+        while _written(into) < begun + 2 and process.poll() is None:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.5))
         process.send_signal(signal.SIGKILL)

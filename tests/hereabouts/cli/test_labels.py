@@ -31,8 +31,9 @@ def test_labels_of_a_detector_of_ones_own(
     kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
 ) -> None:
     into = tmp_path / "kitchen.map"
-    options = ("--into", into, "--detector", detector, "--scene", "none", "--threshold", "0.2")
-    told = json.loads(prints("map", kitchen, "--no-check", *options, "--json"))
+    options = ("--detector", detector, "--scene", "none", "--threshold", "0.2", "--limit", 4)
+    words = ("map", kitchen, "--no-check", "--json", *options, "--into")
+    told = json.loads(prints(*words, into))
     assert "Windsor seat" in told["provisional"]
     assert told["unknown_labels"] == {}
     found = json.loads(prints("find", into, "windsor seats", "--json"))
@@ -43,6 +44,7 @@ def test_labels_of_a_detector_of_ones_own(
     assert "Windsor seat" in asked
     with open_map(into, read_only=True) as semantic_map:
         seats = semantic_map.objects("windsor seat")
+    assert seats
     prints("check", into)
     out = tmp_path / "ontology.ttl"
     prints("ontology", "export", into, "-o", out)
@@ -51,11 +53,7 @@ def test_labels_of_a_detector_of_ones_own(
     table = tmp_path / "labels.csv"
     table.write_text("label,category\nWindsor seat,chair\nTrestle board,-\n", encoding="utf-8")
     again = tmp_path / "again.map"
-    told = json.loads(
-        prints(
-            "map", kitchen, "--no-check", *options, "--into", again, "--labels-map", table, "--json"
-        )
-    )
+    told = json.loads(prints(*words, again, "--labels-map", table))
     assert told["provisional"] == [] and told["unknown_labels"] == {}
     with open_map(again, read_only=True) as semantic_map:
         assert len(semantic_map.objects("chair")) == len(seats)
@@ -66,7 +64,8 @@ def test_labels_are_ignored_where_that_is_wanted(
     kitchen: Path, detector: Path, tmp_path: Path, prints: Prints
 ) -> None:
     options = ("--detector", detector, "--scene", "none", "--unknown-labels", "ignore")
-    told = json.loads(prints("map", kitchen, "--into", tmp_path / "m", *options, "--json"))
+    words = ("map", kitchen, "--no-check", "--limit", 4, "--json", *options)
+    told = json.loads(prints(*words, "--into", tmp_path / "m"))
     assert told["provisional"] == []
     assert set(told["unknown_labels"]) <= set(OWN_NAMES.values())
 

@@ -103,11 +103,7 @@ def test_two_cameras_make_one_map_and_one_that_dies_is_named(
 
 @pytest.mark.parametrize(
     "words",
-    [
-        ["."],
-        ["ros2", "--color-topic", "/front/color"],
-        ["ros2", "--detector", "topic:/yolo"],
-    ],
+    [["."], ["ros2", "--color-topic", "/front/color"], ["ros2", "--detector", "topic:/yolo"]],
 )
 def test_what_is_of_one_camera_does_not_go_with_several(
     words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]

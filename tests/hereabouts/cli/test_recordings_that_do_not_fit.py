@@ -14,6 +14,7 @@ from hereabouts.cli import main
 from kg.serving.opening import open_map
 from perception.camera.poses import read_trajectory
 from perception.sources.recording_writer import pose_line
+from tests.hereabouts.cli.conftest import thinned
 
 Prints = Callable[..., str]
 Fails = Callable[..., str]
@@ -25,14 +26,7 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("fit") / "house"
     words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--sessions", "2"]
     assert main([*words, "-o", str(folder)]) == 0
-    return _thinned(folder / "session-1"), _thinned(folder / "session-2")
-
-
-def _thinned(recording: Path) -> Path:
-    """The recording, with every third of its frames."""
-    listed = recording / "rgb.txt"
-    listed.write_text("\n".join(listed.read_text().splitlines()[::3]) + "\n")
-    return recording
+    return thinned(folder / "session-1"), thinned(folder / "session-2")
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +103,7 @@ def test_another_house_is_not_aligned(
     into = shutil.copytree(first_map, tmp_path / "house.map")
     other = tmp_path / "other"
     prints("simulate", "house", "--seed", "5", "--size", "80x60", "-o", other)
-    _thinned(other)
+    thinned(other)
     before = _state(into)
     assert "'other' cannot be aligned" in fails("map", *_words(other, into), "--align")
     assert _state(into) == before
@@ -130,7 +124,7 @@ def drifted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fit") / "drifted"
     words = ["simulate", "house", "--seed", "2", "--size", "80x60", "--odometry-noise", "0.03"]
     assert main([*words, "-o", str(folder)]) == 0
-    return _thinned(folder)
+    return thinned(folder)
 
 
 def _positions(address: Path) -> dict[str, np.ndarray]:

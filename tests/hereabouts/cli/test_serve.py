@@ -45,15 +45,7 @@ class Process:
         self.said = folder / "stderr.txt"
         with self.said.open("wb") as stderr, interruptible():
             self.popen = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "hereabouts.cli",
-                    "serve",
-                    *map(str, words),
-                    "--port",
-                    "0",
-                ],
+                [sys.executable, "-m", "hereabouts.cli", "serve", *map(str, words), "--port", "0"],
                 env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "500"},
                 cwd=folder,
                 stdout=subprocess.PIPE,

@@ -7,13 +7,14 @@ import pytest
 
 from hereabouts.cli import main
 from kg.serving.opening import open_map
+from tests.hereabouts.cli.conftest import thinned
 
 
 @pytest.fixture(scope="module")
 def house(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("simulate") / "house2"
     assert main(["simulate", "house", "--seed", "2", "--size", "80x60", "-o", str(folder)]) == 0
-    return folder
+    return thinned(folder)
 
 
 def test_a_simulated_house_is_mapped_with_its_own_detections(house: Path, tmp_path: Path) -> None:
@@ -67,7 +68,7 @@ def test_identity_between_two_sessions_is_scored(
     capsys.readouterr()
     words = ["--sessions", "2", "--same-frame", "--scene", "none", "--no-floor", "--json"]
     for session in ("session-1", "session-2"):
-        place = folder / session
+        place = thinned(folder / session)
         words += ["--recording", str(place), "--truth", str(place / "objects_full_gt.json")]
     assert main(["evaluate", "map", "--detector", "detections.json", *words]) == 0
     answer = json.loads(capsys.readouterr().out)

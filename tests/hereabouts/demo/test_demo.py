@@ -12,14 +12,7 @@ import rdflib
 
 from hereabouts.cli import build_parser, main
 from hereabouts.demo.demo_search import in_short
-from hereabouts.demo.house_demo import (
-    STAGES,
-    TARGET,
-    DemoProgress,
-    DemoReport,
-    make_room,
-    run_demo,
-)
+from hereabouts.demo.house_demo import STAGES, TARGET, DemoProgress, DemoReport, make_room, run_demo
 from kg.model.errors import GraphError, MapBusyError
 from kg.serving.opening import create_map, open_map
 from planner.simulation.house import furnished_house

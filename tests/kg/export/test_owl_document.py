@@ -156,10 +156,7 @@ def test_what_has_a_geometry_is_a_feature(graph: rdflib.Graph, thing: str) -> No
     held = about(graph, BASE + thing)
     assert v.GEO_FEATURE in held[v.RDF_TYPE.value]
     (geometry,) = held[v.GEO_HAS_GEOMETRY]
-    assert about(graph, geometry)[v.RDF_TYPE.value] == {
-        v.GEO_GEOMETRY,
-        v.OWL_NAMED_INDIVIDUAL,
-    }
+    assert about(graph, geometry)[v.RDF_TYPE.value] == {v.GEO_GEOMETRY, v.OWL_NAMED_INDIVIDUAL}
     (wkt,) = about(graph, geometry)[v.GEO_AS_WKT]
     assert wkt.startswith(f"<{BASE}crs> PO")
 

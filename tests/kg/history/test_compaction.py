@@ -97,10 +97,7 @@ def test_a_reader_cannot_compact_or_retain(written: Written) -> None:
         pytest.raises(GraphError, match="reading only"),
     ):
         semantic_map.history.compact(keep=0.0)
-    with (
-        open_map(path, read_only=True) as reader,
-        pytest.raises(GraphError, match="reading only"),
-    ):
+    with open_map(path, read_only=True) as reader, pytest.raises(GraphError, match="reading only"):
         reader.history.retain(60)
     with open_map(path) as writer, pytest.raises(HistoryError, match="0 s or longer"):
         writer.history.retain(-1)

@@ -89,8 +89,7 @@ def test_net_changes_lead_from_the_first_state_to_the_last(states: list[set[Quad
 
 
 @pytest.mark.parametrize(
-    "data",
-    [b"\x99 no such block", b"\x00", zlib.compress(b"x" * 100), _CODEC.encode([b"no quad"])],
+    "data", [b"\x99 no such block", b"\x00", zlib.compress(b"x" * 100), _CODEC.encode([b"no quad"])]
 )
 def test_a_damaged_row_is_one_line(data: bytes) -> None:
     with pytest.raises(HistoryError, match=r"damaged.*history\.sqlite"):

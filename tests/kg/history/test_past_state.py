@@ -97,10 +97,7 @@ def test_blank_nodes_are_refused_for_the_log_could_not_name_them() -> None:
 
 @pytest.mark.parametrize("flushes", [0, 1, 5])
 def test_the_past_does_not_depend_on_where_key_frames_lie(
-    written: Written,
-    frame: Callable[..., MapUpdate],
-    monkeypatch: pytest.MonkeyPatch,
-    flushes: int,
+    written: Written, frame: Callable[..., MapUpdate], monkeypatch: pytest.MonkeyPatch, flushes: int
 ) -> None:
     monkeypatch.setattr(log_module, "KEY_FRAME_AFTER", 0)
     frames = 30

@@ -74,8 +74,7 @@ def copied(path: Path, copy: Path) -> None:
 
 
 @pytest.fixture(
-    scope="module",
-    params=["closed", "killed", "behind", "without its index", "without a lock"],
+    scope="module", params=["closed", "killed", "behind", "without its index", "without a lock"]
 )
 def left(
     request: pytest.FixtureRequest, made: Path, tmp_path_factory: pytest.TempPathFactory

@@ -122,9 +122,7 @@ def test_from_narrows_what_is_read(filled: tuple[SemanticMap, SemanticMap]) -> N
     assert remote.query(query).rows == ((0,),)
 
 
-def test_a_published_map_is_exported_as_its_folder(
-    filled: tuple[SemanticMap, SemanticMap],
-) -> None:
+def test_a_published_map_is_exported_as_its_folder(filled: tuple[SemanticMap, SemanticMap]) -> None:
     remote, local = filled
     assert [o.iri for o in remote.objects()] == [f"{BASE}object/{n}" for n in range(2, 6)]
     assert remote.places() == local.places()
@@ -181,9 +179,7 @@ def test_nobody_listening_is_one_line_without_the_password() -> None:
     assert "secret" not in str(caught.value)
 
 
-def test_an_answer_cut_off_by_a_time_limit_is_no_answer(
-    start_server: Callable[..., str],
-) -> None:
+def test_an_answer_cut_off_by_a_time_limit_is_no_answer(start_server: Callable[..., str]) -> None:
     hasty = start_server("hasty", "--timeout-s", "1")
     with in_memory_map(base=BASE) as local:
         publish(local, hasty)

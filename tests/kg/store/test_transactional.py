@@ -197,9 +197,7 @@ assert all("cannot write" in str(error) for error in errors), errors
 """
 
 
-def test_what_cannot_be_written_is_an_error_and_what_was_acknowledged_stays(
-    tmp_path: Path,
-) -> None:
+def test_what_cannot_be_written_is_an_error_and_what_was_acknowledged_stays(tmp_path: Path) -> None:
     path = tmp_path / "full.map"
     create_map(path).close()
     words = [sys.executable, "-c", FILL, str(path)]

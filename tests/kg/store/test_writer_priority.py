@@ -92,9 +92,7 @@ def test_questions_and_records_yield_to_the_writer(
         assert _ended(readers[0])
 
 
-def test_reading_in_pieces_yields_before_the_first(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_reading_in_pieces_yields_before_the_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(writer_priority, "MAX_WAIT", LONG)
     read: list[int] = []
     with writing():

@@ -10,12 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lab.ordering import OrderingProblem
-from lab.ordering.cluster_bound import (
-    bound_at,
-    cluster_bound,
-    nearest_leg_bound,
-    rounding,
-)
+from lab.ordering.cluster_bound import bound_at, cluster_bound, nearest_leg_bound, rounding
 from lab.ordering.local_search import improve, ratio_rule
 from lab.ordering.reduction import ReducedProblem, reduce_problem
 from lab.ordering.solver import solve

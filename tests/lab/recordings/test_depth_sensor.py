@@ -7,10 +7,7 @@ from planner.simulation.camera import DepthSensor
 
 
 def measured(
-    depth: np.ndarray,
-    sensor: DepthSensor = KINECT,
-    incidence: float = 1.0,
-    returns: bool = True,
+    depth: np.ndarray, sensor: DepthSensor = KINECT, incidence: float = 1.0, returns: bool = True
 ) -> np.ndarray:
     shape = depth.shape
     return sensor.measure(

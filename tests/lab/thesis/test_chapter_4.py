@@ -8,13 +8,7 @@ import numpy as np
 import pytest
 
 from lab.maps.truth_matching import MappedObject, Matching, Pair
-from lab.thesis.categorisation import (
-    FILTERS,
-    PUBLISHED,
-    accuracy,
-    filtered,
-    printed_beliefs,
-)
+from lab.thesis.categorisation import FILTERS, PUBLISHED, accuracy, filtered, printed_beliefs
 from lab.thesis.localisation import localisation_errors, printed_objects
 from lab.thesis.registration import counted, printed
 

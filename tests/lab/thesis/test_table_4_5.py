@@ -8,12 +8,7 @@ import pytest
 
 from kg.model.errors import LayoutError
 from lab.thesis.scenarios import corrections, scenarios
-from lab.thesis.table_4_5 import (
-    TableRow,
-    ThesisTable,
-    reference_world,
-    run_table_4_5,
-)
+from lab.thesis.table_4_5 import TableRow, ThesisTable, reference_world, run_table_4_5
 
 ROOT = Path(__file__).resolve().parents[3]
 

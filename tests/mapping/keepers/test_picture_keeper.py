@@ -170,8 +170,7 @@ def test_pictures_of_an_object_stay_where_it_left_and_follow_it(
     (cup,), _ = mapped(folder, coloured, make_detections(("cup", 0.9, BOX)))
     later = cup.iri.replace("object/1", "object/7")
     left = DepartedRecord(
-        *(cup.iri, cup.category, cup.p_map, 0.9, 3),
-        *(cup.first_seen, cup.last_seen, cup.last_seen),
+        *(cup.iri, cup.category, cup.p_map, 0.9, 3), *(cup.first_seen, cup.last_seen, cup.last_seen)
     )
     with open_map(folder) as semantic_map:
         keeper = PictureKeeper(semantic_map, "room")

@@ -8,14 +8,7 @@ from pyoxigraph import Literal, NamedNode, Quad
 from kg.model.errors import ModelError
 from kg.model.records import MapUpdate
 from kg.model.vocabulary import MARKER
-from mapping.looks.known_things import (
-    AUTHOR,
-    FILE,
-    KnownThings,
-    recognise,
-    remember_named,
-    taught,
-)
+from mapping.looks.known_things import AUTHOR, FILE, KnownThings, recognise, remember_named, taught
 from mapping.mapper import Mapper
 from perception.inference.markers import marker_name
 from tests.mapping.looks.conftest import add_things

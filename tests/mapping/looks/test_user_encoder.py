@@ -47,8 +47,7 @@ def settle(semantic_map, encoder, known=()):
 
 
 @pytest.mark.parametrize(
-    ("text", "number"),
-    [("banana", 0), ("coffee mug", 2), ("goblet", 3), ("a red wine", 3)],
+    ("text", "number"), [("banana", 0), ("coffee mug", 2), ("goblet", 3), ("a red wine", 3)]
 )
 def test_texts_order_things_by_their_looks(seen, text, number):
     semantic_map, encoder = seen

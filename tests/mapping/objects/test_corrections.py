@@ -23,16 +23,7 @@ from mapping.places.place_registry import PlaceRegistry
 from mapping.reference.settings import ReferenceSettings
 from perception.frames import Frame
 from tests.mapping.correction_scripts import SCRIPTS, Script
-from tests.mapping.correction_stage import (
-    BASE,
-    ROOM,
-    Acts,
-    Stage,
-    as_told,
-    halves,
-    play,
-    runs,
-)
+from tests.mapping.correction_stage import BASE, ROOM, Acts, Stage, as_told, halves, play, runs
 
 TOKEN = "a-token-of-the-tests-0123"
 
@@ -69,10 +60,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[SemanticMap, str]]
     """A map, and the address where it is served to whoever has the token in the environment."""
     monkeypatch.setenv("HEREABOUTS_TOKEN", TOKEN)
     settings = Settings(port=0, tokens=BearerTokens((("ann", TOKEN.encode()),)))
-    with (
-        in_memory_map(base=BASE) as semantic_map,
-        MapServer(semantic_map, settings) as server,
-    ):
+    with in_memory_map(base=BASE) as semantic_map, MapServer(semantic_map, settings) as server:
         monkeypatch.setenv("HEREABOUTS_SERVER", server.url)
         yield semantic_map, server.url
 
@@ -80,10 +68,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[SemanticMap, str]]
 @pytest.mark.parametrize("script", SCRIPTS[6::14], ids=lambda script: script.name)
 @pytest.mark.parametrize("afar", [True, False], ids=["people afar", "people beside the server"])
 def test_a_mapper_writes_into_a_served_map_as_into_its_folder(
-    script: Script,
-    afar: bool,
-    make_frame: Callable[..., Frame],
-    served: tuple[SemanticMap, str],
+    script: Script, afar: bool, make_frame: Callable[..., Frame], served: tuple[SemanticMap, str]
 ) -> None:
     semantic_map, url = served
     with open_map(url) as mapper, open_map(url) as people:

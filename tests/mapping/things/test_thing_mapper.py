@@ -59,11 +59,7 @@ def surface(*solids: Solid) -> Surface:
     points = np.concatenate(blocks).astype(np.float32)
     n = len(points)
     return Surface(
-        VOXEL,
-        points,
-        np.zeros((n, 3), np.uint8),
-        np.full(n, 9, np.uint16),
-        np.full(n, 100.0),
+        VOXEL, points, np.zeros((n, 3), np.uint8), np.full(n, 9, np.uint16), np.full(n, 100.0)
     )
 
 

@@ -28,15 +28,18 @@ def house() -> list[Frame]:
     return house_tour(5, 3.0)[::3]
 
 
-@pytest.fixture(params=ROOMS)
+def chosen(length: int) -> list[int]:
+    return np.linspace(0, length - 1, 24).astype(int).tolist()
+
+
+@pytest.fixture(scope="module", params=ROOMS)
 def room(request, shared: Shared) -> list[Frame]:
     recording = open_recording(shared(f"data/rgbd/{request.param}"), RecordingOptions(check=False))
-    return list(recording.frames())
+    return [next(recording.frames(n)) for n in chosen(len(recording))]
 
 
 def fit(frames: list[Frame]) -> float | None:
-    chosen = np.linspace(0, len(frames) - 1, 24).astype(int)
-    return colour_fit([(frames[n].rgb, frames[n].depth) for n in chosen])
+    return colour_fit([(frames[n].rgb, frames[n].depth) for n in chosen(len(frames))])
 
 
 def faulty(frames: list[Frame]) -> dict[str, float | None]:
@@ -92,7 +95,7 @@ def test_mirrored_colour_is_told_with_given_poses(house, tmp_path, caplog):
 
 
 def test_mirrored_colour_is_refused_where_poses_are_estimated(tmp_path):
-    frames = house_tour(1, 3.0)
+    frames = house_tour(1, 3.0)[:40]
     folder = written(FAULTS["mirrored"](frames, np.random.default_rng(1)), tmp_path / "house")
     with pytest.raises(RecordingError, match=r"colour does not show the scene .* --no-check"):
         open_recording(folder, RecordingOptions(estimate_poses=True))

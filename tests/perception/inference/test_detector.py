@@ -228,10 +228,7 @@ def test_suppression_keeps_the_best_and_separates_what_it_keeps(rows):
 
 @pytest.mark.parametrize(
     ("boxes", "scores"),
-    [
-        ([[0, 0, 9, 9], [1, 1, 5, 5]], [[0.9, 0.1]]),
-        ([[0, 0, 9, 9]], [[0.9, 0.1], [0.8, 0.2]]),
-    ],
+    [([[0, 0, 9, 9], [1, 1, 5, 5]], [[0.9, 0.1]]), ([[0, 0, 9, 9]], [[0.9, 0.1], [0.8, 0.2]])],
 )
 def test_outputs_that_do_not_belong_together_are_an_error(write_network, boxes, scores):
     with pytest.raises(ModelError, match="shapes"):

@@ -177,10 +177,7 @@ def test_masks_of_prototypes(write_network):
 
 def test_masks_of_finished_rows(write_network):
     rows = np.array([[[12, 8, 52, 32, 0.8, 0, 1]]], np.float32)
-    path = write_network(
-        {"output0": rows, "output1": disc(16)[None, None]},
-        inputs=SQUARE,
-    )
+    path = write_network({"output0": rows, "output1": disc(16)[None, None]}, inputs=SQUARE)
     found = load_detector(path, labels=LABELS).detect_image(IMAGE)
     assert found.label == ("cup",)
     is_disc(found.mask[0], found.xyxy[0], (100, 100), (50, 50))
@@ -276,8 +273,7 @@ def test_a_flood_of_boxes_is_bounded(write_network):
     boxes = np.concatenate([corner, corner + rng.uniform(1, 14, (1, 3000, 2))], 2)
     scores = rng.uniform(0.5, 1, (1, 3000, 40))
     path = write_network(
-        {"boxes": boxes.astype(np.float32), "scores": scores.astype(np.float32)},
-        inputs=SQUARE,
+        {"boxes": boxes.astype(np.float32), "scores": scores.astype(np.float32)}, inputs=SQUARE
     )
     found = load_detector(path, labels=[str(i) for i in range(40)]).detect_image(IMAGE)
     assert max(found.label.count(str(i)) for i in range(40)) <= 100

@@ -11,6 +11,8 @@ from perception.sources.folders.image_files import read_colour
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 
+OPTIONS = RecordingOptions(T_map_world=np.eye(4), check=False)
+
 
 def accuracy(classifier, folder, classes) -> float:
     right = []
@@ -31,9 +33,7 @@ def test_rooms_are_recognised_in_photographs(shared):
 
 def test_the_kitchen_recording_is_a_kitchen(shared):
     classifier = load_scene_classifier()
-    recording = open_recording(
-        shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=np.eye(4))
-    )
+    recording = open_recording(shared("data/rgbd/redkitchen"), OPTIONS)
     scores = classifier.classify(next(recording.frames(60))).probability
     assert set(scores) == set(classifier.labels)
     assert sum(scores.values()) == pytest.approx(1)
@@ -48,12 +48,8 @@ def test_365_places_are_read_with_the_labels_beside_the_network(shared):
 
 def test_features_of_similar_rooms_are_nearer_than_of_others(shared):
     classifier = load_scene_classifier()
-    kitchen = open_recording(
-        shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=np.eye(4))
-    )
-    living = open_recording(
-        shared("data/rgbd/icl_livingroom"), RecordingOptions(T_map_world=np.eye(4))
-    )
+    kitchen = open_recording(shared("data/rgbd/redkitchen"), OPTIONS)
+    living = open_recording(shared("data/rgbd/icl_livingroom"), OPTIONS)
     a, b, c = (
         features / np.linalg.norm(features)
         for frames in (kitchen.frames(60), kitchen.frames(70), living.frames(30))
@@ -65,11 +61,7 @@ def test_features_of_similar_rooms_are_nearer_than_of_others(shared):
 
 def test_a_network_without_features_says_so(shared):
     classifier = load_scene_classifier(shared("models/squeezenet11_places365.onnx"))
-    frame = next(
-        open_recording(
-            shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=np.eye(4))
-        ).frames()
-    )
+    frame = next(open_recording(shared("data/rgbd/redkitchen"), OPTIONS).frames())
     with pytest.raises(ModelError, match="no output 'features'"):
         classifier.described(frame.rgb)
 

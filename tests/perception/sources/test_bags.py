@@ -149,10 +149,7 @@ def test_given_topics_and_frames_are_taken(tmp_path: Path) -> None:
     grey = RecordingOptions(check=False, streams=Streams(colour="/cam/ir/image_raw"))
     assert np.array_equal(open_recording(path, grey).frame(2).rgb, VIEWS[2].rgb)
     for streams, said in (
-        (
-            Streams(colour="/cam/rgb/image"),
-            "'/cam/rgb/image' is no topic .* did you mean /cam/",
-        ),
+        (Streams(colour="/cam/rgb/image"), "'/cam/rgb/image' is no topic .* did you mean /cam/"),
         (Streams(map_frame="mop"), "no transforms of frame 'mop'"),
         (Streams(tolerance=0.001), r"lie within 0\.001 s.* 0.005 s apart: --tolerance 0.01 would"),
     ):
@@ -363,10 +360,7 @@ def test_chunks_that_expand_to_more_than_they_say(
         patched.setattr(bag_file, "MAX_CHUNK", 1000)
         assert "larger than any chunk" in refusal(path)
     large = bytes(1 << 24)
-    bombs = {
-        "zstd": vars(storage_mcap)["zstd"].compress(large),
-        "lz4": lz4.frame.compress(large),
-    }
+    bombs = {"zstd": vars(storage_mcap)["zstd"].compress(large), "lz4": lz4.frame.compress(large)}
     for compression, packed in bombs.items():
         assert len(packed) < 100_000
         with pytest.raises(RecordingError, match="expands to more than its 1000 bytes"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from perception.frames import Frame
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 
-IDENTITY = np.eye(4)
+OPTIONS = RecordingOptions(T_map_world=np.eye(4), check=False)
 
 
 def reprojection_error(a: Frame, b: Frame) -> float:
@@ -40,9 +42,7 @@ def reprojection_error(a: Frame, b: Frame) -> float:
     ],
 )
 def test_poses_intrinsics_and_depth_fit_together(shared, folder, format_, frames):
-    recording = open_recording(
-        shared(f"data/rgbd/{folder}"), RecordingOptions(T_map_world=IDENTITY)
-    )
+    recording = open_recording(shared(f"data/rgbd/{folder}"), OPTIONS)
     assert (recording.name, recording.format, len(recording)) == (folder, format_, frames)
     for start in (0, 40):
         stream = recording.frames(start)
@@ -51,8 +51,8 @@ def test_poses_intrinsics_and_depth_fit_together(shared, folder, format_, frames
 
 
 def test_both_forms_of_the_kitchen_are_one_recording(shared):
-    ours = open_recording(shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=IDENTITY))
-    tum = open_recording(shared("data/rgbd/redkitchen_tum"), RecordingOptions(T_map_world=IDENTITY))
+    ours = open_recording(shared("data/rgbd/redkitchen"), OPTIONS)
+    tum = open_recording(shared("data/rgbd/redkitchen_tum"), OPTIONS)
     for i in (0, 100, 249):
         a, b = next(ours.frames(i)), next(tum.frames(i))
         assert a.id == b.id
@@ -63,9 +63,8 @@ def test_both_forms_of_the_kitchen_are_one_recording(shared):
 
 
 def test_frames_can_be_read_again_from_any_index(shared):
-    recording = open_recording(
-        shared("data/rgbd/icl_livingroom"), RecordingOptions(T_map_world=IDENTITY, start_time=1.7e9)
-    )
+    options = replace(OPTIONS, start_time=1.7e9)
+    recording = open_recording(shared("data/rgbd/icl_livingroom"), options)
     stream = recording.frames()
     first = [next(stream) for _ in range(4)]
     again = next(recording.frames(3))
@@ -79,11 +78,7 @@ def test_frames_can_be_read_again_from_any_index(shared):
 
 
 def test_colour_is_rgb_and_depth_is_metres_with_nan_for_no_return(shared):
-    frame = next(
-        open_recording(
-            shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=IDENTITY)
-        ).frames(60)
-    )
+    frame = next(open_recording(shared("data/rgbd/redkitchen"), OPTIONS).frames(60))
     cupboard = frame.rgb[230:270, 30:100].reshape(-1, 3).mean(0)
     assert cupboard[0] > 2 * cupboard[2], "the kitchen's cupboards are red"
     assert np.isnan(frame.depth).any()
@@ -91,11 +86,7 @@ def test_colour_is_rgb_and_depth_is_metres_with_nan_for_no_return(shared):
 
 
 def test_the_annotated_cup_is_where_the_hand_made_truth_says(shared):
-    frame = next(
-        open_recording(
-            shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=IDENTITY)
-        ).frames(60)
-    )
+    frame = next(open_recording(shared("data/rgbd/redkitchen"), OPTIONS).frames(60))
     assert frame.id == "frame-000240"
     x0, y0, x1, y1 = 213, 303, 263, 355
     z = np.nanmedian(frame.depth[y0 + 15 : y1 - 15, x0 + 15 : x1 - 15])
@@ -106,8 +97,8 @@ def test_the_annotated_cup_is_where_the_hand_made_truth_says(shared):
 
 def test_original_7_scenes_files_are_registered_to_the_colour_camera(few_frames, shared):
     folder = few_frames(".color.jpg", ".depth.png", ".pose.txt", extra=["camera-intrinsics.txt"])
-    raw = open_recording(folder, RecordingOptions(T_map_world=IDENTITY))
-    made = open_recording(shared("data/rgbd/redkitchen"), RecordingOptions(T_map_world=IDENTITY))
+    raw = open_recording(folder, OPTIONS)
+    made = open_recording(shared("data/rgbd/redkitchen"), OPTIONS)
     a, b = next(raw.frames(1)), next(made.frames(60))
     assert a.id == b.id == "frame-000240"
     np.testing.assert_allclose(a.T_map_cam, b.T_map_cam, atol=1e-3)
@@ -121,7 +112,5 @@ def test_relative_stamps_start_at_the_opening_unless_told(shared):
     import time
 
     before = time.time()
-    recording = open_recording(
-        shared("data/rgbd/redkitchen_tum"), RecordingOptions(T_map_world=IDENTITY)
-    )
+    recording = open_recording(shared("data/rgbd/redkitchen_tum"), OPTIONS)
     assert before <= next(recording.frames()).stamp <= time.time()

@@ -120,9 +120,7 @@ def test_what_people_say_is_there_stays_when_looks_are_in_vain(semantic_map: Sem
     assert semantic_map.objects()[0].existence == 1.0
 
 
-def test_objects_of_a_category_are_those_that_people_put_into_it(
-    semantic_map: SemanticMap,
-) -> None:
+def test_objects_of_a_category_are_those_that_people_put_into_it(semantic_map: SemanticMap) -> None:
     find = semantic_map.catalogue.find
     updates = ObjectUpdates(semantic_map)
     assert semantic_map.assertions.add("object/1", "category", "orange", by="ann")

@@ -89,9 +89,7 @@ def test_a_look_gives_the_map_that_a_recording_of_its_pictures_gives(
         assert _records(semantic_map) == _records(other)
 
 
-def test_a_thing_seen_through_a_doorway_lies_in_the_room_behind(
-    semantic_map: SemanticMap,
-) -> None:
+def test_a_thing_seen_through_a_doorway_lies_in_the_room_behind(semantic_map: SemanticMap) -> None:
     house = _house()
     places = [
         PlaceRecord(
@@ -117,9 +115,7 @@ def test_a_thing_seen_through_a_doorway_lies_in_the_room_behind(
     assert np.linalg.norm(apple.p_map - HIDDEN.centre()) < 0.2
 
 
-def test_one_picture_leaves_doubt_and_one_from_elsewhere_decides(
-    semantic_map: SemanticMap,
-) -> None:
+def test_one_picture_leaves_doubt_and_one_from_elsewhere_decides(semantic_map: SemanticMap) -> None:
     (target,) = resolve(semantic_map, ["apple"])
     near, aside = (5.9, 8.6), (6.2, 7.9)
     one, other = _towards_apple(SimulatedCamera(_house()), [near, aside])

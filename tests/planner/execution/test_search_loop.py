@@ -241,11 +241,7 @@ def test_a_robot_that_ends_the_search_can_take_it_up_again(semantic_map: Semanti
 
 
 @pytest.mark.parametrize(
-    ("how", "said"),
-    [
-        ("end", "has ended with exit code 7"),
-        ("flood", "messages in a row"),
-    ],
+    ("how", "said"), [("end", "has ended with exit code 7"), ("flood", "messages in a row")]
 )
 def test_a_robot_that_fails_leaves_a_search_that_can_go_on(
     semantic_map: SemanticMap, how: str, said: str

@@ -14,13 +14,7 @@ from kg.model.areas import Area
 from kg.model.errors import LayoutError
 from perception.binary_masks import connected_components
 from planner.freespace.geodesic import distance_fields
-from planner.freespace.grid import (
-    NO_ROOM,
-    FreeSpace,
-    Occupancy,
-    space_of_occupancy,
-    visible_cells,
-)
+from planner.freespace.grid import NO_ROOM, FreeSpace, Occupancy, space_of_occupancy, visible_cells
 from planner.freespace.map_server import places_file, read_grid, space_of_grid
 from tests.planner.freespace.distances import metres_between
 

@@ -50,10 +50,7 @@ def flat() -> Iterator[SemanticMap]:
         ("is there a bathroom", ["Perhaps a bathroom: place 3 (30 %)"]),
         ("do we have a garage", ["No place of this map is believed to be a garage; the map has"]),
         ("is place 1 a kitchen", ["Yes: place 1 is believed to be a kitchen (90 %)"]),
-        (
-            "is place 3 a bathroom",
-            ["No: place 3 is believed to be a bedroom (50 %), and a bath"],
-        ),
+        ("is place 3 a bathroom", ["No: place 3 is believed to be a bedroom (50 %), and a bath"]),
         ("how many kitchens are there", ["kitchen: 1, the kitchen"]),
         ("how many bathrooms do we have", ["bathroom: 0", "Perhaps a bathroom: place 3"]),
         ("when did you last see the kitchen", ["90 s ago: the kitchen, at 1970-01-01T00:16:40"]),

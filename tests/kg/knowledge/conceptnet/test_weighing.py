@@ -247,8 +247,7 @@ CASES5: dict[str, tuple[list[Line], dict[str, float | None]]] = {
 
 
 @pytest.mark.parametrize(
-    ("write", "case"),
-    [*((graph4, case) for case in CASES4), *((tsv5, case) for case in CASES5)],
+    ("write", "case"), [*((graph4, case) for case in CASES4), *((tsv5, case) for case in CASES5)]
 )
 def test_what_assertions_come_to(write: Callable[..., Path], case: str, tmp_path: Path) -> None:
     lines, expected = (CASES4 | CASES5)[case]

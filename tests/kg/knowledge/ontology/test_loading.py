@@ -78,10 +78,7 @@ def test_objects_and_places_hold_the_324_is_a_edges_of_the_reference(shared: Sha
 
 @pytest.mark.parametrize(
     ("table", "kind", "target", "count"),
-    [
-        ("located_at.csv", v.LOCATED_AT, "place", 204),
-        ("near_by.csv", v.NEAR_BY, "near", 7),
-    ],
+    [("located_at.csv", v.LOCATED_AT, "place", 204), ("near_by.csv", v.NEAR_BY, "near", 7)],
 )
 def test_relations_are_those_of_the_reference(
     shared: Shared, table: str, kind: str, target: str, count: int

@@ -152,8 +152,7 @@ def test_a_part_names_what_it_is_a_part_of() -> None:
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["cable tie", "fake banana", "xyzzy", "Anna", "<b>cup</b>", "sofx", "cup; keys"],
+    "text", ["cable tie", "fake banana", "xyzzy", "Anna", "<b>cup</b>", "sofx", "cup; keys"]
 )
 def test_a_name_that_only_resembles_a_category_is_refused_in_one_line(text: str) -> None:
     with pytest.raises(UnknownCategoryError, match="no category") as refused:

@@ -150,7 +150,7 @@ def test_what_cannot_be_a_tile_is_refused_and_nothing_written(semantic_map):
         base64.b64encode(zlib.compress(bytes(5))).decode(),  # not square
         base64.b64encode(zlib.compress(b"\x07" * 16)).decode(),  # no such state
         base64.b64encode(zlib.compress(bytes(16))[:-2]).decode(),  # cut short
-        base64.b64encode(zlib.compress(bytes(50_000_000))).decode(),  # would fill the memory
+        base64.b64encode(zlib.compress(bytes(5_000_000))).decode(),  # would fill the memory
     ],
 )
 def test_what_anybody_may_have_written_is_no_tile(semantic_map, text):

@@ -172,12 +172,7 @@ def test_summary_and_robot() -> None:
 @pytest.mark.parametrize(
     ("question", "parameters", "error", "reason"),
     [
-        (
-            "placesof",
-            {},
-            UnknownQueryError,
-            "no query 'placesof'; did you mean places",
-        ),
+        ("placesof", {}, UnknownQueryError, "no query 'placesof'; did you mean places"),
         ("objects-within-radius", {"x": 1}, QueryParameterError, "needs y"),
         (
             "objects-within-radius",

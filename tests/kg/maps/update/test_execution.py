@@ -8,14 +8,7 @@ from collections import Counter
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyoxigraph import (
-    BlankNode,
-    DefaultGraph,
-    Quad,
-    RdfFormat,
-    Store,
-    parse,
-)
+from pyoxigraph import BlankNode, DefaultGraph, Quad, RdfFormat, Store, parse
 
 from kg.maps.update.change_draft import ChangeDraft
 from kg.maps.update.execution import evaluate_update

@@ -171,10 +171,7 @@ def test_a_check_that_fails_under_the_lock_writes_nothing(semantic_map: StoredMa
 
 
 def test_a_write_ends_at_its_time_limit(semantic_map: StoredMap) -> None:
-    with (
-        WriteLimit(0.05).in_force(),
-        pytest.raises(QueryTimeoutError, match=r"more than 0\.05 s"),
-    ):
+    with WriteLimit(0.05).in_force(), pytest.raises(QueryTimeoutError, match=r"more than 0\.05 s"):
         semantic_map.apply_ground(added(subjects(5000)), "", by="ann")
     assert semantic_map.sequence == 0
 

@@ -26,9 +26,7 @@ def run_away(served: Served, answers: list[requests.Response]) -> None:
     answers.append(served.get("sparql", params={"query": RUNAWAY}, headers=bearer(GREEDY)))
 
 
-def test_a_client_with_many_runaway_queries_is_alone_refused(
-    serve: Callable[..., Served],
-) -> None:
+def test_a_client_with_many_runaway_queries_is_alone_refused(serve: Callable[..., Served]) -> None:
     served = serve(tokens=TOKENS, limits=Limits(query_seconds=1.5))
     runaways: list[requests.Response] = []
     threads = [threading.Thread(target=run_away, args=(served, runaways)) for _ in range(60)]

@@ -43,10 +43,7 @@ def test_where_a_query_does_not_parse(lasting: Served, text: str, line: int, col
     with pytest.raises(QueryError) as here:
         lasting.map.query(text)
     assert place(str(here.value)) == (line, column)
-    with (
-        open_map(lasting.url, read_only=True) as far,
-        pytest.raises(QueryError) as there,
-    ):
+    with open_map(lasting.url, read_only=True) as far, pytest.raises(QueryError) as there:
         far.query(text)
     assert place(str(there.value)) == (line, column)
 

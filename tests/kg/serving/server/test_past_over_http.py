@@ -13,12 +13,7 @@ import rdflib
 from pyoxigraph import Quad
 
 from hereabouts.cli import main
-from kg.history.reports.events import (
-    comparison_text,
-    difference_text,
-    log_text,
-    reasons_text,
-)
+from kg.history.reports.events import comparison_text, difference_text, log_text, reasons_text
 from kg.history.timestamps import iso
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v

@@ -16,13 +16,7 @@ import requests
 
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.subscriptions import PerceivedObjects
-from kg.model.errors import (
-    ConflictError,
-    GraphError,
-    HistoryError,
-    InvalidFactError,
-    RemoteError,
-)
+from kg.model.errors import ConflictError, GraphError, HistoryError, InvalidFactError, RemoteError
 from kg.model.records import (
     DepartedRecord,
     DoorRecord,
@@ -187,9 +181,7 @@ def test_ones_own_frames_are_never_in_the_way(served: Served) -> None:
         assert place_of(served.map, CUP) == 3.0
 
 
-def test_what_is_written_in_a_block_is_held_to_what_was_there_when_it_began(
-    served: Served,
-) -> None:
+def test_what_is_written_in_a_block_is_held_to_what_was_there_when_it_began(served: Served) -> None:
     with open_far(served) as far:
         objects = PerceivedObjects(far)
         with far.hold():

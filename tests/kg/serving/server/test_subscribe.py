@@ -81,14 +81,7 @@ def test_ask_can_be_followed(served: Served) -> None:
 
 
 @pytest.mark.parametrize(
-    "query",
-    [
-        "",
-        "nothing",
-        "CONSTRUCT WHERE { ?s ?p ?o }",
-        f"DESCRIBE {CUP}",
-        "CLEAR ALL",
-    ],
+    "query", ["", "nothing", "CONSTRUCT WHERE { ?s ?p ?o }", f"DESCRIBE {CUP}", "CLEAR ALL"]
 )
 def test_what_cannot_be_followed_is_refused_and_leaves_nothing(lasting: Served, query: str) -> None:
     assert lasting.get("subscribe", params={"query": query}).status_code in (400, 406)

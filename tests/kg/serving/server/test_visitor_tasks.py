@@ -14,13 +14,7 @@ import numpy as np
 import pytest
 
 from kg.model.records import MapUpdate
-from tests.kg.serving.server.browser_pages import (
-    OpenPage,
-    click_map,
-    other_picture,
-    picture,
-    says,
-)
+from tests.kg.serving.server.browser_pages import OpenPage, click_map, other_picture, picture, says
 from tests.kg.serving.server.conftest import TOKEN, answering, furnished, page_opener
 
 if TYPE_CHECKING:

@@ -13,12 +13,7 @@ from pyoxigraph import RdfFormat
 from benchmarks.attack.exhaustion import document_bombs, runaway
 from benchmarks.attack.target import Target
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import (
-    HereaboutsError,
-    QueryError,
-    QueryRefusedError,
-    QueryTimeoutError,
-)
+from kg.model.errors import HereaboutsError, QueryError, QueryRefusedError, QueryTimeoutError
 from kg.serving.opening import in_memory_map
 from kg.serving.workers.pool import QueryPool
 from kg.serving.workers.updates import UpdateRequest, parsed_document, update_map

@@ -75,9 +75,7 @@ def test_a_shipped_question_is_answered_as_by_the_map_itself(live: SemanticMap) 
     assert float(row[distance]) == 5.0 == live.query(question.name, **around).rows[0][distance]
 
 
-def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(
-    pool: QueryPool,
-) -> None:
+def test_a_format_nobody_has_is_refused_before_and_after_the_form_is_known(pool: QueryPool) -> None:
     with pytest.raises(NotAcceptableError, match="image/png"):
         pool.run("ASK {}", accept="image/png")
     with pytest.raises(NotAcceptableError, match="table or truth value"):

@@ -10,13 +10,7 @@ import pytest
 from kg.model.areas import OrientedBox
 from mapping.objects.extents.box_fit import BoxViews
 from mapping.objects.extents.surface_growth import Walls, grown_box
-from tests.mapping.objects.extents.test_grown_boxes import (
-    VOXEL,
-    Surface,
-    around,
-    shell,
-    view,
-)
+from tests.mapping.objects.extents.test_grown_boxes import VOXEL, Surface, around, shell, view
 
 STEPS = np.arange(-2, 2, 0.0125)
 HEIGHTS = np.arange(0, 2, 0.0125)

@@ -12,15 +12,7 @@ from perception.camera.intrinsics import load_intrinsics
 from perception.sources.recording import open_recording
 from perception.sources.recording_options import RecordingOptions
 from tests.perception.conftest import SIZE, K, room_depth
-from tests.perception.sources.folders.conftest import (
-    CAMERA,
-    STAMPS,
-    Room,
-    line,
-    named,
-    rows,
-    seven,
-)
+from tests.perception.sources.folders.conftest import CAMERA, STAMPS, Room, line, named, rows, seven
 
 OPTIONS = RecordingOptions(check=False)
 BASE = np.array([[0.0, 0, 1, 0.2], [-1, 0, 0, 0], [0, -1, 0, 0.9], [0, 0, 0, 1]])

@@ -129,8 +129,7 @@ def test_a_hostile_ros1_node_is_left_and_tried_again(
 
 
 @pytest.mark.parametrize(
-    "answer",
-    [7, [], [0, "no", 0], [1, "", 3], [1, "", [[1]]], [1, "", [["/a", "b", "c"]]], "text"],
+    "answer", [7, [], [0, "no", 0], [1, "", 3], [1, "", [[1]]], [1, "", [["/a", "b", "c"]]], "text"]
 )
 def test_a_hostile_ros1_master_is_asked_again(messages: Messages, answer: Any) -> None:
     raws = messages(".bag")

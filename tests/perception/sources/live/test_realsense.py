@@ -142,9 +142,7 @@ def angle(up: np.ndarray) -> float:
     return float(np.arccos(np.clip(up[2], -1, 1)))
 
 
-def test_a_camera_that_is_unplugged_ends_with_a_line(
-    room: Path,
-) -> None:
+def test_a_camera_that_is_unplugged_ends_with_a_line(room: Path) -> None:
     source = camera(room)
     with playing(source) as (made, raised):
         assert made.next_frame(5) is not None

@@ -117,8 +117,7 @@ def test_why_a_goal_failed_is_said(
     monkeypatch.setattr(navigation, "ANSWER", 0.5)
     events: list[Event] = []
     options = SearchOptions(
-        on_event=events.append,
-        stopping=lambda: any(event.kind == "surprise" for event in events),
+        on_event=events.append, stopping=lambda: any(event.kind == "surprise" for event in events)
     )
     with running(node(master.address, furnished_house(), START)):
         outcome = search(semantic_map, ["orange"], robot(master.address, tmp_path), options)

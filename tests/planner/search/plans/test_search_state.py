@@ -17,11 +17,7 @@ from planner.freespace.planning_map import PlanningMap
 from planner.search.belief import TargetBelief, site_weights
 from planner.search.goals.targets import Target
 from planner.search.plans.search_state import PlanningState
-from planner.search.viewpoints.candidate_views import (
-    CandidateViews,
-    Sensor,
-    candidate_views,
-)
+from planner.search.viewpoints.candidate_views import CandidateViews, Sensor, candidate_views
 from planner.search.viewpoints.covering_viewpoints import (
     COVER,
     covering_viewpoints,

@@ -35,9 +35,7 @@ def test_a_leg_costs_its_length_over_the_speed_and_every_stop_a_look() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(1, 500), shares), min_size=1, max_size=6))
-def test_any_is_the_mean_over_every_way_instances_may_lie(
-    stops: list[tuple[float, float]],
-) -> None:
+def test_any_is_the_mean_over_every_way_instances_may_lie(stops: list[tuple[float, float]]) -> None:
     arrivals, p = sorted(when for when, _ in stops), [share for _, share in stops]
     weight = total = 0.0
     for world in itertools.product([False, True], repeat=len(p)):
