@@ -35,7 +35,7 @@ from kg.serving.opening import in_memory_map
 from lab.command_line import parser_of
 from planner.questions.patterns import ROBOT, Question, parsed
 from planner.questions.recognition import target_named
-from planner.questions.rooms import WHOLE
+from planner.questions.rooms import WHOLE, WITHOUT_CATEGORY
 from planner.search.goals.place_names import place_category
 
 PARTS: Final = tuple(
@@ -52,6 +52,9 @@ HOUSEHOLD: Final = tuple(
         "operator",
         "second_language",
         "german",
+        "elderly",
+        "technician",
+        "chat",
     )
 )
 
@@ -98,14 +101,15 @@ def _same(semantic_map: SemanticMap, one: str, other: str) -> bool:
 
 
 def _name(semantic_map: SemanticMap, words: str) -> str | None:
-    """Label of the category that words name; None if they name none."""
+    """Label of the category of things, or of places, that words name; None if they name none."""
     if re.fullmatch(r"[a-z ]+ \d+", words):
         return words
     try:
         target = target_named(semantic_map, words)
         return target.label if target.iri else ", ".join(sorted(target.kinds.values()))
     except UnknownCategoryError:
-        return None
+        place = place_category(semantic_map.catalogue, words)
+        return place.label if place else words if words in (*WHOLE, *WITHOUT_CATEGORY) else None
 
 
 def scored(path: Path) -> Iterator[tuple[Mapping[str, str], str, tuple[str, str, str]]]:
