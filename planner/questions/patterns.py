@@ -149,7 +149,8 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
             return language, {**gaps, "read_as": again}
     for language, words in plain[-1:]:
         name, _ = _Names(language, known).without(words)
-        if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
+        short = len(name.split()) <= _MAX_NAME or name.split()[-1].isdigit()
+        if known(name) or (short and not has_clue(language, [name])):
             return language, {"kind": "where", "what": words}
     return last, {}
 
@@ -158,14 +159,22 @@ def _by_sentence_or_clues(
     plain: Sequence[tuple[Language, str]], known: Known
 ) -> tuple[Language, Gaps] | None:
     """The reading of a sentence; clues go first where one of its names has other words in it."""
-    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
+    read = [(one, w, one.read(w) or one.read(one.without_fillers(w)) or {}) for one, w in plain]
     for language, _, gaps in read:
-        names = [gaps.get(gap, "") for gap in ("what", "where", "other")] if gaps else []
-        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
-        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
+        names = (_Names(language, known).without(name)[0] for name in _named(gaps) if not known(name))
+        if gaps and not _is_timeless(gaps) and not has_clue(language, names):
             return language, gaps
-    either = ((language, read_clues(language, words) or gaps) for language, words, gaps in read)
-    return next(((language, gaps) for language, gaps in either if gaps), None)
+    for language, words, gaps in read:
+        clues = read_clues(language, words) or {}
+        if any(has_clue(one, _named(clues)) for one in languages() if one is not language):
+            clues = {}  # words of another language are no name
+        if clues or gaps:
+            return language, clues or gaps
+    return None
+
+
+def _named(gaps: Gaps) -> list[str]:
+    return [gaps[gap] for gap in ("what", "where", "other", "start") if gaps.get(gap)]
 
 
 def _is_timeless(gaps: Gaps) -> bool:

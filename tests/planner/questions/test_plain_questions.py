@@ -89,6 +89,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("cup 2", "Probably no longer in the kitchen: cup 2 was seen there 4 times"),
         ("the red cup", "The map does not keep what is red, so this is about all of them"),
         ("what is in the kitchen", "2 objects in the kitchen: a banana, a cup"),
+        ("are there exactly two cups", "1 cup"),
         ("is there a banana", "It was there, and has probably been moved since:"),
         ("is there a free cup", "The map does not keep what is free, so this is about all of"),
         ("how many places are there", " places: "),
@@ -248,7 +249,6 @@ def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
         ("where is the pepsi", "no category 'pepsi'"),
         ("is there a cup that is not red", "not understood"),
         ("are there more chairs than cups", "not understood"),
-        ("are there exactly two cups", "not understood"),
         ("is there a second cup", "not understood"),
         ("clean the bed", "not understood"),
         ("where is the cup and what is on the bed", "not understood"),
@@ -270,7 +270,7 @@ def test_json_has_the_query_that_has_the_facts(answers: Says) -> None:
         ("where is the qwertzy", "no category"),
         ("where is cup 99", "nothing has the label 'cup 99'; there are: cup 2"),
         ("is chair 7 in the kitchen", "'chair 7'; no chair is in the map"),
-        ("what changed since the flood", "yesterday, today, an hour ago"),
+        ("what changed since the flood", "today, yesterday at 9:30, an hour ago"),
     ],
 )
 def test_what_is_not_understood_is_one_line(opened: SemanticMap, text: str, says_so: str) -> None:
