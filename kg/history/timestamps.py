@@ -120,8 +120,8 @@ def instant(words: str, now: float) -> str:
         return iso(moment(text.upper()))
     except (HistoryError, ValueError, OverflowError, OSError):
         raise HistoryError(
-            f"no moment {text[:60]!r}; now, today, yesterday at 9:30, an hour ago, the last 3 days, 2h, "
-            "2026-08-01T12:30:00Z and #42 (a transaction) work"
+            f"no moment {text[:60]!r}; now, today, yesterday at 9:30, an hour ago, "
+            "the last 3 days, 2h, 2026-08-01T12:30:00Z and #42 (a transaction) work"
         ) from None
 
 

@@ -27,7 +27,6 @@ _OR: Final = "or"  # "in the hall or in the kitchen"
 _JOIN: Final = "and"  # the preposition of a further name in a list
 _FROM_HERE: Final = ("near", "to", "from", "between", "and")  # prepositions of "me", and of "here"
 _SPANS: Final = ("changed", "last seen")  # kinds that ask for a span, not for a moment of it
-_OF_EVENTS: Final = ("changed", "compare", "largest")  # kinds that ask for one
 _WORD: Final = re.compile(r"[^ ,]+ \d+(?![\w:.])|[^ ,]+|,")  # ``place 4`` is one
 Name = tuple[str, str]  # preposition, or "", and words
 
@@ -60,10 +59,9 @@ class _Split:
             if self.before and clue not in _file()["soft"]:  # "in which room"
                 self.clues.update({_HANGING} if self.before not in (_OF, _OR) else ())
                 self.before = self.before if self.before == _OR else ""
-            gaps = self.language.gaps(found)
-            is_twice = any(self.gaps.get(gap, one) != one for gap, one in gaps.items())
-            self.clues.update({clue, _TWICE} if is_twice else {clue})
-            self.gaps.update(gaps)
+            self.clues.add(clue)
+            for gap, one in self.language.gaps(found).items():
+                self.clues.update({_TWICE} if self.gaps.setdefault(gap, one) != one else ())
         elif text:
             self.name.append(text)
 
@@ -124,8 +122,6 @@ class _Reading:
                 gaps[gap] = names.pop(at)[1]
             elif needed:
                 return None
-        if self.kind not in _OF_EVENTS or (self.kind == "changed" and "what" in gaps):
-            gaps.pop("event", None)  # where it has gone, or whether it was moved or taken
         if "time" in gaps:
             gaps["when" if self.kind in _SPANS else "at"] = gaps.pop("time")
         return None if names else gaps
