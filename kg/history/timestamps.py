@@ -36,6 +36,7 @@ _SPAN: Final = re.compile(
     r"(minute|hour|day|week|month)s?(?: ago)?"
 )
 _DAYS: Final = {"today": 0, "this morning": 0, "yesterday": 1, "last night": 1}
+_CLOCK: Final = re.compile(r"(?:(.+?)(?: at)? )?(\d{1,2})(?::(\d\d))?(?: ?([ap])m)?")
 _WEEKDAYS: Final = ("monday", "tuesday", "wednesday", "thursday", "friday", "saturday", "sunday")
 _MAX_COUNT: Final = 10_000
 
@@ -88,8 +89,8 @@ def iso(seconds: float) -> str:
 def instant(words: str, now: float) -> str:
     """The moment (ISO 8601 or ``#42``) that words name at `now` [s since 1970].
 
-    Days begin at midnight of this machine's time zone; a time without a zone is in UTC. Raises
-    HistoryError for other words.
+    Days, and times of day such as ``monday at 9:30``, are those of this machine's time zone; a date
+    and time without a zone is in UTC. Raises HistoryError for other words.
     """
     text = " ".join(words.split())
     if re.fullmatch(r"#\d+", text):
@@ -108,13 +109,19 @@ def instant(words: str, now: float) -> str:
         count = _NUMBERS.get(match[1] or "") or (whole_number(match[1]) or _MAX_COUNT)
         return iso(now - _SECONDS.get(match[2], _MONTH) * min(count, _MAX_COUNT))
     try:
+        clock = _CLOCK.fullmatch(plain)
+        if clock and (clock[3] or clock[4]) and (clock[1] or "today") in days:
+            hour = int(clock[2]) % 12 + 12 * (clock[4] == "p") if clock[4] else int(clock[2])
+            at = today.replace(hour=hour, minute=int(clock[3] or 0))
+            back = days[clock[1]] if clock[1] else at.timestamp() > now  # the last 9:30 that was
+            return iso((at - timedelta(days=back)).timestamp())
         if re.fullmatch(r"\d+(\.\d+)? ?[a-z]+( ago)?", plain):
             return iso(now - duration(plain.removesuffix(" ago")))
         return iso(moment(text.upper()))
     except (HistoryError, ValueError, OverflowError, OSError):
         raise HistoryError(
-            f"no moment {text[:60]!r}; now, yesterday, today, an hour ago, the last 3 days, 2h, "
-            "2026-08-01T12:30:00Z and #42 (a transaction) work"
+            f"no moment {text[:60]!r}; now, today, yesterday at 9:30, an hour ago, "
+            "the last 3 days, 2h, 2026-08-01T12:30:00Z and #42 (a transaction) work"
         ) from None
 
 

@@ -21,11 +21,12 @@ from planner.questions.sentences import Gaps, Language
 READINGS: Final = Path(__file__).with_name("readings.toml")
 _VOID: Final = "void"  # the clue of words that say nothing
 _HANGING: Final = "hanging"  # the clue of a preposition without a name: "which room is it in"
+_TWICE: Final = "twice"  # the clue of two texts for one gap: "at 9:30 yesterday"
 _OF: Final = "of"  # may stand before a clue: "the time of the latest sighting"
 _OR: Final = "or"  # "in the hall or in the kitchen"
 _JOIN: Final = "and"  # the preposition of a further name in a list
 _FROM_HERE: Final = ("near", "to", "from", "between", "and")  # prepositions of "me", and of "here"
-_OF_EVENTS: Final = ("changed", "compare", "largest")  # kinds that ask for one
+_SPANS: Final = ("changed", "last seen")  # kinds that ask for a span, not for a moment of it
 _WORD: Final = re.compile(r"[^ ,]+ \d+(?![\w:.])|[^ ,]+|,")  # ``place 4`` is one
 Name = tuple[str, str]  # preposition, or "", and words
 
@@ -59,7 +60,8 @@ class _Split:
                 self.clues.update({_HANGING} if self.before not in (_OF, _OR) else ())
                 self.before = self.before if self.before == _OR else ""
             self.clues.add(clue)
-            self.gaps.update(self.language.gaps(found))
+            for gap, one in self.language.gaps(found).items():
+                self.clues.update({_TWICE} if self.gaps.setdefault(gap, one) != one else ())
         elif text:
             self.name.append(text)
 
@@ -120,10 +122,8 @@ class _Reading:
                 gaps[gap] = names.pop(at)[1]
             elif needed:
                 return None
-        if self.kind not in _OF_EVENTS or (self.kind == "changed" and "what" in gaps):
-            gaps.pop("event", None)  # where it has gone, or whether it was moved or taken
         if "time" in gaps:
-            gaps["when" if self.kind == "changed" else "at"] = gaps.pop("time")
+            gaps["when" if self.kind in _SPANS else "at"] = gaps.pop("time")
         return None if names else gaps
 
     def _listed(self, names: list[Name], join: str) -> list[Name]:

@@ -33,13 +33,12 @@ EVENTS: Final[dict[str, tuple[str, ...]]] = {
     "new": ("appeared",),
     "gone": ("gone",),
 }
-#: needs that are met by a kind of thing, not by a tool for them
-_MEALS: Final = {"to eat": "food", "to drink": "drink"}
 _NEED: Final = re.compile(r"(?:some|any)(?:thing|where) (?:i|we|one) can\b")
 _NUMBERED: Final = re.compile(
     r"(?:object|thing|item|number|objekt|ding|gegenstand)(?: number| no\.?| nummer| nr\.?)? #?(\d+)"
 )
 _OF_SEVERAL: Final = ("where", "status", "count", "last seen")  # kinds that ask for A and B, too
+_NAMED: Final = ("what", "where", "other", "start")  # gaps of names
 _TIMELESS: Final = ("changed", "last seen", "departed", "recent", "why", "certainty")
 _MAX_NAME: Final = 2  # words of a name that stands alone, unless it is known or has a number
 
@@ -149,7 +148,8 @@ def _read(text: str, known: Known, wanted: str = "") -> tuple[Language, Gaps]:
             return language, {**gaps, "read_as": again}
     for language, words in plain[-1:]:
         name, _ = _Names(language, known).without(words)
-        if len(name.split()) <= _MAX_NAME or known(name) or name.split()[-1].isdigit():
+        short = len(name.split()) <= _MAX_NAME or name.split()[-1].isdigit()
+        if known(name) or (short and not has_clue(language, [name])):
             return language, {"kind": "where", "what": words}
     return last, {}
 
@@ -158,14 +158,20 @@ def _by_sentence_or_clues(
     plain: Sequence[tuple[Language, str]], known: Known
 ) -> tuple[Language, Gaps] | None:
     """The reading of a sentence; clues go first where one of its names has other words in it."""
-    read = [(one, w, one.read(w) or one.read(one.without_fillers(w))) for one, w in plain]
+    read = [(one, w, one.read(w) or {}) for one, w in plain]
     for language, _, gaps in read:
-        names = [gaps.get(gap, "") for gap in ("what", "where", "other")] if gaps else []
-        unknown = [name for name in names if not known(_Names(language, known).without(name)[0])]
-        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
+        given = [gaps.get(gap, "") for gap in _NAMED]
+        names = (_Names(language, known).without(name)[0] for name in given if not known(name))
+        if gaps and not _is_timeless(gaps) and not has_clue(language, names):
             return language, gaps
-    either = ((language, read_clues(language, words) or gaps) for language, words, gaps in read)
-    return next(((language, gaps) for language, gaps in either if gaps), None)
+    for language, words, gaps in read:
+        clues = read_clues(language, words) or {}
+        given = [clues.get(gap, "") for gap in _NAMED]
+        if any(has_clue(one, given) for one in languages() if one is not language):
+            clues = {}  # words of another language are no name
+        if clues or gaps:
+            return language, clues or gaps
+    return None
 
 
 def _is_timeless(gaps: Gaps) -> bool:
@@ -177,26 +183,25 @@ def _question(language: Language, gaps: Gaps, known: Known) -> Question | None:
     """The question of a sentence; None if a word in a gap changes its sense."""
     kind, names = cast(Kind, gaps["kind"]), _Names(language, known)
     thing = gaps.get("what", "")
-    is_list = kind in _OF_SEVERAL and not known(thing)
-    parts = names.listed(thing) if is_list else [thing]
-    more_gaps = (gaps.get(gap, "") for gap in ("where", "other", "start"))
-    found = [names.read(words) for words in (*parts, *more_gaps)]
+    is_list, joins = kind in _OF_SEVERAL and not known(thing), "|".join(language.words("joins"))
+    parts = re.split(rf",? (?:{joins}) |, ", thing) if is_list else [thing]
+    found = [names.read(words) for words in (*parts, *(gaps.get(g, "") for g in _NAMED[1:]))]
     if None in found:
         return None
     *things, (where, _), (other, more), (start, _) = cast(list[tuple[str, tuple[str, ...]]], found)
     what, *also = (name for name, _ in things)
     if also and "number" in gaps:  # whether it is the number of one or of all is not said
         return None
-    if kind in ("status", "near", "count") and any(names.amount(name) for name, _ in things):
+    amounts = [language.one_of("amounts").match(name) for name, _ in things if " " in name]
+    if kind in ("status", "near", "count") and any(amounts):  # "several cups" is none for a cup
         return None
     if kind in ("near", "distance") and not other:
         other = ROBOT
     if kind == "distance" and what == ROBOT:
         what, other = other, what
-    what = f"something to {gaps['need']}" if "need" in gaps else what
     return Question(
         kind,
-        _MEALS.get(what.partition("thing ")[2], what),
+        gaps.get("need", what),
         where,
         other,
         gaps.get("when", ""),
@@ -218,11 +223,6 @@ class _Names:
 
     language: Language
     known: Known
-
-    def listed(self, words: str) -> list[str]:
-        """The names in ``the cup, the bowl and the fork``."""
-        joins = "|".join(self.language.words("joins"))
-        return re.split(rf",? (?:{joins}) |, ", words)
 
     def read(self, words: str) -> tuple[str, tuple[str, ...]] | None:
         """A name and its qualities, as `without`; None if it is no name, or more than one."""
@@ -248,7 +248,3 @@ class _Names:
             parts.pop(0)
         name = " ".join(parts)
         return _NUMBERED.sub(r"object \1", name), tuple(qualities)
-
-    def amount(self, name: str) -> bool:
-        """Whether a name begins with an amount: "several cups" is no question for a cup."""
-        return bool(self.language.one_of("amounts").match(name)) and " " in name

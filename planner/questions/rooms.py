@@ -32,9 +32,10 @@ _PERHAPS: Final = 0.2  # least belief in a category of a place that is named as 
 WHOLE: Final = ("house", "home", "flat", "apartment", "building", "map", "wohnung", "haus")
 _DOORS: Final = ("door", "doors", "doorway", "doorways", "tür", "türen")
 #: rooms of a home that no category of places is
-_WITHOUT_CATEGORY: Final = frozenset(
+WITHOUT_CATEGORY: Final = frozenset(
     (
         *("garage", "balcony", "hall", "wc", "gym", "sauna", "conservatory", "guest room"),
+        *("lab", "laboratory", "workshop"),
         *("laundry room", "utility room", "storage room", "store room", "boiler room"),
     )
 )
@@ -111,7 +112,7 @@ class _Answerer:
         if category is None and (printed := place_printed(self._map, words)):
             return _Rooms(self._places[printed].label, (self._places[printed],))
         if category is None:
-            return _Rooms(words, ()) if words in _WITHOUT_CATEGORY else None
+            return _Rooms(words, ()) if words in WITHOUT_CATEGORY else None
         sure = places_of_kind(self._map, words)
         wider = self._map.places(category.iri, min_belief=_PERHAPS)
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]

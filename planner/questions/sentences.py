@@ -168,10 +168,6 @@ class Language:
         gaps = next((one for one in found if one is not None), None)
         return gaps and {**gaps, "at": at}
 
-    def without_fillers(self, words: str) -> str:
-        """Plain words without those that say nothing, such as ``just``."""
-        return self.plain(self.one_of("fillers").sub("", words))
-
     def respelt(self, words: str, known: Callable[[str], bool]) -> str:
         """Words with the small ones as they are most probably meant: ``wher`` is ``where``.
 

@@ -215,23 +215,30 @@ class ThingAnswers(NamedThings):
         return [(self._title(place), centre)]
 
     def _last_seen(self) -> PlainAnswer:
+        """The last sighting of a kind of thing, and since when the thing that was seen is known."""
         target, one = self._target(self._question.what)
+        where, there = self._there()
+        known = {k.iri: k for k in self._known(target, one) if there(k)}
         rows = [
             row
             for iri in target.queried
             for row in self._map.query("last-seen", category=iri).records()
+            if row["object"] in known or not (one or where)
         ]
-        rows = [row for row in rows if one is None or row["object"] == one.iri]
         if not rows:
-            never = f"{target.none} was ever seen for sure"
-            return self._made("last-seen", [never], category=target.kind)
+            never = f"is known to be{where}" if where else "was ever seen for sure"
+            return self._made("last-seen", [f"{target.none} {never}"], category=target.kind)
         row = max(rows, key=lambda row: str(row["lastSeen"]))
         seen = row["lastSeen"]
         assert isinstance(seen, datetime)
         place = f" in {self._titled(row['place'])}" if row["place"] else ""
         name, at = row["label"] or row["category"], iso(seen.timestamp())[:19]
-        line = f"{self._ago(seen)}: {name}{place}, at {at}"
-        return self._listed("last-seen", [line], rows, category=target.kind)
+        lines = [f"{self._ago(seen)}: {name}{place}, at {at}"]
+        still = known.get(str(row["object"]))
+        for record in self._record(still) if still else ():
+            first, ago = record.first_seen, span(max(self._now - record.first_seen, 0.0))
+            lines.append(f"It was first seen {ago} ago, at {iso(first)[:19]}")
+        return self._listed("last-seen", lines, rows, category=target.kind)
 
     def _recent(self) -> PlainAnswer:
         """The things that were seen last, the latest first."""

@@ -25,6 +25,16 @@ from planner.questions.sentences import languages
         ("how do I get to the bathroom from the hallway", "route", ("", "bathroom", "")),
         ("was the cup in the kitchen yesterday, do you know", "status", ("cup", "kitchen", "")),
         ("distance between robot and couch", "distance", ("couch", "", "robot")),
+        ("laptop in the office since when?", "last seen", ("laptop", "office", "")),
+        ("the vase, how long has it been on the table", "last seen", ("vase", "", "table")),
+        ("chairs in the office, at least three?", "count", ("chairs", "office", "")),
+        ("count chairs office", "count", ("chairs", "office", "")),
+        ("I need something to cut the bread with", "where", ("something to cut with", "", "")),
+        ("Have you anything for sitting?", "where", ("something to sit on", "", "")),
+        ("which way is the bathroom", "route", ("", "bathroom", "")),
+        ("Where I can find the cup", "where", ("cup", "", "")),
+        ("seit wann steht der Koffer im Flur", "last seen", ("koffer", "flur", "")),
+        ("ich brauche etwas zum Brot schneiden", "where", ("something to cut with", "", "")),
         ("sag mal, der Koffer, wo ist der hin", "where", ("koffer", "", "")),
         ("weiß jemand wo das Buch hingekommen ist", "where", ("buch", "", "")),
         ("ist die Tasse im Bad oder in der Küche", "where", ("tasse", "", "")),
@@ -41,6 +51,29 @@ def test_the_order_of_clues_and_names_does_not_matter(
 
 
 @pytest.mark.parametrize(
+    ("text", "at", "when", "number"),
+    [
+        ("where was the cup at half past nine", "9:30", "", 0),
+        ("laptop location yesterday at 14:30", "yesterday at 14:30", "", 0),
+        ("what moved since 9:30", "", "9:30", 0),
+        ("wo war die Tasse um halb zehn", "9:30", "", 0),
+        ("are there more than three cups", "", "", 4),
+        ("do we have enough cups", "", "", 0),
+        ("sind mehr als drei Tassen im Bad", "", "", 4),
+    ],
+)
+def test_times_and_numbers_are_read(text: str, at: str, when: str, number: int) -> None:
+    question = parsed(text)
+    assert question is not None
+    assert (question.at, question.when, question.number) == (at, when, number)
+
+
+def test_words_of_another_language_are_no_name() -> None:
+    english = parsed("how reliable is laptop position")  # "position" is a German clue, too
+    assert english is not None and english.kind == "certainty" and english.what == "laptop"
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "where is the cup that she broke",
@@ -53,6 +86,10 @@ def test_the_order_of_clues_and_names_does_not_matter(
         "did the cat take the banana",
         "why is the cup",
         "where did the cup move",
+        "laptop location at 9:30 last week",
+        "how long has the tv been on",
+        "how much is the laptop",
+        "how many chairs around the table",
         "wo ist die Tasse die Anna zerbrochen hat",
         "wer hat die Tasse verstellt",
     ],
