@@ -7,9 +7,7 @@ longer shows it, where views show the place and not the thing, or once a named o
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Final
 
@@ -120,7 +118,6 @@ class RecentViews:
 
 
 MIN_LENGTH: Final = 0.08  # [m] longest side of a thing, at least; at most MAX_LENGTH
-MAX_WAITING: Final = 4  # views whose parts are not found yet; mapping waits for them
 MAX_PARTS: Final = 20_000  # that are kept; those of the oldest views are dropped
 _THERE: Final = 0.3  # share of the voxels of a thing that the surface still has, at least
 _COVERED: Final = 0.5  # share of its points in the box of a named object, from which on it is that
@@ -139,43 +136,23 @@ class FoundThing:
 
 
 class ThingFinder:
-    """Parts of the views of one recording, and the things that they agree on.
-
-    A thread finds the parts, which nothing needs before the end, while frames are mapped.
-    """
+    """Parts of the views of one recording, and the things that they agree on."""
 
     def __init__(self) -> None:
         self._seen, self._views = list[SeenPart](), 0
-        self._worker: Executor | None = None
-        self._made = deque[Future[list[SeenPart]]]()  # of the latest views, in their order
 
     def add(self, frame: Frame, people: NDArray[np.float32]) -> None:
         """Add the parts of a view, without what is in the boxes xyxy [px] of `people`."""
         depth = frame.depth.copy()
         for x1, y1, x2, y2 in np.maximum(people, 0).astype(np.intp).tolist():
             depth[y1 : y2 + 1, x1 : x2 + 1] = 0
-        self._worker = self._worker or ThreadPoolExecutor(1, "things")
-        self._made.append(self._worker.submit(_parts_in, frame, depth, self._views))
+        parts = parts_of(DepthImage.of(depth, frame.K, frame.T_map_cam))
+        self._seen += [SeenPart(part, self._views, frame.stamp) for part in parts]
         self._views += 1
-        if len(self._made) > MAX_WAITING:
-            self._take()
-
-    def _take(self) -> None:
-        """Wait for the parts of the earliest view, and keep them."""
-        self._seen += self._made.popleft().result()
         del self._seen[:-MAX_PARTS]
-
-    def close(self) -> None:
-        """Wait for the parts of all views, and end the thread."""
-        while self._made:
-            self._take()
-        if self._worker is not None:
-            self._worker.shutdown()
-            self._worker = None
 
     def found(self, surface: Surface) -> list[FoundThing]:
         """Things of 8 cm to 1 m that `surface` still shows."""
-        self.close()
         if not len(surface):
             return []
         walls = Walls.of(surface.points.astype(np.float64), surface.size)
@@ -189,12 +166,6 @@ class ThingFinder:
             if MIN_LENGTH <= longest <= MAX_LENGTH and _share(cells, there) >= _THERE:
                 found.append(_thing(agreed, points[first].astype(np.float64), yaw))
         return found
-
-
-def _parts_in(frame: Frame, depth: NDArray[np.float32], view: int) -> list[SeenPart]:
-    """The parts of the view of that number, by `depth` (H, W) [m]."""
-    parts = parts_of(DepthImage.of(depth, frame.K, frame.T_map_cam))
-    return [SeenPart(part, view, frame.stamp) for part in parts]
 
 
 def _cells(points: NDArray[np.float32], size: float) -> NDArray[np.int64]:
