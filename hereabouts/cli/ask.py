@@ -153,8 +153,7 @@ def _answer_plainly(
         )
     write(with_map("\n".join(answer.lines)))
     if answer.rows:
-        table = answer.columns, answer.rows
-        print_table(*(table if arguments.explain else without_details(*table)))
+        print_table(*_for_people(semantic_map, answer.columns, answer.rows, arguments))
     if answer.command and arguments.explain:
         note(answer.command)
     return 0
@@ -213,26 +212,26 @@ def _print(answer: Table, arguments: argparse.Namespace, shipped: SemanticMap | 
     if arguments.format != "table":
         write(answer.serialise(arguments.format))
         return
-    columns: Sequence[str] = answer.columns
-    rows: Sequence[Sequence[object]] = answer.rows
-    if shipped is not None:
-        if "place" in columns:
-            rows = _entitled(shipped, rows, columns.index("place"))
-        if not arguments.explain:
-            columns, rows = without_details(columns, rows)
-    print_table(columns, rows)
+    if shipped is None:
+        print_table(answer.columns, answer.rows)
+    else:
+        print_table(*_for_people(shipped, answer.columns, answer.rows, arguments))
     note(counted(len(answer.rows), "row"))
 
 
-def _entitled(
-    semantic_map: SemanticMap, rows: Sequence[Sequence[object]], column: int
-) -> list[list[object]]:
-    """Rows whose labels of places in a column became titles."""
-    from planner.search.goals.place_names import titles_by_label
+def _for_people(
+    semantic_map: SemanticMap,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    arguments: argparse.Namespace,
+) -> tuple[Sequence[str], Sequence[Sequence[object]]]:
+    """A table with titles of places in place of labels, and with details for `--explain` alone."""
+    if "place" in columns:
+        from planner.search.goals.place_names import titles_by_label
 
-    titles = titles_by_label(semantic_map)
-    called = [titles.get(str(row[column]), row[column]) for row in rows]
-    return [[*r[:column], name, *r[column + 1 :]] for r, name in zip(rows, called, strict=True)]
+        titles, at = titles_by_label(semantic_map), columns.index("place")
+        rows = [[*r[:at], titles.get(str(r[at]), r[at]), *r[at + 1 :]] for r in rows]
+    return (columns, rows) if arguments.explain else without_details(columns, rows)
 
 
 def add_queries(parser: argparse.ArgumentParser) -> None:

@@ -24,7 +24,7 @@ from planner.questions.patterns import EVENTS, Kind, PlainAnswer
 from planner.questions.rooms import about_rooms
 from planner.questions.thing_answers import ThingAnswers
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
-from planner.search.goals.place_names import notes_of, spoken_places
+from planner.search.goals.place_names import notes_of, spoken_places, titled_places
 from planner.search.goals.search_goals import with_article
 from planner.search.goals.status import Value, status, usual_size, was_there
 from planner.search.goals.targets import Target
@@ -277,7 +277,8 @@ class Answerer(ThingAnswers):
     def _places(self) -> PlainAnswer:
         rows = self._map.query("places").records()
         count = f"{len(rows)} place{'s' if len(rows) > 1 else ''}"
-        line = f"{count}: {', '.join(self._titles().values())}" if rows else "The map has no places"
+        named = ", ".join(title for _, title in titled_places(self._map))
+        line = f"{count}: {named}" if rows else "The map has no places"
         return self._listed("places", [line], rows)
 
     def _objects(self) -> PlainAnswer:

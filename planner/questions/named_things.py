@@ -16,7 +16,7 @@ from planner.freespace.planning_map import Row, number
 from planner.questions.patterns import ROBOT, PlainAnswer, Question
 from planner.questions.recognition import is_known_word, target_named
 from planner.search.goals.known_objects import KnownObject, known_objects
-from planner.search.goals.place_names import place_named, spoken_places, titled
+from planner.search.goals.place_names import place_named, spoken_places
 from planner.search.goals.search_goals import with_article
 from planner.search.goals.targets import Target
 
@@ -117,10 +117,6 @@ class NamedThings:
         """The same by a label; places that share one have the first of their categories."""
         found = {p.label: p.iri for p in reversed(self._map.places())}
         return self._title(found.get(str(label), str(label)))
-
-    def _titles(self) -> dict[str, str]:
-        """Labels of places with their categories, by IRI."""
-        return {p.iri: titled(self._map.catalogue, p) for p in self._map.places()}
 
     def _of_category(self, target: Target, lines: Sequence[str]) -> PlainAnswer:
         """An answer about things of a target; no query has those of several categories."""
