@@ -219,22 +219,29 @@ def _map_first(words: Sequence[str]) -> Sequence[str]:
     MapNotFoundError where there are several.
     """
     command, given = words[0], [*words[1:]]
-    if command not in _WITH_MAP or (given and _is_map(given[0])) or {"-h", "--help"} & {*given}:
+    if command not in _WITH_MAP or {"-h", "--help"} & {*given} or _is_address(*given[:1]):
         return words
     if given and _is_map(given[-1]):
         return [command, given[-1], *given[:-1]]
-    named = any(word.endswith(".map") or "://" in word.split(" ")[0] for word in given)
-    here = [] if named or command not in _READERS else sorted(filter(_is_map, Path().iterdir()))
-    if not here:
+    if command not in _READERS or _is_address(*given):
         return words
+    here = sorted(filter(_is_map, Path().iterdir()))
     if len(here) > 1:
         raise MapNotFoundError(f"give one of the maps here: {', '.join(map(str, here))}")
-    note(f"map: {here[0]}")
-    return [command, str(here[0]), *given]
+    for only in here:
+        note(f"map: {only}")
+    return [command, *map(str, here), *given]
 
 
 def _is_map(path: str | Path) -> bool:
     return (Path(path) / "store").is_dir()
+
+
+def _is_address(*words: str) -> bool:
+    """Whether any of these is the folder of a map, there or not, or the address of a server."""
+    return any(
+        _is_map(word) or word.endswith(".map") or "://" in word.partition(" ")[0] for word in words
+    )
 
 
 def _needed(words: Sequence[str]) -> Sequence[str]:
