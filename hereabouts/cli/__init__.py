@@ -234,7 +234,10 @@ def _map_first(words: Sequence[str]) -> Sequence[str]:
 
 
 def _is_map(path: str | Path) -> bool:
-    return (Path(path) / "store").is_dir()
+    try:
+        return (Path(path) / "store").is_dir()
+    except OSError:  # a text that is too long for a path
+        return False
 
 
 def _is_address(*words: str) -> bool:

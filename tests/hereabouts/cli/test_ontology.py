@@ -123,13 +123,6 @@ def test_what_is_exported_loads_again_without_a_change(
     assert [line for line in told if "ontology" not in line] == []
 
 
-def test_vocabulary_of_an_edited_ontology(mine: Path, tmp_path: Path, prints: Run) -> None:
-    page = prints("ontology", "vocabulary", mine)
-    assert "| `here:Mug` |  | cup | office (0.2) |" in page
-    prints("ontology", "vocabulary", mine, "-o", tmp_path / "page.md")
-    assert (tmp_path / "page.md").read_text() == page
-
-
 def test_nothing_at_the_path_is_said(flat: Path, mine: Path, tmp_path: Path, fails: Run) -> None:
     absent = tmp_path / "absent.ttl"
     assert f"no ontology at {absent}" in fails("ontology", "check", absent)
