@@ -57,7 +57,10 @@ def read(path: Path, streams: object) -> RecordingListing:
 
 
 NPZ = RecordingFormat(
-    name="npz", looks_for="a .npz file", matches=lambda path: path.suffix == ".npz", read=read
+    name="npz",
+    looks_for="a .npz file",
+    matches=lambda path: path.suffix == ".npz",
+    read=read,
 )
 
 
