@@ -64,6 +64,7 @@ def _sampled(depth: NDArray[np.float32], step: int) -> Planes:
     """Depth of every `step`-th pixel without single holes and outliers; 0 where it is unknown."""
     import cv2  # as late as possible: commands that need no depth start faster
 
+    depth = depth.astype(np.float32, copy=False)  # OpenCV's filter takes no other floats
     known = np.where((depth > 0) & (depth < np.inf), depth, np.float32(0))  # nan: 0
     filled = np.where(known > 0, known, cv2.dilate(known, np.ones((3, 3))))
     z = cv2.medianBlur(filled, 5)[step // 2 :: step, step // 2 :: step]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,15 @@ def test_what_stands_on_a_table_and_on_the_floor_is_found(noise: float) -> None:
     centres = sorted(tuple(one.box.centre.round(2)) for one in things)
     np.testing.assert_allclose(centres, [(0.0, 0.0, 0.88), (1.15, 1.15, 0.2)], atol=0.08)
     assert all(2 <= one.views <= len(EYES) and one.last_seen >= 101 for one in things)
+
+
+def test_depth_in_64_bits_shows_the_same_things() -> None:
+    solids, finder = (FLOOR, WALL, TABLE, KETTLE, BOX), ThingFinder()
+    for number in range(len(EYES)):
+        frame = view(number, *solids)
+        finder.add(replace(frame, depth=frame.depth.astype(np.float64)), NOBODY)
+    things = zip(finder.found(surface(*solids)), found(*solids), strict=True)
+    assert [(a.box.centre == b.box.centre).all() for a, b in things] == [True, True]
 
 
 def test_floors_walls_and_furniture_are_no_things() -> None:
