@@ -207,7 +207,7 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 def _map_as_recording(arguments: argparse.Namespace, error: HereaboutsError) -> str:
     """The advice for a map that was given in place of a recording."""
     recording = str(getattr(arguments, "recording", ""))
-    if not isinstance(error, RecordingError) or not (Path(recording) / "store").is_dir():
+    if not isinstance(error, RecordingError) or not _is_map(recording):
         return ""
     return f"{recording} is a map; `hereabouts describe {shlex.quote(recording)}` shows it"
 

@@ -58,10 +58,12 @@ def moved_things(
         return []
     weights: NDArray[np.float64] = np.zeros((len(absent), len(appeared)))
     labels = cache(_labels)
-    for row, column in np.argwhere(_in_reach(absent, appeared, settings)).tolist():
+    distance = _distances(absent, appeared)
+    for row, column in np.argwhere(_in_reach(absent, appeared, distance, settings)).tolist():
         one, n = absent[row], appeared[column]
         alike = _alike(labels(one.track), labels(n), count, settings)
-        plain = alike * weight(one, n, departed, now, settings) if alike else 0.0
+        far = float(distance[row, column])
+        plain = alike * weight(one, n, far, departed, now, settings) if alike else 0.0
         if looks is not None and plain >= _UNLIKELY:
             plain *= looks(one.track, n, _rivals(one.track, n, absent))
         weights[row, column] = plain
@@ -76,14 +78,23 @@ def moved_things(
     ]
 
 
+def _distances(absent: Sequence[Absentee], appeared: Sequence[Track]) -> NDArray[np.float64]:
+    """Distance [m] of each of the absent (rows) and each that appeared (columns)."""
+    there = np.array([one.track.p_map for one in absent])
+    here = np.array([n.p_map for n in appeared])
+    distance: NDArray[np.float64] = np.linalg.norm(there[:, None] - here, axis=2)
+    return distance
+
+
 def _in_reach(
-    absent: Sequence[Absentee], appeared: Sequence[Track], s: ObjectSettings
+    absent: Sequence[Absentee],
+    appeared: Sequence[Track],
+    distance: NDArray[np.float64],
+    s: ObjectSettings,
 ) -> NDArray[np.bool_]:
     """Which of the absent (rows) may be which that appeared (columns), by time and distance."""
     last = np.array([one.track.last_seen for one in absent])
     time = np.array([n.first_seen for n in appeared]) - last[:, None]
-    here = np.array([n.p_map for n in appeared])
-    distance = np.linalg.norm(np.array([one.track.p_map for one in absent])[:, None] - here, axis=2)
     reach: NDArray[np.bool_] = (time > 0) & (distance <= 0.5 + s.speed * time)
     return reach
 
@@ -91,13 +102,13 @@ def _in_reach(
 def weight(
     one: Absentee,
     n: Track,
+    distance: float,
     departed: Departed,
     now: float,
     s: ObjectSettings,
 ) -> float:
     """Likelihood ratio of `n`, in reach, being that thing and of another origin, but for labels."""
     o = one.track
-    distance = float(np.linalg.norm(o.p_map - n.p_map))
     stretch = math.log(n.size / o.size) ** 2 / 2
     narrow, wide = s.same_size, s.other_size
     size = wide / narrow * math.exp(stretch / wide**2 - stretch / narrow**2)
