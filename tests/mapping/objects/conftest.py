@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pytest
 
+from kg.knowledge.ontology.lint import check_map
+from kg.maps.semantic_map import SemanticMap
 from kg.model.usual_sizes import SizeOf, UsualSize
 from mapping.frames.sighting import ThingSighting
 from mapping.objects.settings import ObjectSettings
 from mapping.objects.tracks import Track
+from perception.frames import Frame
+from tests.mapping.objects.room import Room
 
 SETTINGS = ObjectSettings()
 USUAL = {
@@ -72,3 +76,10 @@ def make_track(make_sighting: Callable[..., ThingSighting]) -> Callable[..., Tra
         return track
 
     return make
+
+
+@pytest.fixture
+def room(semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> Iterator[Room]:
+    made = Room(semantic_map, step_back)
+    yield made
+    assert check_map(semantic_map.engine) == []

@@ -2,81 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from kg.knowledge.ontology.lint import check_map
-from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ConflictError
-from kg.model.records import MapUpdate, ObjectRecord, RobotRecord
+from kg.model.records import MapUpdate
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.opening import create_map, in_memory_map, open_map
-from mapping.frames.sighting import Sighting
 from mapping.mapper import Mapper
 from mapping.mapping_options import MappingOptions
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.settings import ObjectSettings
-from perception.frames import Detections, Frame
+from tests.mapping.objects.room import CUP, MIDDLE, Room, box, detections
 
-MIDDLE = (29, 21, 35, 27)  # about the optical axis: map (2, 0, 1)
 FAR_WALL = 5.0  # [m] seen instead of a thing that is gone
 CLEAR_VIEWS = 3  # within which a thing that is gone leaves the map
-
-
-class Room:
-    """A wall 2 m ahead of the first view with things before it, and a mapper that watches."""
-
-    def __init__(self, semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> None:
-        self.map, self.view = semantic_map, step_back
-        self.views = 0
-        self.mapper = Mapper(semantic_map, detector="scripted")
-
-    def see(self, *found: tuple[str, float, tuple[float, ...]], times: int = 1) -> MapUpdate:
-        """Detections (label, score, box) from so many new viewpoints; the last change."""
-        for _ in range(times):
-            update = self.mapper.add(self.view(self.views % 8), detections(*found))
-            self.views += 1
-        return update
-
-    def look(self, depth: float) -> MapUpdate:
-        """Detect nothing, with all of the image at `depth` [m], from a new viewpoint."""
-        frame = self.view(self.views % 8)
-        self.views += 1
-        return self.mapper.add(replace(frame, depth=np.full_like(frame.depth, depth)), detections())
-
-    @property
-    def one(self) -> ObjectRecord:
-        (record,) = self.map.objects()
-        return record
-
-    def label(self, record: ObjectRecord) -> str:
-        return self.map.catalogue.label(record.category)
-
-
-def detections(*found: tuple[str, float, tuple[float, ...]], **sources: object) -> Detections:
-    return Detections(
-        np.array([box for _, _, box in found], dtype=np.float32).reshape(-1, 4),
-        np.array([score for _, score, _ in found], dtype=np.float32),
-        tuple(label for label, _, _ in found),
-        **sources,
-    )
-
-
-def box(column: float, row: float = 24, half: float = 3) -> tuple[float, ...]:
-    return (column - half, row - half, column + half, row + half)
-
-
-CUP = ("cup", 0.95, MIDDLE)
-
-
-@pytest.fixture
-def room(semantic_map: SemanticMap, step_back: Callable[..., Frame]) -> Iterator[Room]:
-    made = Room(semantic_map, step_back)
-    yield made
-    assert check_map(semantic_map.engine) == []
 
 
 # entering the map
@@ -371,20 +313,7 @@ def test_a_map_opened_again_goes_on_with_its_objects(tmp_path, step_back):
         assert semantic_map.objects() == ()
 
 
-# without a depth image
-
-
-def test_sightings_with_positions_are_objects_at_once(room):
-    cup = room.map.catalogue.find("cup").iri
-    (record,) = room.mapper.add_sightings(
-        [Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9
-    ).objects
-    assert record.extent.max() == pytest.approx(0.1)
-    (again,) = room.mapper.add_sightings(
-        [Sighting(cup, 0.8, np.array([2.1, 0.0, 1.0]))], 1e9 + 1
-    ).objects
-    assert again.iri == record.iri
-    assert again.existence > record.existence
+# evidence and merging
 
 
 def test_looks_in_vain_count_against_an_object(semantic_map, step_back):
@@ -408,52 +337,6 @@ def test_an_object_with_assertions_is_merged_into_no_other(room, asserted):
     room.mapper = Mapper(room.map, MappingOptions(objects=ObjectSettings(separation=100.0)))
     room.see(("cup", 0.9, box(16)))
     assert (other.iri in {record.iri for record in room.map.objects()}) == asserted
-
-
-def test_a_category_that_is_deleted_breaks_no_write(semantic_map):
-    cup, bowl = (semantic_map.catalogue.find(name).iri for name in ("cup", "bowl"))
-    mapper = Mapper(semantic_map)
-    seen = [Sighting(cup, 0.9, np.zeros(3)), Sighting(bowl, 0.9, np.array([3.0, 0, 0]))]
-    seen += [Sighting(cup, 0.9, np.array([6.0, 0, 0])), Sighting(bowl, 0.5, np.array([6.0, 0, 0]))]
-    for n in range(3):
-        mapper.add_sightings(seen, 1e9 + n)
-    everything = f"DELETE WHERE {{ GRAPH graph:ontology {{ <{cup}> ?p ?o }} }}"
-    semantic_map.update(everything, by="ann", allow=("ontology",))
-    mapper.add_sightings([Sighting(bowl, 0.9, np.array([x, 0.02, 0])) for x in (0, 3, 6)], 1e9 + 9)
-    assert [o.category for o in semantic_map.objects()] == [bowl] * 3
-
-
-def test_sightings_with_positions_merge_as_frames_do(semantic_map):
-    table = semantic_map.catalogue.find("dining table").iri
-    mapper = Mapper(semantic_map)
-    ends = [Sighting(table, 0.9, np.array([x, 0.0, 0.7])) for x in (0.0, 1.3, 4.0)]
-    mapper.add_sightings(ends, 1e9)
-    assert len(semantic_map.objects()) == 2  # a table is longer than 1.3 m, not than 2.7 m
-
-
-def test_a_position_leaves_the_measured_extent_as_it_is(room: Room) -> None:
-    room.see(CUP, times=3)
-    measured = room.one.extent
-    cup = room.one.category
-    for n in range(20):
-        room.mapper.add_sightings([Sighting(cup, 0.8, np.array([2.0, 0.0, 1.0]))], 1e9 + n)
-    assert room.one.observations == 23
-    np.testing.assert_array_equal(room.one.extent, measured)
-
-
-def test_what_a_robot_sees_again_from_one_spot_counts_less(semantic_map: SemanticMap) -> None:
-    sighting = Sighting(semantic_map.catalogue.find("cup").iri, 0.5, np.array([2.0, 0.0, 1.0]))
-
-    def existence(step: float) -> float:
-        other = in_memory_map()
-        mapper = Mapper(other)
-        for n in range(3):
-            robot = RobotRecord(np.array([0.0, n * step, 1.0]), 0.0, 1e9 + n)
-            mapper.add_sightings([sighting], 1e9 + n, robot=robot)
-        (record,) = other.objects()
-        return record.existence
-
-    assert existence(0.0) < existence(0.5)
 
 
 @pytest.mark.parametrize(("later", "things"), [(3000.0, 1), (3700.0, 2)])
