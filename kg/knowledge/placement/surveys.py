@@ -11,9 +11,9 @@ and place:
           (`similar.csv`), else 0
     lift  d (logit((with + 4 m) / (rooms + 4)) - logit m)
 
-Room names of data sets are mapped to place categories, of which similar ones form groups. The
-tables are ``rooms.csv`` and ``similar.csv`` beside this file (docs/explanation/placement.md). A
-label or synonym of a place category needs no row.
+``rooms.csv`` maps the room names of data sets to place categories; a name that is a label or
+synonym of a category needs no row. ``similar.csv`` has groups of similar categories. Both lie
+beside this file (docs/explanation/placement.md).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Resolution of parameters: names to IRIs, and languages to one label for each thing.
 
-A query gives one label for each thing, however many it has. A header
-line ``labels: ontology category of class, map label of object`` says which variables of a query are
-labels, of which thing, and in which graph. For each, a filter keeps the best label of the thing:
-one in a language asked for, in order of preference; else one without a language, as the shipped
-ontologies have; else an English one; else any. Of several the first by alphabet is kept. Language
-ranges and their lookup: RFC 4647, section 3.4.
+A query gives one label for each thing, however many it has. The header of a query lists its label
+variables: by ``labels: ontology category of class, map label of object``, ``?category`` is a label
+of ``?class`` in the ontology's graph, and ``?label`` one of ``?object`` in the map's. For each, a
+filter keeps the best label of the thing: one in a language asked for, in order of preference; else
+one without a language, as the shipped ontologies have; else an English one; else any. Of several
+the first by alphabet is kept. Language ranges and their lookup: RFC 4647, section 3.4.
 """
 
 from __future__ import annotations
