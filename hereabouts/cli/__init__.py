@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import errno
 import gc
 import importlib
 import os
@@ -188,6 +189,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         # the reader of stdout ended (| head); Python must not flush at its exit
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        text = f"{printable(str(error.filename)[:60])}... is too long for the name of a file"
+        print(f"error: {text}; a shorter one would work", file=sys.stderr)  # noqa: T201
+        return 1
     except KeyboardInterrupt:
         print("interrupted: all frames that were fully mapped are kept", file=sys.stderr)  # noqa: T201
         return 130
@@ -235,7 +242,7 @@ def _map_first(words: Sequence[str]) -> Sequence[str]:
 
 def _is_map(path: str | Path) -> bool:
     try:
-        return (Path(path) / "store").is_dir()
+        return (Path(path) / "store" / "CURRENT").is_file()
     except OSError:  # a text that is too long for a path
         return False
 

@@ -137,6 +137,17 @@ def test_paths_that_are_no_map(tmp_path: Path, fails: Fails) -> None:
     assert not any((tmp_path / "folder.map").iterdir())
 
 
+def test_names_that_are_too_long_for_a_file(lab: Path, tmp_path: Path, fails: Fails) -> None:
+    name = 5000 * "x"
+    for words in (
+        ("map", name, "--into", tmp_path / "new.map"),
+        ("ask", name, "where is the cup?"),
+        ("find", lab, "cup", "--picture", name),
+    ):
+        assert "a shorter one would work" in fails(*words)
+    assert not (tmp_path / "new.map").exists()
+
+
 def test_outputs_that_cannot_be_written(lab: Path, tmp_path: Path, fails: Fails) -> None:
     told = fails("export", lab, "-o", tmp_path / "map.xyz")
     assert all(ending in told for ending in (".jsonld", ".mcap", ".rrd", ".bag", ".geojson"))
