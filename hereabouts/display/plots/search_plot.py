@@ -14,6 +14,7 @@ from hereabouts.display.plots.label_placement import drawable
 from hereabouts.display.plots.layout import Listing, ListItem
 from hereabouts.display.plots.map_plot import Legend, SearchDrawing, plot_map
 from kg.maps.semantic_map import SemanticMap
+from kg.model.shares import percent
 from planner.freespace.grid import visible_cells
 from planner.search.plans.report import direction, fact_chain, plan_lines, step_purpose
 from planner.search.plans.search_state import PlanningState
@@ -112,12 +113,12 @@ def _listing(plan: ViewPlan, steps: Sequence[ViewStep]) -> Listing:
         head = f"look {direction(step)}" + (f" for {what}" if what else "")
         reason = fact_chain(why.facts) if why is not None and why.iri not in given else ""
         given |= {why.iri} if why is not None else set()
-        chance = f"finds it with {step.probability:.3f} by {step.seconds:.0f} s"
+        chance = f"finds it with {percent(step.probability)} after {step.seconds:.0f} s"
         items.append(
             ListItem(str(number), f"{drawable(head)}, {chance}", drawable(reason, _REASON))
         )
     rest = len(plan.steps) - len(items)
-    more = f"; {rest} more looks follow" if rest else ""
+    more = f"; {rest} more look{'s follow' if rest > 1 else ' follows'}" if rest else ""
     return Listing(drawable(plan_lines(plan)[0], _REASON) + more, tuple(items))
 
 
