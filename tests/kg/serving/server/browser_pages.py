@@ -28,6 +28,12 @@ ARGUMENTS = (
 )
 #: [px] as small as leaves the margins of the map as they are: it is drawn in software
 VIEWPORT = {"width": 1120, "height": 640}
+#: whether the map is at rest now; `isAtRest` tells whether it stayed so since
+WATCH = """() => {
+    const changed = new MutationObserver(() => { window.isAtRest = false; changed.disconnect(); });
+    changed.observe(canvas, { attributeFilter: ["data-drawn"] });
+    return window.isAtRest = canvas.dataset.drawn === "smoothly";
+}"""
 OpenPage = Callable[..., Any]
 
 
@@ -77,10 +83,13 @@ def click_map(page: Any, right: float = 0.0, up: float = 0.0) -> None:
 
 
 def picture(page: Any) -> Any:
-    """The map as it looks at rest, (H, W, 3) uint8 BGR."""
-    page.wait_for_selector("#canvas[data-drawn=smoothly]")
-    data = np.frombuffer(page.locator("#canvas").screenshot(), np.uint8)
-    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+    """The map as it looks at rest, (H, W, 3) uint8 BGR; taken again if it was drawn meanwhile."""
+    while True:
+        page.wait_for_selector("#canvas[data-drawn=smoothly]")
+        if page.evaluate(WATCH):
+            data = np.frombuffer(page.locator("#canvas").screenshot(), np.uint8)
+            if page.evaluate("isAtRest"):
+                return cv2.imdecode(data, cv2.IMREAD_COLOR)
 
 
 def picture_where(page: Any, condition: Callable[[Any], Any]) -> Any:
