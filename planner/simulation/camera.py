@@ -33,14 +33,14 @@ class Canvas:
         """Draw the pixels that are nearer than the surface drawn so far."""
         depth = self.depth[window]
         nearer = hits.t < depth
-        depth[nearer] = hits.t[nearer]
-        self.solid[window][nearer] = solid
+        np.copyto(depth, hits.t, where=nearer)
+        np.copyto(self.solid[window], np.int32(solid), where=nearer)
         for i in range(3):
             target = self.normal[i][window]
             if hits.normal is not None:
-                target[nearer] = hits.normal[i][nearer]
+                np.copyto(target, hits.normal[i], where=nearer)
             elif hits.axis is not None:
-                target[nearer] = (hits.axis == i)[nearer]  # its sign comes with the light
+                np.copyto(target, hits.axis == i, where=nearer)  # its sign comes with the light
 
 
 class Shader:
@@ -51,7 +51,10 @@ class Shader:
         self._colours = np.array([s.colour for s in solids], np.float32)
         self._is_box = np.array([s.shape == "box" for s in solids] + [False])
         self._origin = np.array([house.extent[0], house.extent[2]], np.float32)
-        self._floor = self._floor_table(house)
+        floor = self._floor_table(house)
+        self._floor_shape = floor.shape[:2]
+        ceiling = CEILING * np.float32(0.98)
+        self._ground_colours = np.concatenate([floor.reshape(-1, 3), ceiling[None]])
 
     def canvas(self, rays: Rays) -> Canvas:
         """Canvas of floor and ceiling."""
@@ -65,11 +68,16 @@ class Shader:
     def paint(self, canvas: Canvas, rays: Rays) -> NDArray[np.uint8]:
         """(H, W, 3) uint8: surface colour times light."""
         point = rays.origin[:, None, None] + rays.direction * canvas.depth
-        colour = self._colours[canvas.solid]  # FLOOR takes the last one, replaced below
+        # FLOOR takes the last one, replaced below
+        colour = self._colours.take(canvas.solid, axis=0, mode="wrap")
         ground = canvas.solid == FLOOR
-        colour[ground] = self._ground(point[:, ground])
+        pixels = np.flatnonzero(ground)
+        colour.reshape(-1, 3)[pixels] = self._ground(point.reshape(3, -1).take(pixels, axis=1))
         light = self._light(canvas, rays) * self._shade(point[2], ground)
-        return np.asarray(np.clip(colour * light[..., None], 0, 1) * 255, np.uint8)
+        colour *= light[..., None]
+        np.clip(colour, 0, 1, out=colour)
+        colour *= 255
+        return colour.astype(np.uint8)
 
     def incidence(self, canvas: Canvas, rays: Rays) -> Floats:
         """(H, W) cosine of the angle between each ray and the surface's normal, 0..1."""
@@ -88,14 +96,11 @@ class Shader:
         return np.asarray((np.float32(0.80) + diffuse) * away, np.float32)
 
     def _ground(self, point: Floats) -> Floats:
-        colour = np.empty((point.shape[1], 3), np.float32)
-        colour[:] = CEILING * np.float32(0.98)
-        low = point[2] < 1
-        cells = ((point[:2, low] - self._origin[:, None]) / CELL).astype(np.int32)
-        rows = np.clip(cells[1], 0, self._floor.shape[0] - 1)
-        cols = np.clip(cells[0], 0, self._floor.shape[1] - 1)
-        colour[low] = self._floor[rows, cols]
-        return colour
+        height, width = self._floor_shape
+        cols, rows = ((point[:2] - self._origin[:, None]) / CELL).astype(np.int32)
+        cells = rows.clip(0, height - 1) * width + cols.clip(0, width - 1)
+        cells[point[2] >= 1] = height * width  # the ceiling
+        return self._ground_colours.take(cells, axis=0)
 
     @staticmethod
     def _shade(z: Floats, ground: NDArray[np.bool_]) -> Floats:
