@@ -40,7 +40,14 @@ PUBLIC: Final = {
         *("Frame", "Detections", "open_recording", "load_detector", "RecordingOptions"),
     ),
     "Mapping": ("Mapper", "MappingOptions", "Sighting", "map_recording"),
-    "Searches and questions": ("build_search", "find", "ask", "PlainAnswer"),
+    "Searches and questions": (
+        "find",
+        "FindAnswer",
+        "build_search",
+        "plan_views",
+        "ask",
+        "PlainAnswer",
+    ),
     "Extensions": (
         *("RecordingFormat", "RecordingListing", "FrameEntry", "Intrinsics", "Exporter"),
     ),

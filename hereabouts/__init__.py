@@ -45,8 +45,9 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
     from planner.questions.answers import answer_question as ask
     from planner.questions.patterns import PlainAnswer
+    from planner.search.plans.find import FindAnswer, find
     from planner.search.plans.search_state import build_search
-    from planner.search.plans.view_plan import plan as find
+    from planner.search.plans.view_plan import plan as plan_views
 
     __version__: str
 
@@ -54,6 +55,7 @@ __all__ = [
     "BearerTokens",
     "Detections",
     "Exporter",
+    "FindAnswer",
     "Frame",
     "FrameEntry",
     "HereaboutsError",
@@ -87,6 +89,7 @@ __all__ = [
     "open_map",
     "open_or_create_map",
     "open_recording",
+    "plan_views",
     "watch_map",
 ]
 
@@ -114,7 +117,8 @@ _SOURCES = {
     "planner.questions.answers": "answer_question:ask",
     "planner.questions.patterns": "PlainAnswer",
     "planner.search.plans.search_state": "build_search",
-    "planner.search.plans.view_plan": "plan:find",
+    "planner.search.plans.find": "FindAnswer find",
+    "planner.search.plans.view_plan": "plan:plan_views",
     "kg.model.errors": "HereaboutsError MapNotFoundError RecordingError",
 }
 

@@ -77,6 +77,6 @@ def test_a_printed_table_and_plan_are_read_at_a_glance() -> None:
         assert told[0].split()[:3] == ["object", "label", "category"]
         assert len(told) == 4 and "object/" in told[1] and "https://" not in told[1]
         search = hereabouts.build_search(semantic_map, ["cup"])
-        first, *steps = str(hereabouts.find(search, (1.0, 1.0))).splitlines()
+        first, *steps = str(hereabouts.plan_views(search, (1.0, 1.0))).splitlines()
         assert first.startswith("cup is on this floor with a chance of ")
         assert steps[0].startswith("1. From (")

@@ -31,11 +31,10 @@ from planner.execution.protocol import Hello, RobotPose
 from planner.execution.viewpoint_adapter import NextView, ViewpointAdapter
 from planner.execution.wanted_targets import WantedTargets
 from planner.search.goals.known_objects import known_objects, map_time
-from planner.search.goals.targets import resolve, undetectable_target
-from planner.search.plans.answer_sentences import find_sentences
-from planner.search.plans.report import nothing_line, worthwhile
-from planner.search.plans.search_state import build_search
-from planner.search.plans.view_plan import Start, ViewStep, plan_from, robot_start
+from planner.search.goals.targets import resolve
+from planner.search.plans.find import find
+from planner.search.plans.report import worthwhile
+from planner.search.plans.view_plan import Start, ViewStep, robot_start
 
 MAX_SEARCHES: Final = 8  # the latest used ones are kept
 MAX_REPORTS: Final = 500  # of one search
@@ -197,26 +196,17 @@ class SearchTools:
             time.time(),
         )
         start = start_of(semantic_map, x, y, heading_degrees)
-        unseen = {text: undetectable_target(semantic_map, text) for text in what}
-        what = [text for text in what if unseen[text] is None]
         with self._turn():
-            state = build_search(semantic_map, what, at=now, start=start[:2]) if what else None
-            found = None if state is None else plan_from(state, start)
-        targets = resolve(semantic_map, what)
+            answer = find(semantic_map, *what, start=start, now=now)
+        found, seen = answer.plan, [text for text in what if text not in answer.undetectable]
+        targets = resolve(semantic_map, seen)
         known = [one for target in targets for one in known_objects(semantic_map, target)[:_KNOWN]]
         steps = () if found is None else found.steps
         worth = worthwhile(steps)
         seconds = None if found is None else found.expected_seconds
-        sentences = [f"{one.answer}." for one in unseen.values() if one is not None]
-        sentences += [
-            line
-            for target in targets
-            for line in find_sentences(semantic_map, target, now, state, found)
-        ]
-        sentences += [nothing_line(found)] if found is not None and not found.steps else []
         return a.PlanAnswer(
             map=map_state,
-            untrusted_answer=for_agents(sentences[:_KNOWN]),
+            untrusted_answer=for_agents(answer.lines[:_KNOWN]),
             known=[known_thing(one, now) for one in known[:_KNOWN]],
             present=None if found is None else found.present,
             probability=None if found is None else found.probability,
