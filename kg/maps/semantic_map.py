@@ -144,8 +144,9 @@ class SemanticMap(ABC):
 
         - `category`: a label or IRI; includes its subcategories
         - `place`: a label, number or IRI
-        - `near`: a point (x, y) [m], or the IRI of an object, which is itself left out; selects
-          objects within `radius` [m] over the floor, the nearest first
+        - `near`: a point (x, y) [m], whose z is passed over, or the name or IRI of an object,
+          which is itself left out; selects objects within `radius` [m] over the floor, the nearest
+          first
         - `min_existence`: 0.5 gives the objects of the query `objects`
         - `at`: reads that past state (see `at`)
 
@@ -166,7 +167,7 @@ class SemanticMap(ABC):
             self._facts,
             None if category is None else self.resolve("category", category),
             None if place is None else self.resolve("place", str(place)),
-            near,
+            self.resolve("iri", near) if isinstance(near, str) else near,
             radius,
         )
         return tuple(record for record in found if record.existence >= min_existence)

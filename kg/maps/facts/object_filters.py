@@ -79,7 +79,10 @@ def _centre(
         if not found:
             raise QueryParameterError(f"near: no object {near!r} in this map")
         near = float(found[0].p_map[0]), float(found[0].p_map[1])
-    x, y = near
+    try:
+        x, y = map(float, tuple(near)[:2])
+    except (TypeError, ValueError):
+        x = y = math.nan
     if not (math.isfinite(x) and math.isfinite(y) and 0 <= radius < math.inf):
         raise QueryParameterError(
             f"near must be finite (x, y) with a radius of 0 m or more, got {near}, {radius}"

@@ -76,7 +76,9 @@ def test_what_is_near_comes_nearest_first(flat: SemanticMap) -> None:
     assert labels(flat, near=(1.0, 1.0), radius=3.0) == ["banana", "apple", "cup"]
     assert labels(flat, near=np.array([1.0, 1.0]), radius=2.9) == ["banana", "apple"]
     (banana,) = flat.objects("banana")
-    assert labels(flat, near=banana.iri, radius=3.0) == ["apple", "cup"]
+    assert labels(flat, near=banana.p_map, radius=2.9) == ["banana", "apple"]
+    for name in (banana.iri, "banana", banana.iri.removeprefix(BASE)):
+        assert labels(flat, near=name, radius=3.0) == ["apple", "cup"]
 
 
 def test_conditions_add_up(flat: SemanticMap) -> None:
