@@ -15,7 +15,6 @@ from planner.freespace.planning_map import Row
 from planner.search.goals.known_objects import map_time
 from planner.search.goals.place_names import (
     object_named,
-    place_named,
     thing_named,
     titles_by_label,
 )
@@ -59,7 +58,7 @@ class MapContext:
 
         Raises QueryParameterError, which lists the places, for none or several.
         """
-        return place_named(self.semantic_map, text)
+        return self.semantic_map.resolve("place", text)
 
     def place_titles(self) -> dict[str, str]:
         """Titles of places by their labels, as answers have them for people."""

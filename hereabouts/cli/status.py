@@ -91,13 +91,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _doubted(semantic_map: SemanticMap, found: Status, place: str | None) -> Sequence[KnownObject]:
     """Objects that were detected but more probably do not exist, if none is present."""
     from planner.search.goals.known_objects import known_objects
-    from planner.search.goals.place_names import place_named
     from planner.search.goals.targets import resolve
 
     if found.value == "present" or "object/" in found.target or not found.detectable:
         return ()
     (target,) = resolve(semantic_map, (found.target,))
-    chosen = None if place is None else place_named(semantic_map, place)
+    chosen = None if place is None else semantic_map.resolve("place", place)
     return [
         one
         for one in known_objects(semantic_map, target)

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from kg.history.timestamps import Instant
-from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
+from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue, subcategories
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.maps.facts.assertion_service import PerceivedRecords
-from kg.maps.facts.object_filters import is_believed, select_objects, subcategories
+from kg.maps.facts.object_filters import is_believed, select_objects
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.maps.facts.observations import departed_in
 from kg.maps.facts.occupancy import tiles_in

@@ -16,7 +16,7 @@ from planner.freespace.planning_map import Row, number
 from planner.questions.patterns import ROBOT, PlainAnswer, Question
 from planner.questions.recognition import is_known_word, target_named
 from planner.search.goals.known_objects import KnownObject, known_objects
-from planner.search.goals.place_names import place_named, spoken_places
+from planner.search.goals.place_names import spoken_places
 from planner.search.goals.search_goals import with_article
 from planner.search.goals.targets import Target
 
@@ -82,7 +82,7 @@ class NamedThings:
     def _place(self, words: str) -> str | None:
         """IRI of the place that words name; None where they name things instead."""
         try:
-            return place_named(self._map, words)
+            return self._map.resolve("place", words)
         except QueryParameterError:
             if is_known_word(self._map, words):
                 return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,9 +18,7 @@ from planner.search.goals.place_names import (
     listed_places,
     notes_of,
     place_category,
-    place_named,
-    place_printed,
-    places_of_kind,
+    places_called,
     spoken_places,
 )
 from planner.search.goals.search_goals import times, with_article
@@ -98,26 +97,29 @@ class _Answerer:
         return [] if rooms is None else kinds[question.kind](rooms)
 
     def _named(self, words: str) -> _Rooms | None:
-        try:
-            one = self._places.get(self._map.resolve("place", words) if words else "")
-        except QueryParameterError:
-            if NUMBERED.fullmatch(words):
-                raise
-            one = None
-        if one is not None:
-            return _Rooms(one.label, (one,))
+        with suppress(QueryParameterError):  # several things may have one label
+            if words and (one := self._places.get(self._map.resolve("thing", words))):
+                return _Rooms(one.label, (one,))
         if words in ("room", "rooms", "place", "places", "zimmer", "räume"):
             return _Rooms("room", tuple(self._places.values()))
         category = place_category(self._map.catalogue, words)
-        if category is None and (printed := place_printed(self._map, words)):
-            return _Rooms(self._places[printed].label, (self._places[printed],))
         if category is None:
-            return _Rooms(words, ()) if words in WITHOUT_CATEGORY else None
-        sure = places_of_kind(self._map, words)
+            return self._called(words)
+        sure = places_called(self._map, words)
         wider = self._map.places(category.iri, min_belief=_PERHAPS)
         others = [(p, p.beliefs.get(category.iri, _PERHAPS)) for p in wider if p not in sure]
         others.sort(key=lambda pair: -pair[1])
         return _Rooms(plain_place(category.label), sure, tuple(others))
+
+    def _called(self, words: str) -> _Rooms | None:
+        """The one place of a number or a name in answers; None for names of things."""
+        try:
+            one = self._places[self._map.resolve("place", words)]
+        except QueryParameterError:
+            if NUMBERED.fullmatch(words):
+                raise
+            return _Rooms(words, ()) if words in WITHOUT_CATEGORY else None
+        return _Rooms(one.label, (one,))
 
     def _where(self, rooms: _Rooms) -> list[str]:
         lines = [_capital(self._described(place)) for place in rooms.sure[:_LISTED]]
@@ -149,7 +151,7 @@ class _Answerer:
             if len(rooms.sure) == 1:
                 return [f"Yes: {self._described(rooms.sure[0])}", *lines[1:]]
             return ["Yes:", *lines] if rooms.sure else lines
-        place = self._places[place_named(self._map, self._question.where)]
+        place = self._places[self._map.resolve("place", self._question.where)]
         if place in rooms.sure:
             return [f"Yes: {self._described(place)}"]
         kind = _kind(self._map, place)
@@ -209,7 +211,7 @@ class _Answerer:
         doors = self._map.doors()
         if not doors:
             return [self._no_doors()]
-        where = self._question.where and place_named(self._map, self._question.where)
+        where = self._question.where and self._map.resolve("place", self._question.where)
         found = [door for door in doors if not where or where in door.places]
         of = f" of {self._places[where].label}" if where else ""
         count = f"{len(found)} door{'' if len(found) == 1 else 's'}{of}"

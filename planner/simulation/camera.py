@@ -100,7 +100,7 @@ class Shader:
         cols, rows = ((point[:2] - self._origin[:, None]) / CELL).astype(np.int32)
         cells = rows.clip(0, height - 1) * width + cols.clip(0, width - 1)
         cells[point[2] >= 1] = height * width  # the ceiling
-        return self._ground_colours.take(cells, axis=0)
+        return np.asarray(self._ground_colours.take(cells, axis=0), np.float32)
 
     @staticmethod
     def _shade(z: Floats, ground: NDArray[np.bool_]) -> Floats:

@@ -107,6 +107,52 @@ def test_a_status_is_that_of_the_thing_however_it_is_named(house: House) -> None
         assert tool(house, "status", what=name)["status"] == "present"
 
 
+def _in_place(answer: object) -> set[str]:
+    return {str(row["object"]).removeprefix("object/") for row in json.loads(str(answer))}
+
+
+#: the numbers of the objects in a place that is named
+IN_PLACE: dict[str, Callable[[House, str], set[str]]] = {
+    "python": lambda house, name: {
+        one.iri.rpartition("/")[2] for one in house.map.objects(place=name)
+    },
+    "python query": lambda house, name: {
+        str(row["object"]).rpartition("/")[2]
+        for row in house.map.query("objects-in-place", place=name).records()
+    },
+    "ask": lambda house, name: _in_place(
+        command("ask", house.folder, "objects-in-place", "-p", f"place={name}", "--json")
+    ),
+    "question": lambda house, name: _in_place(
+        json.dumps(json.loads(command("ask", house.folder, f"what is in {name}", "--json"))["rows"])
+    ),
+    "agents list_things": lambda house, name: {
+        str(one["id"]).rpartition("/")[2]
+        for one in tool(house, "list_things", inside=name, least=0, limit=100)["things"]
+    },
+}
+
+
+@pytest.mark.parametrize("door", IN_PLACE)
+def test_a_place_has_the_names_that_answers_print(house: House, door: str) -> None:
+    inside = IN_PLACE[door](house, "place 1")
+    assert inside
+    for name in ("kitchen", "The Kitchen", "place 1 (kitchen)", "place/1", "1"):
+        if door != "question" or name.lower().endswith("kitchen"):  # a question has words
+            assert IN_PLACE[door](house, name) == inside, name
+    with pytest.raises(Exception, match=r"there are: place 1 \(kitchen\)"):
+        IN_PLACE[door](house, "cellar")
+
+
+def test_a_note_is_put_on_a_place_by_its_kind(house: House) -> None:
+    for number, name in enumerate(("kitchen", "the kitchen", "place 1 (kitchen)")):
+        command("assert", house.folder, name, "note", f"closed {number}", "--by", "ann")
+        house.map.assertions.add(name, "note", f"closed {number}", by="ann")
+        (note,) = [one for one in house.map.assertions.all(name) if one.property == "note"]
+        assert (note.subject, note.value) == (house.map.place_iri(1), f"closed {number}")
+    house.map.assertions.retract(house.map.place_iri(1), "note", by="ann")
+
+
 def test_ways_lead_to_things_and_places_by_the_same_names(house: House) -> None:
     ends = [tool(house, "route", to=name)["end"] for name in ("kitchen", "place 1", "place/1", "1")]
     assert ends == ends[:1] * 4

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 from pyoxigraph import NamedNode
 
+from kg.knowledge.ontology.catalogue import subcategories
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
@@ -88,14 +89,6 @@ def _centre(
             f"near must be finite (x, y) with a radius of 0 m or more, got {near}, {radius}"
         )
     return x, y
-
-
-def subcategories(engine: QuadStore, category: str) -> frozenset[str]:
-    """IRIs of a category and of all its subcategories."""
-    isa, above = NamedNode(v.IS_A), NamedNode(category)
-    quads = engine.quads_for_pattern(None, isa, above, v.COMMONSENSE_GRAPH)
-    found = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-    return frozenset(found | {category})
 
 
 def is_believed(place: PlaceRecord, kinds: frozenset[str] | None, min_belief: float | None) -> bool:

@@ -18,7 +18,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue
+from kg.knowledge.ontology.catalogue import Catalogue, subcategories
 from kg.knowledge.words.meaning import listed, understand
 from kg.model import vocabulary as v
 from kg.model.errors import (
@@ -28,7 +28,8 @@ from kg.model.errors import (
     UnknownCategoryError,
     did_you_mean,
 )
-from kg.model.records import PlaceRecord
+from kg.model.place_names import in_brackets, likely_kind, place_titles
+from kg.model.records import PlaceRecord, likeliest
 from kg.rdf.quad_store import QuadStore
 
 _LISTED: Final = 8  # labels in a message
@@ -130,6 +131,8 @@ class ParameterResolver:
                 meaning = understand(self.catalogue, words)
                 if len(meaning.categories) == 1 and meaning.how != "spelling":
                     category = meaning.categories[0]
+        if category is None and len(printed := self._printed(text, list(self.places()))) == 1:
+            return printed[0]
         if category is None:
             raise QueryParameterError(
                 f"nothing is called {text[:60]!r}; a thing must be an IRI such as object/1, a "
@@ -194,11 +197,13 @@ class ParameterResolver:
         return meaning.categories[0].iri
 
     def _place(self, text: str) -> str:
+        """The place of a label, number or IRI, of a name in answers, or the only one of a kind."""
         wanted = f"place {text}" if text.isdigit() else text
         exact = self._labelled(wanted)
         if exact is not None:
             return exact
-        known = {place.iri: place.label for place in self.places()}
+        places = list(self.places())
+        known = {place.iri: place.label for place in places}
         for iri in (text, self.base + text):
             if iri in known:
                 return iri
@@ -208,11 +213,33 @@ class ParameterResolver:
             return numbered
         if len(named) == 1:
             return named[0]
+        printed = self._printed(text, places)
+        kinds = places_of_kind(self.engine, self.catalogue, places, text)
+        if len(found := printed if len(printed) == 1 else [one.iri for one in kinds]) == 1:
+            return found[0]
+        shown = _some([self._titled(place) for place in kinds or places]) or "none"
+        if kinds and not named:
+            raise QueryParameterError(
+                f"{len(kinds)} places have the category {text!r}; give one of {shown}"
+            )
         what = f"{len(named)} places are" if named else "no place is"
         hint = did_you_mean(text, known.values())
-        raise QueryParameterError(
-            f"{what} called {text!r}; there are: {', '.join(known.values()) or 'none'}{hint}"
-        )
+        raise QueryParameterError(f"{what} called {text!r}; there are: {shown}{hint}")
+
+    def _titled(self, place: PlaceRecord) -> str:
+        """``place 6 (kitchen)``: the label of a place with its kind."""
+        return place.label + in_brackets(place.label, place.beliefs, self.catalogue.label)
+
+    def _printed(self, text: str, places: Sequence[PlaceRecord]) -> list[str]:
+        """IRIs of the places that answers call so, with or without "the"."""
+        plain = without_article(text)
+        given = [(place.iri, place.label, place.beliefs) for place in places]
+        titles = place_titles(given, self.catalogue.label)
+        return [
+            place.iri
+            for place, title in zip(places, titles, strict=True)
+            if plain in (plain_label(title), plain_label(self._titled(place)))
+        ]
 
     def _labelled(self, label: str) -> str | None:
         """The one place of exactly that label, found without reading all places."""
@@ -221,6 +248,20 @@ class ParameterResolver:
             return None
         is_place = Quad(NamedNode(found[0]), v.RDF_TYPE, NamedNode(v.PLACE), v.MAP_GRAPH)
         return found[0] if is_place in self.engine else None
+
+
+def places_of_kind(
+    engine: QuadStore, catalogue: Catalogue, places: Sequence[PlaceRecord], text: str
+) -> list[PlaceRecord]:
+    """Places of a category, else of its kinds by name: a home office where there is no office."""
+    words = without_article(text)
+    known = catalogue.get(words, "place")
+    if known is not None:
+        kinds = subcategories(engine, known.iri)
+        if believed := [one for one in places if likeliest(one.beliefs) in kinds]:
+            return believed
+    tail = f" {known.label if known else words}"
+    return [one for one in places if likely_kind(one.beliefs, catalogue.label).endswith(tail)]
 
 
 def _some(labels: Sequence[str]) -> str:

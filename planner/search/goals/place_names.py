@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 
 from kg.knowledge.ontology.catalogue import Catalogue, Category, name_key
 from kg.knowledge.words.tables import word_table
+from kg.maps.query.parameter_resolution import places_of_kind
 from kg.maps.semantic_map import SemanticMap
 from kg.model import place_names
-from kg.model.errors import QueryParameterError, UnknownCategoryError
+from kg.model.errors import QueryParameterError
 from kg.model.records import PlaceRecord
 from kg.model.vocabulary import UNNAMED_THING
 
@@ -80,49 +80,10 @@ def place_category(catalogue: Catalogue, text: str) -> Category | None:
     return None if catalogue.get(text, "object") else catalogue.get(text, "place")
 
 
-def place_named(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of a place by its label, number or IRI, or by a category that one place alone has.
-
-    Any name that answers print counts, too: ``the kitchen``, ``place 4 (perhaps home office)``.
-    Raises QueryParameterError, which lists the places, for none or several.
-    """
-    try:
-        return semantic_map.resolve("place", text)
-    except QueryParameterError as error:
-        if printed := place_printed(semantic_map, text):
-            return printed
-        believed = places_of_kind(semantic_map, text)
-        if len(believed) == 1:
-            return believed[0].iri
-        if believed:
-            told = ", ".join(titled(semantic_map.catalogue, place) for place in believed)
-            said = f"several places have the category {text!r}; give one of {told}"
-        else:
-            labels = ", ".join(place.label for place in semantic_map.places())
-            said = str(error).replace(labels or " ", listed_places(semantic_map) or " ")
-        raise QueryParameterError(said) from None
-
-
-def place_printed(semantic_map: SemanticMap, text: str) -> str:
-    """IRI of the one place that answers call so, with or without "the"; "" for other texts."""
-    plain, catalogue = text.strip().casefold().removeprefix("the "), semantic_map.catalogue
-    found = [
-        place.iri
-        for place, title in titled_places(semantic_map)
-        if plain in (title.casefold(), titled(catalogue, place).casefold())
-    ]
-    return found[0] if len(found) == 1 else ""
-
-
-def places_of_kind(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
+def places_called(semantic_map: SemanticMap, text: str) -> tuple[PlaceRecord, ...]:
     """Places of a category, else of its kinds by name: a home office where there is no office."""
-    with suppress(UnknownCategoryError):
-        if believed := semantic_map.places(text):
-            return tuple(believed)
-    catalogue, places = semantic_map.catalogue, semantic_map.places()
-    known = catalogue.get(text, "place")
-    tail = f" {(known.label if known else text.strip()).casefold()}"
-    return tuple(p for p in places if likely_kind(catalogue, p).endswith(tail))
+    places = semantic_map.places()
+    return tuple(places_of_kind(semantic_map.engine, semantic_map.catalogue, places, text))
 
 
 def notes_of(semantic_map: SemanticMap, place: str) -> list[tuple[str, str]]:
@@ -200,7 +161,7 @@ def thing_named(semantic_map: SemanticMap, text: str) -> str:
     if found := semantic_map.resolve("thing", text):
         return found
     try:
-        return place_named(semantic_map, text)
+        return semantic_map.resolve("place", text)
     except QueryParameterError:
         return semantic_map.resolve("iri", text)
 

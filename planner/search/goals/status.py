@@ -23,7 +23,6 @@ from planner.freespace.planning_map import Row, number, text_or_none, time_or_no
 from planner.search.goals.place_names import (
     StatedCategory,
     object_named,
-    place_named,
     spoken_places,
     stated_categories,
 )
@@ -104,7 +103,7 @@ def status(semantic_map: SemanticMap, what: str, place: str | None = None) -> St
     stated = stated_categories(semantic_map)
     found = tuple(_place(row, size, stated) for row in rows)
     if place is not None:
-        chosen = place_named(semantic_map, place)
+        chosen = semantic_map.resolve("place", place)
         found = tuple(one for one in found if one.place == chosen)
     places = spoken_places(semantic_map)
     named = [replace(o, place_label=places.get(o.place or "", o.place_label)) for o in found]

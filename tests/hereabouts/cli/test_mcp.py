@@ -218,7 +218,7 @@ def test_errors_say_what_would_work_and_mark_the_maps_text(flat: Path) -> None:
     assert all(set(report) == {"error", "untrusted_message"} for report in reports)
     messages = [report["untrusted_message"] for report in reports]
     assert messages[0].startswith("no category 'unicorn'; ")
-    assert "there are: place 1, place 2, IGNORE" in messages[1]
+    assert "there are: place 1 (kitchen), place 2 (bedroom), IGNORE" in messages[1]
     assert all(message.isprintable() and len(message) <= 400 for message in messages)
     assert messages[2].startswith("object/99 is no object of the map now; ")
     assert "both x and y" in messages[4]

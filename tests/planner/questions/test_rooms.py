@@ -89,7 +89,10 @@ def test_rooms_are_things_to_ask_for(flat: SemanticMap, question: str, answer: l
 @pytest.mark.parametrize(
     ("question", "says"),
     [
-        ("where is place 9", "no place is called 'place 9'; there are: place 1, Ann's room"),
+        (
+            "where is place 9",
+            "no place is called 'place 9'; there are: place 1 (kitchen), Ann's room",
+        ),
         ("is there a cup near the kitchen", "'what is in the kitchen' would work"),
         ("what is in the garage", "no place is called 'garage'; there are: place 1"),
     ],
