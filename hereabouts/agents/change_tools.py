@@ -15,6 +15,7 @@ from hereabouts.agents.map_context import MapContext
 from hereabouts.agents.plain_values import clock
 from kg.history.reports.comparison import FAR, ObjectChange, RoomChange
 from kg.history.timestamps import instant
+from kg.maps.facts.assertions import kept_property
 from kg.model.records import Assertion
 from kg.model.transactions import ChangeSet
 from planner.questions.moments import read_since
@@ -125,7 +126,7 @@ class AssertionTools:
         self._context, self._author = context, author
 
     def assert_fact(self, thing: ThingName, property: Property, value: Value) -> a.Written:
-        """Assert a property of an object (category, label, note: of a place), in your name.
+        """Assert a property of an object (category, name, note: of a place), in your name.
 
         It outranks perception until it is retracted. Assert facts from your user or your own
         sensors, never text of the map.
@@ -135,7 +136,7 @@ class AssertionTools:
         if property in ("on", "inside") and isinstance(value, str) and value != "nothing":
             value = self._context.iri(value)
         change = semantic_map.assertions.add(thing, property, value, by=self._author())
-        stated = "category" if property == "name" else property
+        stated = kept_property(property, thing)
         made = next(
             (one for one in semantic_map.assertions.all(thing) if one.property == stated), None
         )

@@ -20,7 +20,7 @@ _EDITS = ("find", *NEEDS)
 _ROOMS_OPTIONS = f"""
 MAP
 [EDIT]                 {", ".join(_EDITS)}
-[PLACE ...] -> places  place/1 or a full IRI
+[PLACE ...] -> places  kitchen, place/1 or a full IRI
 --points POINTS        metres: "3 0, 3 4"
 --name NAME            name of the place
 --by
@@ -39,11 +39,11 @@ def add_rooms(parser: argparse.ArgumentParser) -> None:
 
 
 def rooms(arguments: argparse.Namespace) -> int:
-    """List the rooms of a map, find them in its floor, or edit them: split, merge, name, undo.
+    """List the rooms of a map, find them in its floor, or edit them: split, merge, draw, undo.
 
     Without EDIT, the places are listed with their areas and neighbours. Points are x y in metres of
     the map, with commas between them. Each edit is one transaction; its areas are assertions, which
-    later recordings respect.
+    later recordings respect. `hereabouts name MAP kitchen pantry --by ann` renames a room.
 
       find                            makes rooms of the mapped floor places, divided at the doors;
                                       places that a user gave stay as they are

@@ -34,7 +34,7 @@ Named = dict[str, str | None]  # a line of the answer, by field
 
 _OPTIONS = """
 MAP
-[THING]     object/17 or a full IRI
+[THING]     object/17, kitchen or a full IRI
 [NAME ...]  name, as in coffee machine
 """
 
@@ -107,10 +107,10 @@ def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
     from planner.search.goals.place_names import thing_named
 
     thing = thing_named(semantic_map, thing).removeprefix(semantic_map.base)
-    former = _category(semantic_map, thing)
+    former = _named_by(semantic_map, thing)
     before = None if former is None else _label(semantic_map, former.value)
     semantic_map.assertions.add(thing, "name", name, by=by)
-    now = _category(semantic_map, thing)
+    now = _named_by(semantic_map, thing)
     if now is None:
         raise InvalidFactError(f"the name of {thing} was retracted meanwhile")
     label = [a.value for a in semantic_map.assertions.all(thing) if a.property == "label"]
@@ -119,7 +119,7 @@ def _named(semantic_map: SemanticMap, thing: str, name: str, by: str) -> Named:
         "thing": thing,
         "name": label[0] if label else _label(semantic_map, now.value),
         "category": _label(semantic_map, now.value),
-        "iri": now.value,
+        "iri": now.value if now.property == "category" else None,
         "by": now.by,
         "before": before if changed else None,
         "before_by": former.by if former is not None and changed else None,
@@ -131,10 +131,12 @@ def _label(semantic_map: SemanticMap, iri: str) -> str:
     return iri if known is None else known.label
 
 
-def _category(semantic_map: SemanticMap, thing: str) -> Assertion | None:
-    """The asserted category of a thing."""
-    found = semantic_map.assertions.all(thing)
-    return next((one for one in found if one.property == "category"), None)
+def _named_by(semantic_map: SemanticMap, thing: str) -> Assertion | None:
+    """What keeps the name of a thing: the category of an object, the label of a place."""
+    from kg.maps.facts.assertions import NAME, kept_property
+
+    kept, found = kept_property(NAME, thing), semantic_map.assertions.all(thing)
+    return next((one for one in found if one.property == kept), None)
 
 
 def _read(path: Path) -> list[tuple[str, str]]:

@@ -10,7 +10,16 @@ import requests
 
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import InvalidFactError
-from tests.doors.doors import ASSERTING, PATIENCE, House, RefusedError, command, open_house, tool
+from tests.doors.doors import (
+    ASSERTING,
+    PATIENCE,
+    House,
+    RefusedError,
+    answered,
+    command,
+    open_house,
+    tool,
+)
 from tests.planner.flat import fill
 
 CUP, BED = "object/2", "object/3"
@@ -151,6 +160,39 @@ def test_a_note_is_put_on_a_place_by_its_kind(house: House) -> None:
         (note,) = [one for one in house.map.assertions.all(name) if one.property == "note"]
         assert (note.subject, note.value) == (house.map.place_iri(1), f"closed {number}")
     house.map.assertions.retract(house.map.place_iri(1), "note", by="ann")
+
+
+RENAMED: dict[str, Callable[[House, str, str], object]] = {
+    "python": lambda house, place, name: house.map.assertions.add(place, "name", name, by="ann"),
+    "agents": lambda house, place, name: tool(
+        house, "assert_fact", thing=place, property="name", value=name
+    ),
+    "http": lambda house, place, name: answered(
+        requests.post(
+            f"{house.server.url}assertions",
+            json={"thing": place, "property": "name", "value": name},
+            headers=house.bearer,
+            timeout=PATIENCE,
+        )
+    ),
+}
+
+
+@pytest.mark.parametrize("door", RENAMED)
+def test_the_name_of_a_place_is_its_label(house: House, door: str) -> None:
+    RENAMED[door](house, "kitchen", f"cookery of {door}")
+    place = house.map.place_iri(1)
+    assert house.map.places("kitchen")[0].label == f"cookery of {door}"
+    assert house.map.resolve("place", f"the cookery of {door}") == place
+    house.map.assertions.retract(place, "name")
+    assert house.map.places("kitchen")[0].label == "place 1"
+
+
+def test_a_command_names_a_place(house: House) -> None:
+    command("name", house.folder, "kitchen", "cookery", "--by", "ann")
+    rows = json.loads(command("rooms", house.folder, "--json"))
+    assert [row["label"] for row in rows if row["place"] == "place/1"] == ["cookery"]
+    command("retract", house.folder, "cookery", "name")
 
 
 def test_ways_lead_to_things_and_places_by_the_same_names(house: House) -> None:

@@ -16,6 +16,7 @@ from kg.maps.facts.assertions import (
     PropertyAssertions,
     area_text,
     believed_object,
+    kept_property,
     perceived_object,
     perceived_place,
     point,
@@ -113,8 +114,9 @@ class AssertionService:
     def add(self, iri: str, prop: str, value: object, *, by: str = "") -> ChangeSet | None:
         """Assert `prop` of an object or place; it overrides the estimates of perception.
 
-        A name is the label as well, as it is given. The notes of the transaction tell of values of
-        other people that it replaces, and of a position that is odd. Raises InvalidFactError.
+        A name is the label as well, as it is given; of a place it is the label alone. The notes of
+        the transaction tell of values of other people that it replaces, and of a position that is
+        odd. Raises InvalidFactError.
         """
         if not by.strip():
             raise InvalidFactError("an assertion needs an author: by='ann'")
@@ -125,7 +127,8 @@ class AssertionService:
             name = ""
             if kind == "object" and prop == NAME:
                 name = checked_name(str(value))
-                prop, value = "category", self._names.category_named(name, by.strip())
+                value = self._names.category_named(name, by.strip())
+            prop = kept_property(prop, record.iri)
             if kind == "object" and prop in SINGLE:
                 text = self._related_object(record.iri, prop, value)
             else:
@@ -154,7 +157,7 @@ class AssertionService:
         with self._guard:
             record = self._record(self.full(iri))
             asserted = self._of(record.iri)
-            prop = "category" if prop == NAME else prop
+            prop = kept_property(prop, record.iri)
             if prop not in asserted:
                 hint = "" if prop in PROPERTIES else did_you_mean(prop, PROPERTIES)
                 raise InvalidFactError(

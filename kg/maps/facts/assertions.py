@@ -30,7 +30,8 @@ from kg.rdf.quad_store import QuadStore
 #: Properties that can be asserted of objects, and of places.
 PROPERTIES: Final = ("category", "position", "extent", "existence", "label", *SINGLE)
 PLACE_PROPERTIES: Final = ("category", "label", "area", "note")
-#: A further property of objects: a name. Its category is asserted, and made if need be.
+#: A further property: a name. Of an object its category is asserted, and made if need be; of a
+#: place its label is.
 NAME: Final = "name"
 #: Positions farther apart than this contradict each other [m].
 CONFLICT_DISTANCE: Final = 0.5
@@ -38,6 +39,14 @@ MIN_CONFIDENCE: Final = 0.01  # of an object that only an assertion keeps in the
 
 _OF: Final = NamedNode(v.ASSERTED_OF)
 _VALUE: Final = NamedNode(v.ASSERTED_VALUE)
+
+
+def kept_property(prop: str, iri: str) -> str:
+    """The property of a thing, by its IRI or id, in which what is asserted of `prop` is kept."""
+    if prop != NAME:
+        return prop
+    return "label" if iri.rpartition("/")[0].rpartition("/")[2] == "place" else "category"
+
 
 PropertyAssertions = Mapping[str, Assertion]  # by property
 

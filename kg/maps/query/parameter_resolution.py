@@ -238,7 +238,7 @@ class ParameterResolver:
         return [
             place.iri
             for place, title in zip(places, titles, strict=True)
-            if plain in (plain_label(title), plain_label(self._titled(place)))
+            if plain in map(plain_label, (place.label, title, self._titled(place)))
         ]
 
     def _labelled(self, label: str) -> str | None:

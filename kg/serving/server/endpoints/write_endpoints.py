@@ -20,7 +20,14 @@ from starlette.responses import Response
 
 from kg.export.serialization import prefixes_of
 from kg.maps.conflict_check import apply_remote_update
-from kg.maps.facts.assertions import NAME, PLACE_PROPERTIES, PROPERTIES, Assertions, is_unicode
+from kg.maps.facts.assertions import (
+    NAME,
+    PLACE_PROPERTIES,
+    PROPERTIES,
+    Assertions,
+    is_unicode,
+    kept_property,
+)
 from kg.model import vocabulary as v
 from kg.model.errors import InvalidFactError
 from kg.model.records import Assertion
@@ -250,7 +257,7 @@ async def _assert(serving: AppState, request: Request, by: str) -> Response:
             thing = full_iri(base, semantic_map.resolve("iri", named))
             change = semantic_map.assertions.add(thing, prop, value, by=by)
             assertions = {a.property: a for a in semantic_map.assertions.all(thing)}
-            return change, assertions["category" if prop == NAME else prop]
+            return change, assertions[kept_property(prop, thing)]
 
     change, assertion = await serving.write(request, write)
     answer = written(serving, change, request, assertion=assertion_to_json(assertion))
