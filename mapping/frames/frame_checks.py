@@ -134,6 +134,12 @@ def _check_numbers(frame: Frame) -> None:
             f"frame {frame.id}: K must be finite with focal lengths above 0, got {K.tolist()}; "
             "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels would work"
         )
+    if abs(K[2, :2]).max() > 1e-6 or abs(K[2, 2] - 1) > 1e-6:
+        form = "K.T" if abs(K[:2, 2]).max() <= 1e-6 and abs(K[2, 2] - 1) <= 1e-6 else "K / K[2, 2]"
+        raise FrameError(
+            f"frame {frame.id}: the last row of K must be 0, 0, 1, got {K[2].tolist()}; {form} "
+            "would work where it gives [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+        )
     checked_pose(frame.T_map_cam, f"frame {frame.id}: T_map_cam")
 
 

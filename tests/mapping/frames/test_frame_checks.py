@@ -137,6 +137,12 @@ def test_intrinsics_without_a_focal_length_are_refused(make_frame, refused, row,
     refused(replace(frame, K=K), "K must be finite with focal lengths above 0, got")
 
 
+@pytest.mark.parametrize(("turned", "form"), [(lambda K: K.T, r"K\.T"), (lambda K: 2 * K, "K / K")])
+def test_intrinsics_of_another_form_are_refused(make_frame, refused, turned, form):
+    frame = make_frame(2.0)
+    refused(replace(frame, K=turned(frame.K)), f"last row of K must be 0, 0, 1, .*{form}")
+
+
 @pytest.mark.parametrize("given", [[(20, 15, 40, 30)], np.zeros((1, 4))], ids=repr)
 def test_detections_of_another_type_are_refused(make_frame, refused, given):
     message = r"detections must be Detections, got .*; Detections\(xyxy, score, label\) would work"
