@@ -126,7 +126,7 @@ def _connection(
 ) -> type[HTTPConnection]:
     """A connection class that reports its socket and counts as closed after `IDLE` seconds."""
 
-    class Connection(kind):  # type: ignore[valid-type,misc]
+    class ReusedConnection(kind):  # type: ignore[valid-type,misc]
         used = 0.0
 
         def connect(self) -> None:
@@ -143,7 +143,7 @@ def _connection(
         def is_connected(self) -> bool:
             return time.monotonic() - self.used < IDLE and bool(super().is_connected)
 
-    return Connection
+    return ReusedConnection
 
 
 def _shut_down(opened: socket.socket) -> None:

@@ -77,7 +77,7 @@ class NetworkLabels:
 
 
 @dataclass(frozen=True, slots=True)
-class Restoration:
+class RestoreRequest:
     """Body of `/restore`: a time or number of a transaction, and scopes and things or none."""
 
     to: str
@@ -166,7 +166,7 @@ async def restore(serving: AppState, request: Request) -> Response:
     things (empty: everything), `dry_run` a boolean.
     """
     by = serving.author_of(request)
-    given = await _body(serving, request, Restoration)
+    given = await _body(serving, request, RestoreRequest)
     if len(given.only) > _MAX_THINGS:
         raise Problem(400, f"'only' must be a list of up to {_MAX_THINGS} texts")
     restoration = partial(
