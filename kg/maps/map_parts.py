@@ -1,9 +1,13 @@
-"""Protocols of the parts of a map, which a map in a store and a map on a server implement."""
+"""Protocols of the parts of a map, which a map in a store and a map on a server implement.
+
+A part is made at its first use (`lazy`), so that a question passes no code of writers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Protocol
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 from pyoxigraph import Quad
 
@@ -20,6 +24,32 @@ if TYPE_CHECKING:
     from kg.history.reports.explanation import Explanation
     from kg.history.storage.maintenance import Compaction
     from kg.knowledge.ontology.replacement import Replacement
+
+
+T = TypeVar("T")
+_LOCK = threading.RLock()
+
+
+class _LazyPart(Generic[T]):
+    """Lazy initialisation of an attribute: made once for all threads, unless it was assigned."""
+
+    def __init__(self, make: Callable[[Any], T]) -> None:
+        self._make = make
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: object, owner: type) -> T:
+        with _LOCK:
+            made: dict[str, T] = vars(instance)
+            if self._name not in made:
+                made[self._name] = self._make(instance)
+            return made[self._name]
+
+
+def lazy(make: Callable[[Any], T]) -> T:
+    """An attribute of a class that `make` makes of the instance at its first use."""
+    return cast(T, _LazyPart(make))
 
 
 class MapHistory(Protocol):
