@@ -71,8 +71,8 @@ class StoredMap(SemanticMap):
     )
     assertions: AssertionService = lazy(
         lambda self: AssertionService(
-            *(self.store, self._facts, self.perceived, self._writer, self._guard),
-            names=self.ontology,
+            *(self.store, self._facts, self.perceived, lambda: self._writer, self._guard),
+            names=lambda: self.ontology,
             history=self.history,
             resolve=self.resolve,
         )

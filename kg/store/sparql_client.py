@@ -81,11 +81,6 @@ class Triples:
 Answer = Solutions | QueryBoolean | Triples
 
 
-def is_url(address: object) -> bool:
-    """Whether the address of a map names a server, not a folder."""
-    return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
-
-
 class SparqlClient:
     """Client of a SPARQL server; `at` creates it. Safe to use from several threads."""
 
