@@ -32,8 +32,8 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
 from kg.serving.server.http.media_types import document, negotiated
+from kg.serving.server.http.middleware import is_confirmed
 from kg.serving.server.http.problems import Problem, State, check_preconditions, sequence_at
-from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.descriptions import local_path
 from kg.serving.workers.content_negotiation import GRAPH_TYPES
 from kg.store.sparql_client import SEQUENCE

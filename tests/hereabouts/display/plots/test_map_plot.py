@@ -75,7 +75,9 @@ def kitchen() -> SemanticMap:
 def texts_of(svg: Path) -> list[str]:
     """Everything written in a drawing; matplotlib notes each text beside its outline."""
     lines = (line.strip() for line in svg.read_text().splitlines())
-    return [line[5:-4].strip() for line in lines if line.startswith("<!-- ") and line.endswith(" -->")]
+    return [
+        line[5:-4].strip() for line in lines if line.startswith("<!-- ") and line.endswith(" -->")
+    ]
 
 
 def size_of(png: Path) -> tuple[int, int]:
