@@ -301,8 +301,9 @@ class StoredMap(SemanticMap):
         for ending in self.on_close:
             ending()
         super().close()
-        if vars(self).get("surface_store") is not None:
-            self.surface_store.close()
+        surface: SurfaceStore | None = vars(self).get("surface_store")
+        if surface is not None:
+            surface.close()
 
     @contextmanager
     def hold(self) -> Iterator[None]:

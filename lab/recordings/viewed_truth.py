@@ -114,7 +114,7 @@ class TourPart:
         u, v = (np.rint(p_cam[at, k] / z[at] * model.focal + model.K[k, 2]) for k in (0, 1))
         inside = (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
         at, u, v = at[inside], u[inside].astype(np.intp), v[inside].astype(np.intp)
-        return at[view.depth[v, u] >= z[at] - TOLERANCE]
+        return np.asarray(at[view.depth[v, u] >= z[at] - TOLERANCE])
 
     def truth(self) -> dict[str, dict[str, Any]]:
         """Entries of the things' truth, by name (`lab.recordings.object_truth`)."""
