@@ -30,9 +30,9 @@ T = TypeVar("T")
 _LOCK = threading.RLock()
 
 
+# lazy initialisation: made once for all threads, unless it was assigned; the attribute's own
+# docstring is the one to show
 class _LazyPart(Generic[T]):
-    """Lazy initialisation of an attribute: made once for all threads, unless it was assigned."""
-
     def __init__(self, make: Callable[[Any], T]) -> None:
         self._make = make
 
@@ -40,6 +40,8 @@ class _LazyPart(Generic[T]):
         self._name = name
 
     def __get__(self, instance: object, owner: type) -> T:
+        if instance is None:
+            raise AttributeError(self._name)  # of the class, as an attribute that is only declared
         with _LOCK:
             made: dict[str, T] = vars(instance)
             if self._name not in made:
