@@ -167,7 +167,7 @@ def _ask(
 ) -> tuple[Table, bool]:
     """The answer, and whether its query is shipped; another one runs in an isolated process."""
     from kg.maps.query.query_files import inline_query, resolve_query
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
 
     values = {name: plain_value(str(text)) for name, text in parameters.items()}
     if arguments.execute is not None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Final
 
 from hereabouts.cli.console import counted, heading, note, print_table, printable, write, write_json
@@ -10,7 +11,6 @@ from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import GraphError
 from mapping.objects.detections.detection_report import (
     FILE,
-    CategoryFates,
     DetectionReport,
     DoubtedThing,
     Fate,
@@ -19,16 +19,15 @@ from mapping.objects.detections.detection_report import (
 from planner.search.goals.search_goals import resolve_target, times
 
 _NAMED: Final = 6  # things in one line
-ROWS: Final = 20  # things of all categories in a table
+_ROWS: Final = 20  # things of all categories in a table
 _CATEGORIES: Final = 30  # in a table
-_OBJECTS: Final = 8  # of one category
+_COLUMNS: Final = ("category", "thing", "existence", "seen", "score", "best frame", "box [px]")
 
-#: the fates in order, each as the predicate of "a detection"
+#: the fates, each as the predicate of "a detection"
 _WORDS: Final[Mapping[Fate, str]] = {
-    Fate.OBJECT: "joined an object of the map",
+    Fate.OBJECT: "joined an object of the map, which may have left it since",
     Fate.CANDIDATE: "made a candidate, which is still too improbable for the map",
     Fate.FORGOTTEN: "made a candidate that was dropped: too improbable, or not seen again",
-    Fate.LEFT: "joined an object that is no longer in the map",
     Fate.WEAK: "had a score below {least:g}, which is too low",
     Fate.UNKNOWN: "had a label without a category",
     Fate.IGNORED: "had a label that the labels map ignores",
@@ -52,7 +51,7 @@ def explain_detections(semantic_map: SemanticMap, category: str, *, json: bool) 
     if json:
         write_json(report.to_json())
     else:
-        _print(report, len(report.things) if category else ROWS)
+        _print(report, len(report.things) if category else _ROWS)
     return 0
 
 
@@ -64,13 +63,13 @@ def detections_in_vain(semantic_map: SemanticMap, label: str, address: str) -> s
         note(str(error))
         return ""
     fates = None if report is None else report.categories.get(label)
-    if fates is None or not fates.detections:
+    if not fates:
         return ""
-    weak = fates.fates.get(Fate.WEAK, 0)
-    some = "each time" if weak == fates.detections else f"{times(weak)} of these"
+    total, weak = sum(fates.values()), fates.get(Fate.WEAK, 0)
+    some = "each time" if weak == total else f"{times(weak)} of these"
     reason = f", {some} with too low a score" if weak else ""
     return (
-        f"The detector reported {label} {times(fates.detections)}{reason}: not enough for an "
+        f"The detector reported {label} {times(total)}{reason}: not enough for an "
         f"object of the map (hereabouts why {address} --candidates {label})"
     )
 
@@ -102,105 +101,57 @@ def _name(semantic_map: SemanticMap, report: DetectionReport, category: str) -> 
 
 def _of_category(report: DetectionReport, name: str) -> DetectionReport:
     things = tuple(one for one in report.things if one.category == name)
-    return DetectionReport(
-        frames=report.frames,
-        categories={name: report.categories.get(name, CategoryFates({}))},
-        things=things,
-        doubted=sum(not one.forgotten for one in things),
-        least_score=report.least_score,
-        nearest=report.nearest,
-        farthest=report.farthest,
-    )
+    categories = {name: report.categories.get(name, {})}
+    return replace(report, categories=categories, things=things, doubted=len(things))
 
 
 def _print(report: DetectionReport, max_rows: int) -> None:
-    """Print the counts of detections by fate, the objects they joined, and doubted things."""
-    total = sum(of.detections for of in report.categories.values())
+    """Print the counts of detections by fate, and doubted things."""
+    total = sum(sum(fates.values()) for fates in report.categories.values())
     only = f"{printable(next(iter(report.categories)))}: " if len(report.categories) == 1 else ""
     write(f"{only}{counted(total, 'detection')} in {report.frames} frames")
     if not total:
         note("not even one had a score too low to count; see hereabouts models list")
-    elif report.categories:
-        print_table(*fate_table(report))
-    for line in legend(report, shown_fates(report)):
-        note(line)
-    if only:
-        (of,) = report.categories.values()
-        for iri, count in list(of.objects.items())[:_OBJECTS]:
-            note(f"{count} joined {printable(short(iri))}")
-    _print_things(report.things, max_rows)
+    else:
+        shown = [f for f in Fate if any(of.get(f) for of in report.categories.values())]
+        print_table(
+            ("category", "detections", *shown),
+            [
+                (name, sum(of.values()), *(of.get(fate) for fate in shown))
+                for name, of in list(report.categories.items())[:_CATEGORIES]
+            ],
+        )
+        for fate in shown:
+            words = _WORDS[fate].format(
+                least=report.least_score, nearest=report.nearest, farthest=report.farthest
+            )
+            note(f"{fate}: the detection {words}")
+    if report.things:
+        heading("Seen but not believed")
+        print_table(_COLUMNS, [_row(one) for one in report.things[:max_rows]])
+    if len(report.things) > max_rows:
+        note(f"and {len(report.things) - max_rows} more: --json, or name a category")
 
 
-def _print_things(things: tuple[DoubtedThing, ...], max_rows: int) -> None:
-    if not things:
-        return
-    heading("Seen but not believed")
-    print_table(*things_table(things, max_rows))
-    if len(things) > max_rows:
-        note(f"and {len(things) - max_rows} more: --json, or name a category")
+def _row(one: DoubtedThing) -> tuple[object, ...]:
+    """A row of _COLUMNS: a thing that is not believed, with its best view."""
+    return (
+        one.category,
+        "/".join(one.iri.rsplit("/", 2)[-2:]) or "candidate",
+        one.existence,
+        one.seen,
+        one.score if one.frame else None,
+        "/".join(filter(None, (one.recording, one.frame))),
+        "" if one.box is None else " ".join(f"{side:.0f}" for side in one.box),
+    )
 
 
 def listed_things(things: Sequence[DoubtedThing]) -> str:
     """The most probable thing of each category in one line, the most probable first."""
     best = {one.category: one for one in reversed(things)}
-    ranked = [best[category] for category in dict.fromkeys(one.category for one in things)]
-    named = [
-        f"{one.category} {one.existence:.2f}" + " (from one side only)" * one.one_side
-        for one in ranked
-    ]
+    ranked = sorted(best.values(), key=lambda one: -one.existence)
+    named = [f"{one.category} {one.existence:.2f}" for one in ranked]
     kinds = len(named) - _NAMED
     more = f" and {kinds} more kind{'s' * (kinds > 1)}" if kinds > 0 else ""
     first = "the best of each kind: " if len(named) < len(things) else ""
     return first + ", ".join(named[:_NAMED]) + more
-
-
-def legend(report: DetectionReport, fates: Iterable[Fate]) -> list[str]:
-    """The meaning of each fate, one line each."""
-    return [f"{fate}: the detection {_words(report, fate)}" for fate in fates]
-
-
-def fate_table(report: DetectionReport) -> tuple[tuple[str, ...], list[Sequence[object]]]:
-    """Columns and rows of the counts by category, the most detected first."""
-    fates = shown_fates(report)
-    rows: list[Sequence[object]] = [
-        (name, of.detections, *(of.fates.get(fate) for fate in fates), of.merged or None)
-        for name, of in list(report.categories.items())[:_CATEGORIES]
-    ]
-    return ("category", "detections", *(fate.value for fate in fates), "merged"), rows
-
-
-def shown_fates(report: DetectionReport) -> list[Fate]:
-    """The fates that any detection has."""
-    return [fate for fate in _WORDS if any(of.fates.get(fate) for of in report.categories.values())]
-
-
-def short(iri: str) -> str:
-    """``object/12``."""
-    return "/".join(iri.rsplit("/", 2)[-2:])
-
-
-def things_table(
-    things: Sequence[DoubtedThing], max_rows: int = ROWS
-) -> tuple[tuple[str, ...], list[Sequence[object]]]:
-    """Columns and rows of things that are not believed, with their best view."""
-    columns = ("category", "thing", "existence", "seen", "from", "score", "best frame", "box [px]")
-    rows: list[Sequence[object]] = [
-        (
-            one.category,
-            short(one.iri) if one.iri else "forgotten" if one.forgotten else "candidate",
-            one.existence,
-            one.seen,
-            "one side" if one.one_side else "",
-            one.score if one.frame else None,
-            "/".join(filter(None, (one.recording, one.frame))),
-            "" if one.box is None else " ".join(f"{side:.0f}" for side in one.box),
-        )
-        for one in things[:max_rows]
-    ]
-    return columns, rows
-
-
-def _words(report: DetectionReport, fate: Fate) -> str:
-    return _WORDS[fate].format(
-        least=report.least_score, nearest=report.nearest, farthest=report.farthest
-    )

@@ -49,7 +49,7 @@ def assertion(arguments: argparse.Namespace) -> int:
     example: hereabouts assert kitchen.map object/17 category bowl --by ann
     """
     from kg.serving.opening import open_map
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
     from planner.search.goals.place_names import thing_named
 
     if arguments.by is None and not is_url(arguments.map):

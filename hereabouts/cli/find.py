@@ -227,9 +227,9 @@ def _print_known(
             note(target.note)
         most = _ALL if arguments.explain else _OBJECTS
         said = find_sentences(semantic_map, target, now, state, found, most=most)
-        vain = detections_in_vain(semantic_map, target.kind, arguments.map)
-        if vain and said[0].startswith("No "):
-            said.append(vain)
+        if said[0].startswith("No "):
+            vain = detections_in_vain(semantic_map, target.kind, arguments.map)
+            said += [vain] if vain else []
         write(with_map("\n".join(said)))
         lines += len(said)
     return lines

@@ -58,7 +58,7 @@ def rooms(arguments: argparse.Namespace) -> int:
     example: hereabouts rooms home.map split place/2 --points "3 0, 3 4" --name pantry --by ann
     """
     from kg.serving.opening import open_map
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
 
     if arguments.edit in (None, "find"):
         return _list(arguments)

@@ -93,7 +93,7 @@ def _end_on_signals(queries: LimitedQueries, semantic_map: SemanticMap) -> None:
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
 
     over_http = arguments.http is not None
     folder_on_stdio = not over_http and not is_url(arguments.map)
@@ -112,8 +112,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
 def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
     """The author of changes; None without --write. Raises RemoteError if a token is missing."""
     from hereabouts.agents.tool_server import token_holder
-    from kg.store.credentials import HINT, token_for
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
+    from kg.store.http_session import HINT, token_for
 
     if not arguments.write:
         return None

@@ -52,7 +52,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
 
     single = arguments.thing is not None and bool(arguments.name)
     if arguments.thing is not None and not single:

@@ -67,7 +67,7 @@ def add(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from kg.store.sparql_client import is_url
+    from kg.store.folder import is_url
 
     if is_url(arguments.map):
         raise ModelError(f"teach needs the folder of a map, and {arguments.map} is an address")

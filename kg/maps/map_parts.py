@@ -1,9 +1,13 @@
-"""Protocols of the parts of a map, which a map in a store and a map on a server implement."""
+"""Protocols of the parts of a map, which a map in a store and a map on a server implement.
+
+A part is made at its first use (`lazy`), so that a question passes no code of writers.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING, Protocol
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
 
 from pyoxigraph import Quad
 
@@ -20,6 +24,34 @@ if TYPE_CHECKING:
     from kg.history.reports.explanation import Explanation
     from kg.history.storage.maintenance import Compaction
     from kg.knowledge.ontology.replacement import Replacement
+
+
+T = TypeVar("T")
+_LOCK = threading.RLock()
+
+
+# lazy initialisation: made once for all threads, unless it was assigned; the attribute's own
+# docstring is the one to show
+class _LazyPart(Generic[T]):
+    def __init__(self, make: Callable[[Any], T]) -> None:
+        self._make = make
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, instance: object, owner: type) -> T:
+        if instance is None:
+            raise AttributeError(self._name)  # of the class, as an attribute that is only declared
+        with _LOCK:
+            made: dict[str, T] = vars(instance)
+            if self._name not in made:
+                made[self._name] = self._make(instance)
+            return made[self._name]
+
+
+def lazy(make: Callable[[Any], T]) -> T:
+    """An attribute of a class that `make` makes of the instance at its first use."""
+    return cast(T, _LazyPart(make))
 
 
 class MapHistory(Protocol):

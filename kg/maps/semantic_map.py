@@ -20,7 +20,7 @@ from kg.maps.facts.occupancy import tiles_in
 from kg.maps.facts.robot import SearchRecords, recordings_in, robot_in
 from kg.maps.facts.spatial_relations import doors_in
 from kg.maps.map_metadata import Description, description_of
-from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms
+from kg.maps.map_parts import MapAssertions, MapHistory, MapOntology, MapRooms, lazy
 from kg.maps.networkx_graph import network
 from kg.maps.object_pictures import ObjectPictures
 from kg.maps.query.evaluation import Table, evaluate
@@ -77,10 +77,10 @@ class SemanticMap(ABC):
     rooms: MapRooms
     """Edits of rooms by persons: split, merge, draw, name."""
 
-    perceived: PerceivedRecords
+    perceived: PerceivedRecords = lazy(lambda self: PerceivedRecords(self.store, self._facts))
     """Objects and places as perception alone estimates them, in the form that `apply` takes."""
 
-    searches: SearchRecords
+    searches: SearchRecords = lazy(lambda self: SearchRecords(self.store))
     """The searches that robots made on this map."""
 
     subscriptions: MapSubscriptions
@@ -92,8 +92,6 @@ class SemanticMap(ABC):
     def __init__(self, store: TransactionalStore, base: str, categories: StoredCatalogue) -> None:
         self.store, self.base, self._categories = store, base, categories
         self._facts = RecordCodec(base, categories)
-        self.perceived = PerceivedRecords(store, self._facts)
-        self.searches = SearchRecords(store)
         self._dataset: rdflib.Dataset | None = None
 
     @property
@@ -399,7 +397,8 @@ class SemanticMap(ABC):
 
     def close(self) -> None:
         """Flush and close the store; a second call does nothing."""
-        self.subscriptions.close()
+        if "subscriptions" in vars(self):
+            self.subscriptions.close()
         with self.hold():
             self._dataset = None
             self.store.close()

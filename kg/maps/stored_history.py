@@ -14,6 +14,7 @@ from kg.history.reports.comparison import FAR, Comparison, compare
 from kg.history.storage.log import HistoryLog
 from kg.history.storage.maintenance import without_past
 from kg.history.timestamps import Instant, sequence_of, thing
+from kg.maps.map_parts import lazy
 from kg.model.errors import HistoryError
 from kg.model.transactions import ChangeSet
 from kg.store.transactional import TransactionalStore
@@ -25,13 +26,22 @@ if TYPE_CHECKING:
 
 
 class StoredHistory:
-    """The history of the map in `store`, as `kg.maps.map_parts.MapHistory` documents it."""
+    """The history of the map in `store`, as `kg.maps.map_parts.MapHistory` documents it.
 
-    def __init__(self, store: TransactionalStore, base: str, log: HistoryLog | None) -> None:
+    `surface_area` gives [m^2] of the map's surface at a transaction.
+    """
+
+    _states: PastStates = lazy(lambda _: PastStates())
+
+    def __init__(
+        self,
+        store: TransactionalStore,
+        base: str,
+        log: HistoryLog | None,
+        surface_area: Callable[[int], float],
+    ) -> None:
         self._store, self._base, self._log = store, base, log
-        self._states = PastStates()
-        self.surface_area: Callable[[int], float] = lambda _: 0.0
-        """[m^2] of the map's surface at a transaction."""
+        self._surface_area = surface_area
 
     @property
     def log(self) -> HistoryLog:
@@ -72,7 +82,7 @@ class StoredHistory:
         before = sequence_of(log, t1)
         after = log.last if t2 is None else sequence_of(log, t2)
         found = compare(log, categories, self._base, before, after, far)
-        return replace(found, surface=(self.surface_area(before), self.surface_area(after)))
+        return replace(found, surface=(self._surface_area(before), self._surface_area(after)))
 
     def events(self, iri: str) -> Iterator[HistoryEvent]:
         """The history events of one thing."""

@@ -29,6 +29,7 @@ from kg.maps.facts.frame_writer import FrameWriter
 from kg.maps.facts.replaced_values import noted
 from kg.maps.map_extent import check_written
 from kg.maps.map_metadata import changed_description, identity
+from kg.maps.map_parts import lazy
 from kg.maps.room_editor import RoomEditor
 from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_history import StoredHistory
@@ -65,9 +66,30 @@ class StoredMap(SemanticMap):
     """
 
     history: StoredHistory
-    ontology: StoredOntology
-    assertions: AssertionService
-    rooms: RoomEditor
+    ontology: StoredOntology = lazy(
+        lambda self: StoredOntology(self.store, self._categories, self._guard)
+    )
+    assertions: AssertionService = lazy(
+        lambda self: AssertionService(
+            *(self.store, self._facts, self.perceived, lambda: self._writer, self._guard),
+            names=lambda: self.ontology,
+            history=self.history,
+            resolve=self.resolve,
+        )
+    )
+    rooms: RoomEditor = lazy(
+        lambda self: RoomEditor(
+            *(self.store, self._facts, self.perceived, self._writer),
+            assertions=self.assertions,
+            history=self.history,
+            guard=self._guard,
+        )
+    )
+    subscriptions: StoredSubscriptions = lazy(
+        lambda self: StoredSubscriptions(self.query, self.store)
+    )
+    surface_store: SurfaceStore | None = lazy(lambda self: self._opened_surface())
+    _writer: FrameWriter = lazy(lambda self: FrameWriter(self.store, self._facts))
 
     def __init__(
         self,
@@ -81,29 +103,8 @@ class StoredMap(SemanticMap):
         super().__init__(store, identity(store) if base is None else base, categories)
         self.deletion_limit = DeletionLimit()
         self._guard = WriterLock()  # held from reading to writing
-        self._writer = FrameWriter(store, self._facts)
-        self.history = StoredHistory(store, self.base, history)
-        self.ontology = StoredOntology(store, categories, self._guard)
-        self.assertions = AssertionService(
-            *(store, self._facts, self.perceived, self._writer, self._guard),
-            names=self.ontology,
-            history=self.history,
-            resolve=self.resolve,
-        )
-        self.rooms = RoomEditor(
-            *(store, self._facts, self.perceived, self._writer),
-            assertions=self.assertions,
-            history=self.history,
-            guard=self._guard,
-        )
-        self.subscriptions = StoredSubscriptions(self.query, store)
-        if store.path is not None or not store.read_only:
-            self.surface_store = SurfaceStore(
-                *(store.path, store.sequence),
-                read_only=store.read_only or store.shared,
-                live=store.live,
-            )
-            self.history.surface_area = self.surface_store.area
+        self.history = StoredHistory(store, self.base, history, self._surface_area)
+        self._opened_at = store.sequence
         self.on_close: list[Callable[[], None]] = []
         self.read_surface: Callable[[int], Surface] | None = None  # of a past state, or of a copy
 
@@ -285,13 +286,24 @@ class StoredMap(SemanticMap):
         store = self.surface_store
         return Surface.empty() if store is None else store.surface(min_count=min_count)
 
+    def _opened_surface(self) -> SurfaceStore | None:
+        store = self.store
+        if store.path is None and store.read_only:
+            return None
+        read_only = store.read_only or store.shared
+        return SurfaceStore(store.path, self._opened_at, read_only=read_only, live=store.live)
+
+    def _surface_area(self, sequence: int) -> float:
+        return 0.0 if self.surface_store is None else self.surface_store.area(sequence)
+
     def close(self) -> None:
         """Flush and close the store; a second call does nothing."""
         for ending in self.on_close:
             ending()
         super().close()
-        if self.surface_store is not None:
-            self.surface_store.close()
+        surface: SurfaceStore | None = vars(self).get("surface_store")
+        if surface is not None:
+            surface.close()
 
     @contextmanager
     def hold(self) -> Iterator[None]:

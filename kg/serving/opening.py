@@ -18,9 +18,9 @@ from kg.maps.semantic_map import SemanticMap
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import has_log
-from kg.store.folder import check_is_map
+from kg.store.folder import check_is_map, is_url
 from kg.store.sparql_backend import ServerStore
-from kg.store.sparql_client import is_url, without_secrets
+from kg.store.sparql_client import without_secrets
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:

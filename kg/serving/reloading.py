@@ -19,7 +19,7 @@ from kg.serving.client.record_codec import Json
 from kg.serving.client.served_server import ServedClient
 from kg.serving.opening import open_map
 from kg.serving.workers.updates import IsolatedParser
-from kg.store.sparql_client import is_url
+from kg.store.folder import is_url
 
 
 @dataclass(frozen=True, slots=True)

@@ -259,7 +259,6 @@ class SharedMap(StoredMap):
         if self._log is None or any(map(any, self._log.change_lines(before, now, background=True))):
             self.ontology.reread()
         self.surface_store = SurfaceStore(self.store.path, now, read_only=True, live=True)
-        self.history.surface_area = self.surface_store.area
 
 
 class _Part:

@@ -25,6 +25,11 @@ from kg.model.sqlite_files import JOURNAL, LOG
 _MAX_NAME: Final = 200  # bytes of the name under which a writer serves
 
 
+def is_url(address: object) -> bool:
+    """Whether the address of a map names a server, not a folder."""
+    return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
+
+
 def locked(file: Path, path: Path, *, shared: bool) -> int:
     """Descriptor that holds the lock of the map at `path`, by its lock file `file`.
 

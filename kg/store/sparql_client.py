@@ -32,7 +32,7 @@ from kg.model.errors import (
     RemoteError,
     UnreachableError,
 )
-from kg.store.credentials import HINT
+from kg.store.http_session import HINT
 from kg.store.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 if TYPE_CHECKING:
@@ -79,11 +79,6 @@ class Triples:
 
 
 Answer = Solutions | QueryBoolean | Triples
-
-
-def is_url(address: object) -> bool:
-    """Whether the address of a map names a server, not a folder."""
-    return isinstance(address, str) and address.lower().startswith(("http://", "https://"))
 
 
 class SparqlClient:

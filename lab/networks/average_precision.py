@@ -33,7 +33,7 @@ Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
-class ClassScore:
+class ClassPrecision:
     """Scores of one class; None: it has no true box."""
 
     name: str
@@ -57,7 +57,7 @@ class DetectionScores:
     ap_medium: float | None
     ap_large: float | None
     ar: float | None  # recall with at most 100 detections a class
-    classes: tuple[ClassScore, ...]
+    classes: tuple[ClassPrecision, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Plain values, for `--json`."""
@@ -138,12 +138,12 @@ class AveragePrecision:
 _Curve = tuple[Floats, Floats]  # precision (thresholds, recalls), recall (thresholds,)
 
 
-def _class_score(name: str, true: int, curve: _Curve | None) -> ClassScore:
+def _class_score(name: str, true: int, curve: _Curve | None) -> ClassPrecision:
     if curve is None:
-        return ClassScore(name, true, None, None, None, None)
+        return ClassPrecision(name, true, None, None, None, None)
     precision, recall = curve
     parts = (precision, precision[0], precision[5], recall)
-    return ClassScore(name, true, *(float(np.mean(part)) for part in parts))
+    return ClassPrecision(name, true, *(float(np.mean(part)) for part in parts))
 
 
 def _mean(parts: Sequence[Floats]) -> float | None:

@@ -18,7 +18,7 @@ from kg.knowledge.placement.statistics import read_rooms, room_type_quads
 from kg.knowledge.placement.surveys import RoomType, SurveyFeatures, room_types
 from kg.model import vocabulary as v
 from lab.placement.buildings import TrialBuilding, load_homes, load_s3dis
-from lab.placement.fitting import Sample
+from lab.placement.fitting import TrainingSet
 
 _STATISTICS: Final = frozenset({v.ROOM_COUNT, v.ROOMS_WITH_OBJECT, v.STATISTICS_PLACE})
 
@@ -35,13 +35,13 @@ class Sources:
 
 @dataclass(frozen=True, slots=True)
 class TrialData:
-    """Buildings, and for each the evidence of all others; arrays (b, n, m) as in `Sample`."""
+    """Buildings, and for each the evidence of all others; arrays (b, n, m) as in `TrainingSet`."""
 
     buildings: tuple[TrialBuilding, ...]  # homes first
     homes: int  # how many of them are homes; the rest are areas of S3DIS
     objects: Mapping[str, int]  # IRI -> row
     places: Mapping[str, int]  # IRI -> column
-    sample: Sample
+    sample: TrainingSet
     sought: NDArray[np.bool_]  # (b, n) the objects each building was searched for
     counted: bool  # whether the homes' own counts were taken out of the statistics
 
@@ -99,7 +99,7 @@ def _assemble(
         homes,
         {iri: n for n, iri in enumerate(_pick(known.objects, rows))},
         {iri: n for n, iri in enumerate(_pick(known.places, columns))},
-        Sample(_cut(known.evidence, rows, columns, *elsewhere), rooms, held),
+        TrainingSet(_cut(known.evidence, rows, columns, *elsewhere), rooms, held),
         sought,
         counted,
     )

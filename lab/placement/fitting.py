@@ -34,18 +34,18 @@ _STRENGTHS: Final = np.geomspace(1.0, 32.0, 11)
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class TrainingSet:
     """Buildings to fit to; arrays (buildings, objects, places)."""
 
     evidence: EvidenceArrays  # its counts (b, n, m): of all other buildings
     rooms: Matrix  # (b, n, m) rooms of the building searched for the object
     held: Matrix  # (b, n, m) of those, the ones that held it
 
-    def without(self, building: int) -> Sample:
+    def without(self, building: int) -> TrainingSet:
         """All buildings but one."""
         return self.only(n for n in range(len(self.rooms)) if n != building)
 
-    def only(self, buildings: Iterable[int]) -> Sample:
+    def only(self, buildings: Iterable[int]) -> TrainingSet:
         """Some of the buildings."""
         keep = list(buildings)
         evidence = replace(
@@ -53,10 +53,10 @@ class Sample:
             rooms=self.evidence.rooms[keep],
             rooms_with=self.evidence.rooms_with[keep],
         )
-        return Sample(evidence, self.rooms[keep], self.held[keep])
+        return TrainingSet(evidence, self.rooms[keep], self.held[keep])
 
 
-def fit(sample: Sample) -> PlacementParameters:
+def fit(sample: TrainingSet) -> PlacementParameters:
     """All parameters; deterministic."""
     found = fit_prior(sample)
     count = len(sample.rooms)
@@ -71,7 +71,7 @@ def fit(sample: Sample) -> PlacementParameters:
     return replace(found, kappa=kappa, tau=tau)
 
 
-def fit_prior(sample: Sample, kappa: float = 1.0, tau: float = 1.0) -> PlacementParameters:
+def fit_prior(sample: TrainingSet, kappa: float = 1.0, tau: float = 1.0) -> PlacementParameters:
     """The parameters of m0; `kappa` and `tau` as given."""
     evidence = sample.evidence
     knowledge = [np.ones_like(evidence.weight), evidence.listed > 0, np.log1p(evidence.weight)]
@@ -94,7 +94,7 @@ def fit_prior(sample: Sample, kappa: float = 1.0, tau: float = 1.0) -> Placement
     )
 
 
-def _regression(sample: Sample, features: Sequence[Matrix]) -> list[float]:
+def _regression(sample: TrainingSet, features: Sequence[Matrix]) -> list[float]:
     """Weights of features (n, m), the first of them constant, by penalised logistic regression."""
     rooms, held = sample.rooms.sum(0).ravel(), sample.held.sum(0).ravel()
     cells = rooms > 0
@@ -118,7 +118,7 @@ def _regression(sample: Sample, features: Sequence[Matrix]) -> list[float]:
     return [float(weight) for weight in weights]
 
 
-def log_likelihood(sample: Sample, parameters: PlacementParameters) -> float:
+def log_likelihood(sample: TrainingSet, parameters: PlacementParameters) -> float:
     """ln p(what the buildings hold | the statistics of all others), Beta-binomial."""
     belief = posterior_belief(sample.evidence, parameters)
     cells = sample.rooms > 0

@@ -18,7 +18,7 @@ from kg.knowledge.placement.belief_model import (
 from kg.knowledge.placement.surveys import logit
 from kg.model import vocabulary as v
 from lab.placement.data import TrialData
-from lab.placement.fitting import Sample
+from lab.placement.fitting import TrainingSet
 from lab.placement.scores import Predictions, rooms_visited
 
 Vector = NDArray[np.float64]
@@ -26,14 +26,14 @@ Vector = NDArray[np.float64]
 METHODS: Final = ("thesis edges", "conceptnet", "statistics", "as shipped", "model")
 
 
-def one_building(sample: Sample, building: int) -> EvidenceArrays:
+def one_building(sample: TrainingSet, building: int) -> EvidenceArrays:
     """The evidence about one building: (n, m) counts of all others."""
     rooms, held = sample.evidence.rooms, sample.evidence.rooms_with
     return replace(sample.evidence, rooms=rooms[building], rooms_with=held[building])
 
 
 def probabilities(
-    method: str, train: Sample, evidence: EvidenceArrays, parameters: PlacementParameters
+    method: str, train: TrainingSet, evidence: EvidenceArrays, parameters: PlacementParameters
 ) -> Matrix:
     """(n, m) probabilities by one of `METHODS`; whatever a method learns, it learns from `train`.
 
@@ -57,12 +57,12 @@ def probabilities(
     return posterior_belief(evidence, parameters).mean
 
 
-def _rate(train: Sample, cells: NDArray[np.bool_]) -> float:
+def _rate(train: TrainingSet, cells: NDArray[np.bool_]) -> float:
     held, rooms = (float(x[:, cells].sum()) for x in (train.held, train.rooms))
     return (held + 0.5) / (rooms + 1)
 
 
-def _curve(train: Sample, x: Matrix) -> Matrix:
+def _curve(train: TrainingSet, x: Matrix) -> Matrix:
     """Logistic regression of held on x over all rooms of the training buildings (Newton)."""
     rooms, held = train.rooms.sum(0).ravel(), train.held.sum(0).ravel()
     design = np.column_stack([np.ones(x.size), x.ravel()])

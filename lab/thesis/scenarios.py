@@ -44,8 +44,8 @@ class Scenario:
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
-    """A row of Table 4.5 that contradicts itself, and what is computed with instead."""
+class Erratum:
+    """Erratum: a row of Table 4.5 that contradicts itself, and what is computed with instead."""
 
     target: str
     what: str  # object_place or start
@@ -63,10 +63,10 @@ def rows_of(name: str, data: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(lines))
 
 
-def corrections(data: Path = DATA) -> tuple[Correction, ...]:
+def corrections(data: Path = DATA) -> tuple[Erratum, ...]:
     """Rows of Table 4.5 that contradict themselves; raises LayoutError without the data."""
     return tuple(
-        Correction(row["object"], row["what"], row["printed"], row["used"], row["why"])
+        Erratum(row["object"], row["what"], row["printed"], row["used"], row["why"])
         for row in rows_of("corrections.csv", data)
     )
 

@@ -21,7 +21,7 @@ from kg.serving.opening import in_memory_map
 from lab.thesis.rule_execution import RuleOutcome, follow, in_place
 from lab.thesis.scenarios import (
     DATA,
-    Correction,
+    Erratum,
     Published,
     Scenario,
     corrections,
@@ -68,7 +68,7 @@ class Summary:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class RowAgreement:
     """Rows with as many rooms explored as published, by one reading of the printed rows."""
 
     reading: str
@@ -81,8 +81,8 @@ class ThesisTable:
     """Table 4.5, computed beside the published numbers."""
 
     rows: tuple[TableRow, ...]
-    corrections: tuple[Correction, ...]
-    uncorrected: tuple[Agreement, ...]  # what the rows give as they are printed
+    corrections: tuple[Erratum, ...]
+    uncorrected: tuple[RowAgreement, ...]  # what the rows give as they are printed
 
     @property
     def summary(self) -> Summary:
@@ -113,7 +113,7 @@ def run_table_4_5(data: Path = DATA, *, travel: Travel | None = None) -> ThesisT
 
 def _agreement(
     world: SemanticMap, rows: Sequence[Scenario], travel: Travel | None
-) -> Iterator[Agreement]:
+) -> Iterator[RowAgreement]:
     """Agreement without corrections: objects where their poses lie, or in their printed places."""
     areas = {int(p.iri.rsplit("/", 1)[1]): p.area for p in world.places()}
     readings = {
@@ -129,7 +129,7 @@ def _agreement(
             for one, place in zip(rows, hidden, strict=True)
         )
         summary = summarise([_search(world, one, travel) for one in printed])
-        yield Agreement(reading, summary.equal_n_r, summary.equal_n_b)
+        yield RowAgreement(reading, summary.equal_n_r, summary.equal_n_b)
 
 
 def reference_world(data: Path = DATA) -> SemanticMap:
@@ -219,7 +219,7 @@ def _equal(outcome: RuleOutcome, published: int) -> bool:
 
 
 def markdown(
-    rows: Sequence[TableRow], fixes: Sequence[Correction], uncorrected: Sequence[Agreement]
+    rows: Sequence[TableRow], fixes: Sequence[Erratum], uncorrected: Sequence[RowAgreement]
 ) -> str:
     """The whole of `lab/research/table_4_5.md`."""
     summary = summarise(rows)

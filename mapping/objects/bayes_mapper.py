@@ -109,7 +109,7 @@ class BayesObjectMapper(ObjectMapper):
         known = self._associated(sightings)
         for sighting, track in known:
             self._updater.see(track, sighting, frame, view)
-            self.fates.seen(track, sighting.categories, frame.T_map_cam[:3, 3])
+            self.fates.seen(track, sighting.categories)
         count_together([track for _, track in known])
         seen = [track for _, track in known]
         missed = self._updater.miss(self._in_front(frame, seen), frame, view)
@@ -153,7 +153,7 @@ class BayesObjectMapper(ObjectMapper):
                 counted.add((id(track), one.category))
                 track.hit(sighting.best, weight, 1.0)
             self._updater.finish(track, sighting, stamp, one.frame)
-            self.fates.seen(track, sighting.categories, robot)
+            self.fates.seen(track, sighting.categories)
             if not known:
                 self._held.tracks.append(track)
                 born.append(track)
@@ -257,7 +257,7 @@ class BayesObjectMapper(ObjectMapper):
     def _born(self, sighting: ThingSighting, frame: Frame, view: Viewpoint) -> Track:
         track = self._updater.new_track(sighting, frame.stamp)
         self._updater.see(track, sighting, frame, view)
-        self.fates.seen(track, sighting.categories, frame.T_map_cam[:3, 3])
+        self.fates.seen(track, sighting.categories)
         return track
 
     def _merge(self, touched: Sequence[Track]) -> list[tuple[Track, Track]]:

@@ -36,8 +36,8 @@ Answer = tuple[list[NDArray[np.generic]], Fitted]
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """One meaning of a network, with its labels and the format of its input."""
+class Interpretation:
+    """Interpretation of the outputs of a network, with its labels and the format of its input."""
 
     head: Head
     labels: tuple[str, ...]
@@ -45,25 +45,25 @@ class Reading:
     values: str
 
 
-class Readings:
-    """The readings of one network; the first answers decide.
+class Interpretations:
+    """Interpretations of one network; its first answers decide.
 
     `problem` tells what others lack, `guessed` whether nothing says how it takes colours.
     """
 
     def __init__(
-        self, found: Sequence[Reading], problem: str = "", *, guessed: bool = False
+        self, found: Sequence[Interpretation], problem: str = "", *, guessed: bool = False
     ) -> None:
         self._left, self._problem = tuple(found), problem
         self.decided = len(self._left) == 1
         self._tries = TRIES if guessed else 0  # pictures by which the range of colours is chosen
 
     @property
-    def likeliest(self) -> Reading:
+    def likeliest(self) -> Interpretation:
         """The one that was decided for, or the likeliest."""
         return self._left[0]
 
-    def choose_range(self, answer_of: Callable[[Reading], Answer], threshold: float) -> str:
+    def choose_range(self, answer_of: Callable[[Interpretation], Answer], threshold: float) -> str:
         """The other range of colours by which a picture shows something where its own shows none.
 
         It is taken from then on; "" where there is none, or the own has shown something before.
@@ -83,14 +83,16 @@ class Readings:
         self._left, self._tries = self._in_range(other), 0
         return f"{other} {order}".strip()
 
-    def _in_range(self, values: str) -> tuple[Reading, ...]:
+    def _in_range(self, values: str) -> tuple[Interpretation, ...]:
         orders = (one.values.partition(" ")[1:] for one in self._left)
         return tuple(
             replace(one, values="".join((values, *order)))
             for one, order in zip(self._left, orders, strict=True)
         )
 
-    def _best(self, values: str, answer_of: Callable[[Reading], Answer], least: float) -> float:
+    def _best(
+        self, values: str, answer_of: Callable[[Interpretation], Answer], least: float
+    ) -> float:
         """The highest score of a picture with colours in a range; 0: none above `least`."""
         readings = self._in_range(values)
         answer = answer_of(readings[0])
@@ -101,7 +103,7 @@ class Readings:
         ]
         return max((float(score.max(initial=0.0)) for score in found), default=0.0)
 
-    def decide(self, answer_of: Callable[[Reading], Answer], threshold: float) -> bool:
+    def decide(self, answer_of: Callable[[Interpretation], Answer], threshold: float) -> bool:
         """Whether one reading is left, by an answer where several are; they may find nothing.
 
         Raises ModelError where none fits, or two that find different things.
@@ -138,7 +140,7 @@ Seen = list[tuple[str, tuple[int, ...]]]
 
 
 def _fits(
-    reading: Reading, outputs: list[NDArray[np.generic]], fitted: Fitted, least: float
+    reading: Interpretation, outputs: list[NDArray[np.generic]], fitted: Fitted, least: float
 ) -> bool:
     try:
         head = reading.head
@@ -151,7 +153,7 @@ def _fits(
 
 
 def _seen(
-    reading: Reading, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
+    reading: Interpretation, outputs: list[NDArray[np.generic]], fitted: Fitted, threshold: float
 ) -> Seen:
     """A reading finds these in an answer, best first: labels and boxes to the pixel."""
     found = reading.head.candidates(outputs, fitted, threshold)
@@ -168,7 +170,7 @@ def _told(seen: Seen) -> str:
     return f"{seen[0][0]} at {' '.join(map(str, seen[0][1]))}" if seen else "nothing"
 
 
-def _names(readings: Sequence[Reading]) -> str:
+def _names(readings: Sequence[Interpretation]) -> str:
     return ", ".join(one.head.name for one in readings)
 
 
@@ -188,7 +190,7 @@ class OnnxDetector:
 
     name: str
     session: Session
-    readings: Readings  # what its outputs may mean
+    readings: Interpretations  # what its outputs may mean
     threshold: float  # least score, 0..1
 
     @property
@@ -229,7 +231,7 @@ class OnnxDetector:
         shape = (rgb.shape[0], rgb.shape[1])
 
         @cache
-        def answer_of(reading: Reading) -> Answer:
+        def answer_of(reading: Interpretation) -> Answer:
             head = reading.head
             size = self.session.image_size(head.image_input)
             fitted = fit(rgb, size, reading.resize, reading.values)
@@ -345,12 +347,14 @@ def load_detector(
         session.image_size(one.image_input)
     if head is not None and head not in (names := [one.name for one in heads]):
         raise ModelError(f"{path.name} has no head {head!r}; it may have {', '.join(names)}")
-    readings, problems = list[Reading](), list[ModelError]()
+    readings, problems = list[Interpretation](), list[ModelError]()
     for one in heads:
         if head in (None, one.name):
             try:
                 known, of_labels = _labelled(one, session, labels, card)
-                readings.append(Reading(known, of_labels, *_preparation(known, session, card)))
+                readings.append(
+                    Interpretation(known, of_labels, *_preparation(known, session, card))
+                )
             except ModelError as error:
                 problems.append(error)
     if not readings:
@@ -359,7 +363,9 @@ def load_detector(
     name = card.name if card is not None else path.stem
     bytes_ = session.takes_bytes(readings[0].head.image_input)
     guessed = card is None and "values" not in session.metadata and not bytes_
-    return OnnxDetector(name, session, Readings(readings, others, guessed=guessed), threshold)
+    return OnnxDetector(
+        name, session, Interpretations(readings, others, guessed=guessed), threshold
+    )
 
 
 def _labelled(

@@ -3,7 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.status import VALUES, answers, main, surfaces
+from benchmarks.status import VALUES, answers, main
+from lab.recordings.viewed_truth import surfaces
 from planner.simulation.house import furnished_house
 
 

@@ -122,7 +122,8 @@ def map_png(semantic_map: SemanticMap, pixels: int) -> bytes:
         picture = _Picture(semantic_map, None, None, SHOWN_EXISTENCE, "class", numbered=True)
         figure = picture.draw(semantic_map.description.title).figure
         file = BytesIO()
-        dpi = min(figure.dpi, pixels / max(figure.get_size_inches()))
+        page = figure.get_tightbbox().padded(0.25)  # [inch]
+        dpi = min(figure.dpi, pixels / max(page.size))
         figure.savefig(file, dpi=dpi, facecolor="white", format="png")
     few, smaller = Image.open(file).convert("RGB").quantize(_COLOURS), BytesIO()
     few.save(smaller, "PNG", optimize=True)

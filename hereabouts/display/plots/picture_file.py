@@ -33,6 +33,8 @@ def picture_style() -> Iterator[None]:
     style: dict[Any, Any] = {
         "font.family": [name for name in _FONTS if name in installed],
         "svg.hashsalt": "hereabouts",
+        "savefig.bbox": "tight",  # legends and lists stand outside the axes
+        "savefig.pad_inches": 0.2,
         "text.parse_math": False,  # labels may contain dollar signs
     }
     with rc_context(style), warnings.catch_warnings():

@@ -83,16 +83,19 @@ class NamedCategories(Protocol):
 
 
 class AssertionService:
-    """Assertions of one map, made and retracted; each call is one transaction under `guard`."""
+    """Assertions of one map, made and retracted; each call is one transaction under `guard`.
+
+    `writer` and `names` are asked for once something is written.
+    """
 
     def __init__(
         self,
         store: TransactionalStore,
         facts: RecordCodec,
         perceived: PerceivedRecords,
-        writer: FrameWriter,
+        writer: Callable[[], FrameWriter],
         guard: WriterLock,
-        names: NamedCategories,
+        names: Callable[[], NamedCategories],
         history: StoredHistory,
         resolve: Callable[[str, str], str],
     ) -> None:
@@ -127,7 +130,7 @@ class AssertionService:
             name = ""
             if kind == "object" and prop == NAME:
                 name = checked_name(str(value))
-                value = self._names.category_named(name, by.strip())
+                value = self._names().category_named(name, by.strip())
             prop = kept_property(prop, record.iri)
             if kind == "object" and prop in SINGLE:
                 text = self._related_object(record.iri, prop, value)
@@ -172,7 +175,7 @@ class AssertionService:
             if isinstance(record, PlaceRecord) and prop == "area" and gone.perceived:
                 record = record.with_area(area_of_polygon(gone.perceived))  # a drawn one stays
             if _exists_by_assertion_alone(record, asserted, rest):
-                return self._writer.change(MapUpdate(removed=(record.iri,)), cause)
+                return self._writer().change(MapUpdate(removed=(record.iri,)), cause)
             change = self._restate(record, rest, cause)
             change = noted(change, self._facts.base, self._facts.catalogue)
             for former in asserted.keys() - rest.keys():
@@ -195,10 +198,10 @@ class AssertionService:
             for record in records:
                 asserted = target[record.iri]
                 if _exists_by_assertion_alone(record, self._of(record.iri), asserted):
-                    deleted += self._writer.all_quads_of(record.iri)
+                    deleted += self._writer().all_quads_of(record.iri)
                 else:
                     kept.append((self._placed(record, asserted), asserted))
-            stored, wanted = self._writer.restatement(kept)
+            stored, wanted = self._writer().restatement(kept)
         missing = target.keys() - {record.iri for record, _ in kept}
         gone = {quad.subject.value for quad in deleted if isinstance(quad.subject, NamedNode)}
         return (*deleted, *stored), wanted, tuple(sorted(missing - gone))
@@ -293,12 +296,12 @@ class AssertionService:
     def _forget_name(self, former: Assertion | None, by: str | None) -> None:
         """Remove the category of an assertion that no longer holds, if a person's name made it."""
         if former is not None and former.property == "category":
-            self._names.forget_name(former.value, by)
+            self._names().forget_name(former.value, by)
 
     def _restate(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions, cause: Cause
     ) -> ChangeSet | None:
-        return self._writer.restate(self._placed(record, asserted), asserted, cause)
+        return self._writer().restate(self._placed(record, asserted), asserted, cause)
 
     def _placed(
         self, record: ObjectRecord | PlaceRecord, asserted: PropertyAssertions

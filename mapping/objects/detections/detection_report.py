@@ -7,18 +7,14 @@ for the thing that it is merged into.
 
 from __future__ import annotations
 
-import heapq
 import json
 import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from kg.model.errors import GraphError
 from kg.model.regular_files import read_bytes
@@ -27,43 +23,27 @@ if TYPE_CHECKING:
     from mapping.objects.tracks import Track
 
 BELIEVED: Final = 0.5  # existence from which on queries show an object
-VERSION: Final = 1
+VERSION: Final = 2
 MAX_THINGS: Final = 200  # in one report
 MAX_CATEGORIES: Final = 500
-MAX_OBJECTS: Final = 20  # of one category whose detections are listed
 FILE: Final = "detections.json"  # in the folder of a map
 MAX_BYTES: Final = 2_000_000  # of that file
 
 
 class Fate(StrEnum):
-    """Fate of a detection: its use, or why it has none."""
+    """Fate of a detection: its use, or why it has none; in the order of a table's columns."""
 
+    OBJECT = "object"
+    CANDIDATE = "candidate"
+    FORGOTTEN = "forgotten"  # belongs to a candidate that was dropped
     WEAK = "too weak"
     UNKNOWN = "unknown label"
     IGNORED = "ignored label"
     NO_DEPTH = "no depth"
     NEAR = "too near"
     FAR = "too far"
-    DOUBLE = "second box"  # of a thing that the frame shows already
     CUT = "cut off"  # by the border, beside a thing of its category
-    CANDIDATE = "candidate"
-    FORGOTTEN = "forgotten"  # belongs to a candidate that was dropped
-    OBJECT = "object"
-    LEFT = "former object"
-
-
-@dataclass(frozen=True, slots=True)
-class CategoryFates:
-    """Detections of one category, or of a label that has none."""
-
-    fates: Mapping[Fate, int]
-    objects: Mapping[str, int] = field(default_factory=dict)  # IRI -> detections, the most first
-    merged: int = 0  # things that turned out to be another one
-
-    @property
-    def detections(self) -> int:
-        """Number of all detections."""
-        return sum(self.fates.values())
+    DOUBLE = "second box"  # of a thing that the frame shows already
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +54,6 @@ class DoubtedThing:
     existence: float
     seen: int  # times
     iri: str = ""  # of an object; "" for a candidate
-    one_side: bool = False  # whether it was seen from one side only
-    forgotten: bool = False  # whether it is a candidate that was dropped; `existence` is its peak
-    p_map: tuple[float, float, float] = (0.0, 0.0, 0.0)  # [m]
     frame: str = ""  # of its best view, which the following describe
     recording: str = ""
     box: tuple[float, float, float, float] | None = None  # xyxy [px]
@@ -88,9 +65,9 @@ class DetectionReport:
     """Fates of the detections in `frames` frames."""
 
     frames: int
-    categories: Mapping[str, CategoryFates]
+    categories: Mapping[str, Mapping[Fate, int]]  # the most detected first
     things: tuple[DoubtedThing, ...] = ()  # not believed: the most probable first
-    doubted: int = 0  # number of things that are not believed, without forgotten ones
+    doubted: int = 0  # number of things that are not believed
     least_score: float = 0.0  # detections below are too weak
     nearest: float = 0.0  # [m] least depth of a detection that counts
     farthest: float = 0.0  # [m] greatest depth
@@ -117,7 +94,7 @@ def report_from_json(value: object) -> DetectionReport:
 
 
 def read_report(folder: Path) -> DetectionReport | None:
-    """The report in the folder of a map; None where there is none.
+    """The report in the folder of a map; None where there is none, or one of an older form.
 
     Raises GraphError for a file that holds no report, is too large, or is a link.
     """
@@ -131,7 +108,10 @@ def read_report(folder: Path) -> DetectionReport | None:
     except OSError as error:
         raise GraphError(f"cannot read {path}: {error.strerror or error}") from error
     try:
-        return report_from_json(json.loads(data, parse_float=_finite, parse_constant=_finite))
+        value = json.loads(data, parse_float=_finite, parse_constant=_finite)
+        if isinstance(value, dict) and value.get("version") == 1:
+            return None
+        return report_from_json(value)
     except (ValueError, GraphError, RecursionError) as error:
         reason = " ".join(str(error).split())[:100]
         raise GraphError(f"{path} is no detection report: {reason}") from error
@@ -160,42 +140,10 @@ def write_report(folder: Path, report: DetectionReport) -> None:
     write_atomically(path, text.encode("utf-8", "replace"), in_map=True)
 
 
-_ONE_SIDE: Final = math.radians(30)  # from the first direction, up to which all are one side
 _SWEEP: Final = 100  # frames between two sweeps of things that are no longer held
 _MAX_NAMES: Final = 1000  # names with counts of their own; labels may be any text
 _MAX_LENGTH: Final = 100  # characters of a name
-_MAX_FORGOTTEN: Final = 100  # forgotten candidates that are kept, the most probable ones
 OTHERS: Final = "other labels"
-
-
-@dataclass(eq=False, slots=True)
-class ThingFates:
-    """Detections of one thing."""
-
-    track: Track
-    counts: Counter[str] = field(default_factory=Counter)  # by name of the category
-    views: int = 0  # frames that showed it
-    bearing: float | None = None  # [rad] from it to the first camera
-    same_side: bool = True  # whether all bearings lie near the first
-
-    def add(
-        self, counts: Counter[str], views: int, bearing: float | None, same_side: bool = True
-    ) -> None:
-        """Add detections in `views` frames, the first of them at the direction `bearing` [rad]."""
-        self.counts.update(counts)
-        self.views += views
-        self.same_side &= same_side
-        if self.bearing is None:
-            self.bearing = bearing
-        elif bearing is not None:
-            turn = abs(bearing - self.bearing) % math.tau
-            self.same_side &= min(turn, math.tau - turn) <= _ONE_SIDE
-
-    @property
-    def one_side(self) -> bool:
-        """Whether all observations of the track are known to be from one side."""
-        known = self.bearing is not None and self.views >= self.track.observations
-        return known and self.same_side
 
 
 class DetectionFates:
@@ -209,13 +157,9 @@ class DetectionFates:
         self.frames = 0
         # by name, without the detections of things that are held
         self.counts: defaultdict[str, Counter[Fate]] = defaultdict(Counter)
-        self.objects: defaultdict[str, Counter[str]] = defaultdict(Counter)  # ... by object's IRI
-        self.merged: Counter[str] = Counter()  # by name: things merged into another one
-        self.forgotten: list[ThingFates] = []  # candidates that are no longer held
-        self.things: dict[int, ThingFates] = {}  # things that are held, by number of the track
-        self._unused: list[tuple[Fate, str]] = []  # of this frame, with label or IRI
-        self._seen: list[tuple[Track, frozenset[str], float | None]] = []
-        self._merges: list[tuple[Track, Track]] = []
+        # things that are held, by number of the track, with detections by name
+        self.things: dict[int, tuple[Track, Counter[str]]] = {}
+        self._frame: list[tuple[Fate | Track, str]] = []  # of this frame, with label or IRI
         self._open = False  # whether a frame has begun and is not settled
 
     def begin(self, held: Sequence[Track]) -> None:
@@ -228,67 +172,46 @@ class DetectionFates:
 
     def unused(self, fate: Fate, names: Iterable[str]) -> None:
         """Count detections, by labels or IRIs, that belong to no thing."""
-        self._unused += [(fate, name) for name in names]
+        self._frame += [(fate, name) for name in names]
 
     def unplaced(self, depth: float | None, nearest: float, names: Iterable[str]) -> None:
         """Count detections at a `depth` [m] that is out of reach; None: without depth."""
         near = depth is not None and depth < nearest
         self.unused(Fate.NO_DEPTH if depth is None else Fate.NEAR if near else Fate.FAR, names)
 
-    def seen(
-        self,
-        track: Track,
-        categories: frozenset[str],
-        camera: NDArray[np.float64] | None = None,
-    ) -> None:
-        """Count detections of a track, of categories by IRI, by a camera at (2..3,) [m]."""
-        bearing = None
-        if camera is not None:
-            bearing = math.atan2(camera[1] - track.p_map[1], camera[0] - track.p_map[0])
-        self._seen.append((track, categories, bearing))
+    def seen(self, track: Track, categories: frozenset[str]) -> None:
+        """Count detections of a track, of categories by IRI."""
+        self._frame += [(track, category) for category in categories]
 
     def merge(self, kept: Track, absorbed: Track) -> None:
         """Count the detections of `absorbed` as those of `kept`."""
-        self._merges.append((kept, absorbed))
+        self._frame = [(kept if to is absorbed else to, name) for to, name in self._frame]
+        if (thing := self.things.pop(absorbed.number, None)) is not None:
+            self._thing(kept).update(thing[1])
 
     def undo(self) -> None:
         """Undo the counts of a frame that is not settled; merged tracks stay merged."""
         self.frames -= self._open
         self._open = False
-        self._unused.clear()
-        self._seen.clear()
+        self._frame.clear()
 
     def settle(self) -> None:
         """Add this frame's detections to the counts; they can no longer be undone."""
-        for fate, label_or_iri in self._unused:
-            self.add(self._name(label_or_iri)[:_MAX_LENGTH], fate)
-        for track, categories, bearing in self._seen:
-            self._thing(track).add(Counter(map(self._name, categories)), 1, bearing)
-        for kept, absorbed in self._merges:
-            if (thing := self.things.pop(absorbed.number, None)) is not None:
-                into = self._thing(kept)
-                into.add(thing.counts, thing.views, thing.bearing, thing.same_side)
-                self.merged.update(thing.counts.keys())
-        self._unused, self._seen, self._merges, self._open = [], [], [], False
+        for to, label_or_iri in self._frame:
+            name = self._name(label_or_iri)[:_MAX_LENGTH]
+            if isinstance(to, Fate):
+                self.add(name, to)
+            else:
+                self._thing(to)[name] += 1
+        self._frame.clear()
+        self._open = False
 
     def sweep(self, held: Sequence[Track]) -> None:
         """Move the detections of things that the mapper no longer has to the other counts."""
         for number in self.things.keys() - {track.number for track in held}:
-            thing = self.things.pop(number)
-            if thing.track.iri is None:
-                self.forgotten.append(thing)
-            for name, count in thing.counts.items():
-                if thing.track.iri is None:
-                    self.add(name, Fate.FORGOTTEN, count)
-                else:
-                    self.objects[name][thing.track.iri] += count
-        self.forgotten = heapq.nlargest(
-            _MAX_FORGOTTEN, self.forgotten, key=lambda thing: thing.track.peak
-        )
-        present = {track.iri for track in held}
-        for name, counts in self.objects.items():
-            for iri in counts.keys() - present:
-                self.add(name, Fate.LEFT, counts.pop(iri))
+            track, counts = self.things.pop(number)
+            for name, count in counts.items():
+                self.add(name, Fate.FORGOTTEN if track.iri is None else Fate.OBJECT, count)
 
     def add(self, name: str, fate: Fate, count: int = 1) -> None:
         """Add to the count of a category or label."""
@@ -296,5 +219,14 @@ class DetectionFates:
             name = OTHERS
         self.counts[name][fate] += count
 
-    def _thing(self, track: Track) -> ThingFates:
-        return self.things.setdefault(track.number, ThingFates(track))
+    def by_category(self) -> dict[str, dict[Fate, int]]:
+        """All settled counts, the most detected category first."""
+        counts = defaultdict(Counter[Fate], {n: Counter(c) for n, c in self.counts.items()})
+        for track, names in self.things.values():
+            for name, count in names.items():
+                counts[name][Fate.CANDIDATE if track.iri is None else Fate.OBJECT] += count
+        ranked = sorted(counts.items(), key=lambda item: (-item[1].total(), item[0]))
+        return {name: {fate: of[fate] for fate in Fate if of[fate]} for name, of in ranked}
+
+    def _thing(self, track: Track) -> Counter[str]:
+        return self.things.setdefault(track.number, (track, Counter()))[1]

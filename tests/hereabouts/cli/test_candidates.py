@@ -43,7 +43,6 @@ def test_mapping_ends_with_what_is_not_believed(
     assert main(words) == 0
     (line,) = [one for one in capsys.readouterr().err.splitlines() if "not believed" in one]
     assert " things seen but not believed: " in line
-    assert "(from one side only)" in line
     assert line.endswith(f"(hereabouts why {into} --candidates)")
     assert len(line) < 400
     assert (into / "detections.json").stat().st_size < 200_000
@@ -60,8 +59,7 @@ def test_why_tells_what_became_of_all_detections(mapped: Path, prints: Prints) -
     assert told.splitlines()[0].endswith(" detections in 8 frames")
     assert "too weak" in told and "Seen but not believed" in told
     report = json.loads(prints("why", mapped, "--candidates", "--json"))
-    chair = report["categories"]["chair"]
-    assert chair["fates"]["object"] >= sum(chair["objects"].values()) > 0
+    assert report["categories"]["chair"]["object"] > 0
 
 
 def test_why_tells_what_became_of_one_category(mapped: Path, prints: Prints) -> None:
@@ -109,7 +107,7 @@ def test_what_is_present_is_not_perhaps(
 
 def test_detections_that_made_no_object_are_told_of(mapped: Path, prints: Prints) -> None:
     report = json.loads(prints("why", mapped, "--candidates", "--json"))
-    found = next(n for n, of in report["categories"].items() if list(of["fates"]) == ["too weak"])
+    found = next(n for n, of in report["categories"].items() if list(of) == ["too weak"])
     hint = f"(hereabouts why {mapped} --candidates {found})"
     for command in ("find", "status"):
         told = prints(command, mapped, found)

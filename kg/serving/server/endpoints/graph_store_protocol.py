@@ -33,6 +33,7 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import write, written
 from kg.serving.server.http import bodies
 from kg.serving.server.http.media_types import negotiated
+from kg.serving.server.http.middleware import is_confirmed
 from kg.serving.server.http.problems import (
     Problem,
     State,
@@ -40,7 +41,6 @@ from kg.serving.server.http.problems import (
     problem_of,
     problem_response,
 )
-from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.workers.content_negotiation import ALIASES, GRAPH_TYPES
 from kg.serving.workers.ontology_worker import OntologyDocument, replace_ontology
 from kg.serving.workers.updates import parsed_document

@@ -18,8 +18,8 @@ from kg.serving.server.http import bodies
 from kg.serving.server.http.bodies import RequestParameters
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.media_types import accept_of
+from kg.serving.server.http.middleware import is_confirmed
 from kg.serving.server.http.problems import Problem, sequence_at
-from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.descriptions import service_description
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import query_call

@@ -39,8 +39,8 @@ from kg.serving.server.app_state import AppState
 from kg.serving.server.endpoints.sparql_protocol import written
 from kg.serving.server.http.bodies import JSON, json_response, query_parameters, read_json
 from kg.serving.server.http.media_types import document, negotiated
+from kg.serving.server.http.middleware import is_confirmed
 from kg.serving.server.http.problems import Problem, State, check_preconditions, sequence_at
-from kg.serving.server.http.request_checks import is_confirmed
 from kg.serving.server.linked_data.descriptions import local_path
 from kg.serving.workers.content_negotiation import GRAPH_TYPES
 from kg.store.sparql_client import SEQUENCE
@@ -84,7 +84,7 @@ class NetworkLabels:
 
 
 @dataclass(frozen=True, slots=True)
-class Restoration:
+class RestoreRequest:
     """Body of `/restore`: a time or number of a transaction, and scopes and things or none."""
 
     to: str
@@ -173,7 +173,7 @@ async def restore(serving: AppState, request: Request) -> Response:
     things (empty: everything), `dry_run` a boolean.
     """
     by = serving.author_of(request)
-    given = await _body(serving, request, Restoration)
+    given = await _body(serving, request, RestoreRequest)
     if len(given.only) > _MAX_THINGS:
         raise Problem(400, f"'only' must be a list of up to {_MAX_THINGS} texts")
     restoration = partial(

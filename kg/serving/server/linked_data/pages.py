@@ -26,8 +26,8 @@ from kg.rdf.literals import shown
 from kg.serving.server.app_state import AppState
 from kg.serving.server.http import bodies
 from kg.serving.server.http.media_types import HTML, document, negotiated
+from kg.serving.server.http.middleware import is_admitted, private_map
 from kg.serving.server.http.problems import Problem, State
-from kg.serving.server.http.request_checks import is_admitted, private_map
 from kg.serving.server.linked_data.descriptions import (
     ResourceDescription,
     dataset_description,

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.plain_map import NOT_KNOWN
-from benchmarks.questions.sparql_interfaces import in_order
 from kg.model.records import ObjectRecord
+from lab.questions.graph_maps import AskedMap
+from lab.questions.plain_map import NOT_KNOWN
+from lab.questions.sparql_interfaces import in_order
 from planner.search.goals.status import status
 from planner.search.plans.search_state import build_search
 from planner.search.plans.view_plan import plan_from

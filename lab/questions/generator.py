@@ -12,10 +12,10 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from benchmarks.questions.house_drives import Doubtful, HouseFacts
-from benchmarks.questions.plain_map import NEVER, NOT_KNOWN, WHOLE, PlainMap, Thing, on_strip
-from benchmarks.questions.question_file import FAMILIES, Question
 from lab.houses.small_things import MOVABLE
+from lab.questions.house_drives import Doubtful, HouseFacts
+from lab.questions.plain_map import NEVER, NOT_KNOWN, WHOLE, PlainMap, Thing, on_strip
+from lab.questions.question_file import FAMILIES, Question
 from planner.simulation.house import OBJECTS
 
 BORDER: Final = 0.3  # [m] by which a thing may be off, and count or not

@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import requests
 
-from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.plain_map import NOT_KNOWN
+from lab.questions.graph_maps import AskedMap
+from lab.questions.plain_map import NOT_KNOWN
 
 Row = Mapping[str, Any]
 

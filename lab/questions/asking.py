@@ -11,19 +11,19 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.mcp_interface import McpInterface
-from benchmarks.questions.plain_map import PlainMap
-from benchmarks.questions.python_interface import PythonInterface
-from benchmarks.questions.question_file import FAMILIES, Question
-from benchmarks.questions.scoring import score
-from benchmarks.questions.sparql_interfaces import HttpInterface, SparqlInterface
 from kg.export.plain_documents import rooms_document
 from kg.serving.server import MapServer, Settings
+from lab.questions.graph_maps import AskedMap
+from lab.questions.mcp_interface import McpInterface
+from lab.questions.plain_map import PlainMap
+from lab.questions.python_interface import PythonInterface
+from lab.questions.question_file import FAMILIES, Question
+from lab.questions.scoring import score
+from lab.questions.sparql_interfaces import HttpInterface, SparqlInterface
 from planner.search.plans.report import find_answer
 
 INTERFACES: Final = ("SPARQL", "Python", "HTTP", "MCP")  # of which the answers have to agree
-EXPORT: Final = "JSON"  # the plain export, answered by `benchmarks.questions.plain_map`
+EXPORT: Final = "JSON"  # the plain export, answered by `lab.questions.plain_map`
 
 
 @dataclass(frozen=True, slots=True)

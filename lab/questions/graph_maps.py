@@ -9,8 +9,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.questions.house_drives import SESSIONS
-from benchmarks.questions.question_file import read_json
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import (
     DepartedRecord,
@@ -23,6 +21,8 @@ from kg.model.records import (
     Relation,
 )
 from kg.serving.opening import in_memory_map
+from lab.questions.house_drives import SESSIONS
+from lab.questions.question_file import read_json
 from mapping.mapping_options import MappingOptions
 from mapping.places.layout import load_layout
 from mapping.recording_mapper import map_recording

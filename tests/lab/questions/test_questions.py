@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from benchmarks.questions.plain_map import PlainMap
-from benchmarks.questions.question_file import FAMILIES, Question, load_questions, save_questions
-from benchmarks.questions.scoring import score
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
+from lab.questions.plain_map import PlainMap
+from lab.questions.question_file import FAMILIES, Question, load_questions, save_questions
+from lab.questions.scoring import score
 
 if TYPE_CHECKING:  # it imports pictures and agents, which collection need not wait for
-    from benchmarks.questions.house_drives import HouseFacts
+    from lab.questions.house_drives import HouseFacts
 
 
 def question(family: str, answer: Any, **more: Any) -> Question:
@@ -102,7 +102,7 @@ def flat(*, cup_at: float, vase: bool) -> dict[str, Any]:
 
 @pytest.fixture
 def facts() -> HouseFacts:
-    from benchmarks.questions.house_drives import Doubtful, HouseFacts
+    from lab.questions.house_drives import Doubtful, HouseFacts
 
     now = flat(cup_at=2.0, vase=False)
     return HouseFacts(
@@ -149,7 +149,7 @@ def test_plain_maps_answer_each_family(facts: HouseFacts) -> None:
 
 
 def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFacts) -> None:
-    from benchmarks.questions.generator import questions_of
+    from lab.questions.generator import questions_of
 
     asked = questions_of(facts, 4)
     assert asked == questions_of(facts, 4)
@@ -169,9 +169,9 @@ def test_the_same_seed_asks_the_same_and_nothing_that_is_doubtful(facts: HouseFa
 
 
 def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
-    from benchmarks.questions.asking import INTERFACES, ask, differing
-    from benchmarks.questions.generator import questions_of
-    from benchmarks.questions.graph_maps import true
+    from lab.questions.asking import INTERFACES, ask, differing
+    from lab.questions.generator import questions_of
+    from lab.questions.graph_maps import true
 
     asked, of_truth = questions_of(facts, 1), true(facts.before, facts.now)
     with of_truth.semantic_map:
@@ -182,8 +182,8 @@ def test_every_interface_answers_a_true_map_rightly(facts: HouseFacts) -> None:
 
 
 def test_without_a_map_the_other_houses_answers_are_given(facts: HouseFacts) -> None:
-    from benchmarks.questions.blind import BlindAnswers
-    from benchmarks.questions.generator import questions_of
+    from lab.questions.blind import BlindAnswers
+    from lab.questions.generator import questions_of
 
     cup = {"category": "cup"}
     others = [
@@ -198,20 +198,20 @@ def test_without_a_map_the_other_houses_answers_are_given(facts: HouseFacts) -> 
 
 
 def test_answers_of_others_are_scored_from_files(tmp_path: Path, facts, prints, fails) -> None:
-    from benchmarks.questions.generator import questions_of
+    from lab.questions.generator import questions_of
 
     asked = questions_of(facts, 3)
     save_questions(tmp_path, asked, {"7": {}})
     assert load_questions(tmp_path) == [*map(_as_read, asked)]
     (tmp_path / "7.json").write_text(json.dumps(facts.now))
     (tmp_path / "7-before.json").write_text(json.dumps(facts.before))
-    answers = prints("benchmarks.questions", "answer", tmp_path, tmp_path)
+    answers = prints("lab.questions", "answer", tmp_path, tmp_path)
     (tmp_path / "answers.json").write_text(answers)
-    table = prints("benchmarks.questions", "score", tmp_path, tmp_path / "answers.json")
+    table = prints("lab.questions", "score", tmp_path, tmp_path / "answers.json")
     assert "| count | 3 | 1.00 |" in table and "| never looked | 3 | 1.00 |" in table
     (tmp_path / "7.json").write_text('{"rooms": [{"objects": []}]}')
-    assert "no plain map" in fails("benchmarks.questions", "answer", tmp_path, tmp_path)
-    assert "cannot read" in fails("benchmarks.questions", "score", tmp_path / "none", tmp_path)
+    assert "no plain map" in fails("lab.questions", "answer", tmp_path, tmp_path)
+    assert "cannot read" in fails("lab.questions", "score", tmp_path / "none", tmp_path)
     with pytest.raises(GraphError, match="no plain map"):
         PlainMap({"rooms": [{"label": "x", "objects": [{"name": "a", "category": "cup"}]}]})
 

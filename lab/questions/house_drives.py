@@ -1,7 +1,7 @@
 """Two drives through a simulated house, written as recordings, and what is true after each.
 
 The door of one room is shut, and small things move between the drives. The truth is a plain map
-(`benchmarks.questions.plain_map`) of things that were seen well; a thing at the edge is doubtful.
+(`lab.questions.plain_map`) of things that were seen well; a thing at the edge is doubtful.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.status import HouseTruth, Session, surfaces
 from lab.houses.house_changes import changed_house
 from lab.houses.random_house import random_house
 from lab.recordings.hard_senses import SENSES, detector_of
 from lab.recordings.simulated_recording import DAY, KINECT
+from lab.recordings.viewed_truth import HouseTruth, TourPart, surfaces
 from perception.frames import Detections
 from perception.inference.recorded_detections import save_recorded_detections
 from perception.sources.recording_writer import RecordingWriter, write_text
@@ -69,7 +69,7 @@ def drive(seed: int, folder: Path | None) -> HouseFacts:
         camera = SimulatedCamera(house, CameraModel(depth=KINECT), 1000 * seed + number)
         start = START + number * DAY + 3571.0 * seed % _SPREAD
         tour = SimulatedTour(camera, name=name, start=start)
-        session = Session(camera, tour, 1.0, np.concatenate([points, truth.spots()]))
+        session = TourPart(camera, tour, 1.0, np.concatenate([points, truth.spots()]))
         stamps, boxes = _driven(session, None if folder is None else folder / name)
         truth.add(session, len(points))
         facts.add(session, stamps, truth, boxes)
@@ -105,7 +105,7 @@ def _doors(room: HouseRoom, house: House) -> list[tuple[Wall, tuple[float, float
     return found
 
 
-def _driven(session: Session, folder: Path | None) -> tuple[dict[str, float], Boxes]:
+def _driven(session: TourPart, folder: Path | None) -> tuple[dict[str, float], Boxes]:
     """Stamps of a drive's frames, and the boxes of things in them; written with detections."""
     detectors = {name: detector_of(session.camera, SENSES[name]) for name in SENSES}
     stamps, boxes = dict[str, float](), Boxes()
@@ -149,7 +149,7 @@ class _Facts:
         self._boxes: dict[str, list[tuple[str, str, Box]]] = {}
 
     def add(
-        self, session: Session, stamps: dict[str, float], truth: HouseTruth, boxes: Boxes
+        self, session: TourPart, stamps: dict[str, float], truth: HouseTruth, boxes: Boxes
     ) -> None:
         numbers = {item.name: n for n, item in enumerate(session.camera.house.objects)}
         for name, entry in session.truth().items():

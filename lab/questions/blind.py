@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.questions.question_file import Question
-from benchmarks.questions.scoring import score
 from kg.maps.room_statistics import placement_table
 from kg.maps.semantic_map import SemanticMap
+from lab.questions.question_file import Question
+from lab.questions.scoring import score
 from planner.search.goals.search_goals import resolve_target
 
 

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.questions make | ask | answer | score`."""
+"""`python -m lab.questions make | ask | answer | score`."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.questions import __doc__ as about
-from benchmarks.questions.asking import INTERFACES, Answered, answered_by, ask, differing, table
-from benchmarks.questions.blind import BlindAnswers
-from benchmarks.questions.generator import questions_of
-from benchmarks.questions.graph_maps import mapped, true, truths
-from benchmarks.questions.house_drives import SESSIONS, HouseFacts, drive
-from benchmarks.questions.plain_map import PlainMap
-from benchmarks.questions.question_file import Question, load_questions, read_json, save_questions
 from kg.model.errors import GraphError
 from kg.serving.opening import in_memory_map
 from lab.command_line import parser_of, run
+from lab.questions import __doc__ as about
+from lab.questions.asking import INTERFACES, Answered, answered_by, ask, differing, table
+from lab.questions.blind import BlindAnswers
+from lab.questions.generator import questions_of
+from lab.questions.graph_maps import mapped, true, truths
+from lab.questions.house_drives import SESSIONS, HouseFacts, drive
+from lab.questions.plain_map import PlainMap
+from lab.questions.question_file import Question, load_questions, read_json, save_questions
 from perception.sources.recording_writer import write_text
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """The command line."""
-    parser = parser_of("benchmarks.questions", about)
+    parser = parser_of("lab.questions", about)
     commands = parser.add_subparsers(required=True)
     make = commands.add_parser("make", help="write questions, recordings and truth")
     make.add_argument("--houses", type=_seeds, default="601-606", metavar="N-M", help="seeds")

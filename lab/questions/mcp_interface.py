@@ -14,9 +14,9 @@ from anyio.from_thread import start_blocking_portal
 from mcp import Client
 from mcp.client.stdio import StdioServerParameters
 
-from benchmarks.questions.graph_maps import AskedMap
-from benchmarks.questions.plain_map import NOT_KNOWN
-from benchmarks.questions.sparql_interfaces import SEEN_IN, in_order
+from lab.questions.graph_maps import AskedMap
+from lab.questions.plain_map import NOT_KNOWN
+from lab.questions.sparql_interfaces import SEEN_IN, in_order
 
 Answer = dict[str, Any]
 _BOX = re.compile(r"box (\d+) (\d+) (\d+) (\d+) px")
