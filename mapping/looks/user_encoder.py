@@ -137,9 +137,14 @@ def remembered(files: str, words: Sequence[str] | None = None) -> UserEncoder:
 
 
 def given_words(text: str) -> list[str]:
-    """Words with commas between them, or those of the file `text`, one a line."""
+    """Words with commas between them, or those of the file `text`, one a line.
+
+    Raises ModelError for a file that is missing or cannot be read.
+    """
     if os.path.isfile(text):  # noqa: PTH113 - Path.is_file raises for names that are too long
         return listed_words(Path(text))
+    if text.endswith((".txt", ".csv")) or text.startswith((".", "/", "~")):
+        raise ModelError(f"no file of words {text}; zebra,glacier,... or a file there would work")
     return [word.strip() for word in text.split(",") if word.strip()]
 
 

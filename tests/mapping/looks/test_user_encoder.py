@@ -15,6 +15,7 @@ from mapping.looks.look_store import ENCODED, LookStore, kept_embeddings
 from mapping.looks.user_encoder import (
     check_same,
     encoder_of,
+    given_words,
     listed_words,
     remembered,
     share_refused,
@@ -141,6 +142,8 @@ def test_words_to_fit_to_are_enough_and_known(tmp_path):
     for words in (["red", "blue"], ["unicorn"] * 50, None):
         with pytest.raises(ModelError, match="fitted to 20 to 1000 absent words"):
             remembered(files, words)
+    with pytest.raises(ModelError, match=r"no file of words .*none\.txt; .* would work"):
+        given_words(str(tmp_path / "none.txt"))
     words = listed_words()
     assert len(words) == len({*words}) >= 150 and words == sorted(words)
 
