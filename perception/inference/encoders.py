@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from perception.camera.image_decoding import decode_picture
-from perception.inference.model_zoo import resolve, sha256_of
+from perception.inference.model_zoo import encoder_files, resolve, sha256_of
 from perception.inference.session import MAX_SIZE, Session, fit
 from perception.inference.text_tokens import (
     TextTokens,
@@ -224,10 +224,13 @@ class EncoderPair:
 def open_encoder(files: str, threads: int | None = None) -> EncoderPair:
     """The encoders in "clip.onnx" (both in one), or "image.onnx,text.onnx"; both are checked.
 
+    `files` may be the name of one that was fetched, too.
+
     Raises ModelError: a file is missing or no such network, the text encoder or its tokenizer is
     missing, or they are of different models.
     """
-    paths = [Path(part.strip()) for part in files.split(",")]
+    fetched = encoder_files(files.strip())
+    paths = fetched or [Path(part.strip()) for part in files.split(",")]
     if len(paths) > 2 or not files.strip():
         raise ModelError(f"an encoder is clip.onnx or image.onnx,text.onnx; got {files!r}")
     missing = next((path for path in paths if not path.is_file()), None)
