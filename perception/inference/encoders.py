@@ -45,6 +45,11 @@ _SIGLIP: Final = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
 _SIDE: Final = 224  # [px] of images, where nothing says it
 _TOKENS: Final = {"pooler_output": 64}  # of a text, where nothing says it: SigLIP's, ...
 _USUAL_TOKENS: Final = 77  # ... else CLIP's
+_CONFIGURATIONS: Final = (
+    "preprocessor_config.json",
+    "open_clip_config.json",
+    "tokenizer_config.json",
+)
 #: tokens by which a model may have more than its tokenizer
 _SPARE_TOKENS: Final = 1024
 _GREY: Final = np.full((8, 8, 3), 127, np.uint8)
@@ -71,17 +76,21 @@ class EncoderPair:
 
     @cached_property
     def checksum(self) -> str:
-        """Hexadecimal sha256 of both networks, weights beside them, and the tokenizer."""
+        """Hexadecimal sha256 of networks, weights, tokenizer, and how images are prepared."""
         if self.known_checksum:
             return self.known_checksum
-        digests = "".join(sha256_of(path) for path in self.files)
-        return hashlib.sha256(digests.encode()).hexdigest()
+        digests = [sha256_of(path) for path in self.files if path.name not in _CONFIGURATIONS]
+        size, stretched, *values = self._preparation
+        told = digests, size, stretched, [one.ravel().tolist() for one in values]
+        return hashlib.sha256(repr(told).encode()).hexdigest()
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
-        """Files of both networks, of weights beside them, and of the tokenizer."""
+        """Files of both networks, weights beside them, the tokenizer, and configurations."""
         both = [p for path in (self.image_path, self.text_path) for p in _parts(path)]
-        return tuple(dict.fromkeys((*both, tokens_file(_folders(self.text_path)))))
+        folders = [*_folders(self.image_path), *_folders(self.text_path)]
+        told = [f / name for f in folders for name in _CONFIGURATIONS if (f / name).is_file()]
+        return tuple(dict.fromkeys((*both, tokens_file(_folders(self.text_path)), *told)))
 
     @cached_property
     def size(self) -> int:
@@ -221,13 +230,12 @@ class EncoderPair:
         return size, stretched, arrays[0] * 255, arrays[1] * 255
 
 
-def open_encoder(files: str, threads: int | None = None) -> EncoderPair:
+def open_encoder(files: str, threads: int | None = None, *, check: bool = True) -> EncoderPair:
     """The encoders in "clip.onnx" (both in one), or "image.onnx,text.onnx"; both are checked.
 
-    `files` may be the name of one that was fetched, too.
-
-    Raises ModelError: a file is missing or no such network, the text encoder or its tokenizer is
-    missing, or they are of different models.
+    `files` may be the name of one that was fetched, too. Raises ModelError: a file is missing or no
+    such network, the text encoder or its tokenizer is missing, or they are of different models.
+    Without `check` it only looks for the files.
     """
     fetched = encoder_files(files.strip())
     paths = fetched or [Path(part.strip()) for part in files.split(",")]
@@ -237,7 +245,8 @@ def open_encoder(files: str, threads: int | None = None) -> EncoderPair:
     if missing is not None:
         raise ModelError(f"no encoder file {missing}; clip.onnx or image.onnx,text.onnx would work")
     pair = EncoderPair(paths[0].resolve(), paths[-1].resolve(), threads)
-    pair.check()
+    if check:
+        pair.check()
     return pair
 
 

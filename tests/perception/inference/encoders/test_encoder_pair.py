@@ -257,4 +257,6 @@ def test_the_checksum_is_of_networks_weights_and_tokenizer(files):
     tokenizer = folder / "tokenizer.json"
     tokenizer.write_text(tokenizer.read_text() + "\n")
     seen.add(open_encoder(given).checksum)
-    assert len(seen) == 3
+    write_json(folder / "preprocessor_config.json", {"image_mean": [0.1, 0.2, 0.3]})
+    seen.add(open_encoder(given).checksum)
+    assert len(seen) == 4
