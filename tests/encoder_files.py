@@ -98,10 +98,12 @@ def text_network(
     mask: int | None = None,
     kind: int = TensorProto.INT64,
     batch: int | str = "N",
+    factor: float = 1.0,
 ) -> onnx.ModelProto:
-    """A network that adds the rows of a table (V, D) at the numbers of the tokens."""
+    """A network that adds the rows of a table (V, D), times a factor, at numbers of tokens."""
     nodes, inputs, total = _text_nodes(name, output, [batch, length], mask, kind)
-    return _model(nodes, inputs, {output: table.shape[1]}, {"table": table}, total)
+    constants = {"table": table * np.float32(factor)}
+    return _model(nodes, inputs, {output: table.shape[1]}, constants, total)
 
 
 def _text_nodes(name, output, shape, mask, kind):

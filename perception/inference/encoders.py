@@ -125,15 +125,16 @@ class EncoderPair:
 
         Raises ModelError for a longer one, and for one in a language that the model does not know.
         """
-        return self._encoded(*self._tokens.of(text, self._context))
+        return _unit(self._texts[0], self._read(*self._tokens.of(text, self._context)))
 
-    def _encoded(self, tokens: NDArray[np.int64], mask: NDArray[np.int64]) -> Floats:
+    def _read(self, tokens: NDArray[np.int64], mask: NDArray[np.int64]) -> NDArray[np.generic]:
+        """The output of the text encoder."""
         session, name, output = self._texts
         inputs = _others(session, name, tokens.shape[1])
         for one in session.inputs:
             if one == name or "mask" in one:
                 inputs[one] = (tokens if one == name else mask).astype(_kind(session, one))
-        return _unit(session, session.run([output], inputs)[0])
+        return session.run([output], inputs)[0]
 
     def check(self) -> None:
         """Raise ModelError unless both are encoders of one model, with its tokenizer."""
@@ -145,18 +146,18 @@ class EncoderPair:
                 f"{tokens.path} has {tokens.size:,} tokens, and {self.text_path.name} another "
                 "number: the tokenizer of the same model would work"
             )
-        cup, _ = self.encode_text("cup"), self.size
-        for path, one, other in ((self.image_path, grey, red), (self.text_path, last, cup)):
+        word, cup, _ = _unit(self._texts[0], last), self.encode_text("cup"), self.size
+        for path, one, other in ((self.image_path, grey, red), (self.text_path, word, cup)):
             if np.abs(one - other).max() < _SAME:
                 raise ModelError(
                     f"{path.name} makes the same of whatever it is given; an encoder would work"
                 )
 
-    def _token(self, token: int, context: int) -> Floats | None:
+    def _token(self, token: int, context: int) -> NDArray[np.generic] | None:
         """What the text encoder makes of a token; None where it has no such token."""
         tokens = np.full((1, context), token, np.int64)
         try:
-            return self._encoded(tokens, np.ones_like(tokens))
+            return self._read(tokens, np.ones_like(tokens))
         except ModelError:
             return None
 

@@ -188,6 +188,7 @@ def test_the_tokenizer_of_another_model_is_refused(files, words):
     [
         ({"factor": np.nan}, "image.onnx gives .* no embedding; .* would work"),
         ({"factor": 0.0}, "image.onnx gives .* no embedding; .* would work"),
+        ({"text_factor": np.nan}, "text.onnx gives .* no embedding; .* would work"),
         ({"text_mask": TensorProto.DOUBLE}, r"attention_mask is tensor\(double\); .* would work"),
         ({"side": 9000}, "up to 4096 a side would work"),
     ],
