@@ -165,6 +165,8 @@ class Detections:
 
 def _names(numbers: Any, names: Names | None) -> tuple[str, ...]:
     """Names of classes by their numbers; raises FrameError for numbers without one."""
+    if numbers is not None and not len(numbers):
+        return ()
     if names is None or numbers is None:
         raise FrameError("the classes have no names; names=('cup', 'chair', ...) would work")
     known = names if isinstance(names, Mapping) else dict(enumerate(names))

@@ -95,20 +95,24 @@ def text_network(
     name: str = "input_ids",
     output: str = "text_embeds",
     length: int | str = "T",
-    mask: bool = False,
+    mask: int | None = None,
     kind: int = TensorProto.INT64,
+    batch: int | str = "N",
+    factor: float = 1.0,
 ) -> onnx.ModelProto:
-    """A network that adds the rows of a table (V, D) at the numbers of the tokens."""
-    nodes, inputs, total = _text_nodes(name, output, length, mask, kind)
-    return _model(nodes, inputs, {output: table.shape[1]}, {"table": table}, total)
+    """A network that adds the rows of a table (V, D), times a factor, at numbers of tokens."""
+    nodes, inputs, total = _text_nodes(name, output, [batch, length], mask, kind)
+    constants = {"table": table * np.float32(factor)}
+    return _model(nodes, inputs, {output: table.shape[1]}, constants, total)
 
 
-def _text_nodes(name, output, length, mask, kind):
-    inputs = [helper.make_tensor_value_info(name, kind, ["N", length])]
+def _text_nodes(name, output, shape, mask, kind):
+    """`mask` is the type of an attention mask, if there is one."""
+    inputs = [helper.make_tensor_value_info(name, kind, shape)]
     nodes = [helper.make_node("Gather", ["table", name], ["rows"])]
     rows = "rows"
-    if mask:
-        inputs.append(helper.make_tensor_value_info("attention_mask", kind, ["N", length]))
+    if mask is not None:
+        inputs.append(helper.make_tensor_value_info("attention_mask", mask, shape))
         nodes += [
             helper.make_node("Cast", ["attention_mask"], ["share"], to=TensorProto.FLOAT),
             helper.make_node("Unsqueeze", ["share", "last"], ["wide"]),
@@ -120,28 +124,44 @@ def _text_nodes(name, output, length, mask, kind):
 
 
 def image_network(
-    values: int, *, name: str = "pixel_values", output: str = "image_embeds", side: int | str = 224
+    values: int,
+    *,
+    name: str = "pixel_values",
+    output: str = "image_embeds",
+    side: int | str = 224,
+    batch: int | str = "N",
+    kind: int = TensorProto.FLOAT,
+    last: bool = False,
+    factor: float = 1.0,
 ) -> onnx.ModelProto:
-    """A network whose embedding is the mean of each colour, and their products, in D values."""
-    nodes, inputs, constants = _image_nodes(name, output, side, values)
+    """A network whose embedding is the mean of each colour, and their products, in D values.
+
+    With `last` colours are the last axis; the embedding is multiplied by `factor`.
+    """
+    shape = [batch, side, side, 3] if last else [batch, 3, side, side]
+    nodes, inputs, constants = _image_nodes(name, output, shape, values, kind, factor)
     return _model(nodes, inputs, {output: values}, constants, {})
 
 
-def _image_nodes(name, output, side, values):
-    inputs = [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", 3, side, side])]
+def _image_nodes(name, output, shape, values, kind=TensorProto.FLOAT, factor=1.0):
+    inputs = [helper.make_tensor_value_info(name, kind, shape)]
+    axes = [0, 3, 1, 2] if shape[-1] == 3 else [0, 1, 2, 3]
     nodes = [
-        helper.make_node("GlobalAveragePool", [name], ["colours"]),
+        helper.make_node("Cast", [name], ["values"], to=TensorProto.FLOAT),
+        helper.make_node("Transpose", ["values"], ["ordered"], perm=axes),
+        helper.make_node("GlobalAveragePool", ["ordered"], ["colours"]),
         helper.make_node("Flatten", ["colours"], ["flat"]),
         helper.make_node("MatMul", ["flat", "weights"], [output]),
     ]
-    weights = np.eye(3, values, dtype=np.float32)
-    return nodes, inputs, {"weights": weights}
+    return nodes, inputs, {"weights": np.eye(3, values, dtype=np.float32) * np.float32(factor)}
 
 
 def joint_network(table: np.ndarray, *, side: int = 224, length: int = 77) -> onnx.ModelProto:
     """Both encoders in one network, with a mask and the logits of pairs, as CLIP is exported."""
-    images, first, some = _image_nodes("pixel_values", "image_embeds", side, table.shape[1])
-    texts, second, rest = _text_nodes("input_ids", "text_embeds", length, True, TensorProto.INT64)
+    shape = ["N", 3, side, side]
+    images, first, some = _image_nodes("pixel_values", "image_embeds", shape, table.shape[1])
+    whole = TensorProto.INT64
+    texts, second, rest = _text_nodes("input_ids", "text_embeds", ["N", length], whole, whole)
     pairs = [
         helper.make_node("Transpose", ["text_embeds"], ["turned"]),
         helper.make_node("MatMul", ["image_embeds", "turned"], ["logits_per_image"]),

@@ -252,7 +252,7 @@ _MAPPING_ARGUMENTS = """
                         stored)
 --encoder FILES         encoder of your own, by which any text is compared with the looks of things
                         and views: image.onnx,text.onnx of CLIP, SigLIP or the like, or one file
-                        with both, and tokenizer.json beside it
+                        with both, and tokenizer.json beside it; or a fetched one of `models list`
 """
 
 

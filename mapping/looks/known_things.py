@@ -220,8 +220,10 @@ def label_things(semantic_map: SemanticMap, names: Sequence[str]) -> tuple[Named
     InvalidFactError or UnknownCategoryError for a text that is no name of a thing.
     """
     folder = semantic_map.store.path
-    encoder = None if folder is None else encoder_of(folder)
-    if folder is None or encoder is None:
+    if folder is None:
+        raise ModelError("names are compared with pictures: the folder of a map would work")
+    encoder = encoder_of(folder)
+    if encoder is None:
         raise ModelError(
             "the map has no encoder to compare names with; one that is mapped with --encoder "
             "image.onnx,text.onnx would work"

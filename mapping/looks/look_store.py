@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
@@ -119,8 +119,9 @@ class LookStore:
         """Add the rows of `pictures` to `rows`, with all processors: an encoder uses one."""
         from concurrent.futures import ThreadPoolExecutor  # not for those that are known
 
+        one, data = partial(described, self._encoder), list(pictures.values())
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            found = pool.map(lambda data: described(self._encoder, data), pictures.values())
+            found = [*map(one, data[:1]), *pool.map(one, data[1:])]  # the first opens the network
             rows.update(zip(pictures, found, strict=True))
 
     def _described(self, paths: Mapping[Name, Sequence[Path]], limit: int) -> dict[Name, Floats]:

@@ -112,16 +112,23 @@ def share_refused(things: Sequence[Floats], encoder: UserEncoder) -> float:
 def remembered(files: str, words: Sequence[str] | None = None) -> UserEncoder:
     """The checked encoder of `files` ("image.onnx,text.onnx"), which this machine remembers.
 
-    `words` are absent ones in place of those before, or of the shipped ones. Raises ModelError.
+    Files that are as they were are not opened. `words` are absent ones in place of those before, or
+    of the shipped ones. Raises ModelError.
     """
     from perception.inference.encoders import open_encoder  # loads onnxruntime
 
-    pair = open_encoder(files, threads=1)
-    before = _absent(pair.checksum) if words is None else None
+    pair = open_encoder(files, threads=1, check=False)
+    if words is None:
+        for known in _file("").parent.glob("*.npz"):
+            if (same := _load(known, pair)) is not None:
+                return same
+    pair.check()
+    before = _absent(_file(pair.checksum)) if words is None else None
     if before is None:
         before = _encoded(pair, listed_words() if words is None else words)
     encoder = UserEncoder(pair, *before)
     arrays = {
+        "checksum": np.array(pair.checksum),
         "paths": np.array([str(pair.image_path), str(pair.text_path)]),
         "stamps": np.array(_stamps(pair)),
         "words": np.array(encoder.words, dtype=np.str_),
@@ -137,9 +144,14 @@ def remembered(files: str, words: Sequence[str] | None = None) -> UserEncoder:
 
 
 def given_words(text: str) -> list[str]:
-    """Words with commas between them, or those of the file `text`, one a line."""
+    """Words with commas between them, or those of the file `text`, one a line.
+
+    Raises ModelError for a file that is missing or cannot be read.
+    """
     if os.path.isfile(text):  # noqa: PTH113 - Path.is_file raises for names that are too long
         return listed_words(Path(text))
+    if text.endswith((".txt", ".csv")) or text.startswith((".", "/", "~")):
+        raise ModelError(f"no file of words {text}; zebra,glacier,... or a file there would work")
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
@@ -182,7 +194,7 @@ def encoder_of(folder: Path) -> UserEncoder | None:
         return None
     with _opening:
         remembers = _file(kept.checksum)
-        found = _opened.get(remembers) or _load(kept.checksum)
+        found = _opened.get(remembers) or _load(remembers)
         if found is None:
             raise ModelError(
                 f"the encoder {kept.name} of this map is not known on this machine; "
@@ -209,30 +221,35 @@ def _file(checksum: str) -> Path:
     return cache_folder() / "encoders" / f"{checksum[:32]}.npz"
 
 
-def _load(checksum: str) -> UserEncoder | None:
-    """The encoder of a checksum whose files are still where they were; else None."""
+def _load(remembers: Path, only: EncoderPair | None = None) -> UserEncoder | None:
+    """The encoder of a file whose own files are where and as they were; else None.
+
+    With `only`, None too for files at other paths, or ones of another time.
+    """
     from perception.inference.encoders import EncoderPair  # loads onnxruntime
 
-    known = _absent(checksum)
+    known = _absent(remembers)
     if known is None:
         return None
     try:
-        data = read_arrays(_file(checksum), _MAX_FILE)
+        data = read_arrays(remembers, _MAX_FILE)
         images, texts = (Path(str(path)) for path in data["paths"].tolist())
-        pair = EncoderPair(images, texts, 1, checksum)
+        if only is not None and (images, texts) != (only.image_path, only.text_path):
+            return None
+        pair = EncoderPair(images, texts, 1, str(data["checksum"]))
         if _stamps(pair) != data["stamps"].tolist():
             pair = EncoderPair(images, texts, 1)
-            if pair.checksum != checksum:
+            if only is not None or pair.checksum != str(data["checksum"]):
                 return None
     except (*DAMAGE, ModelError):
         return None
     return UserEncoder(pair, *known)
 
 
-def _absent(checksum: str) -> tuple[tuple[str, ...], Floats] | None:
-    """Absent words of an encoder that is remembered, with their embeddings (m, D)."""
+def _absent(remembers: Path) -> tuple[tuple[str, ...], Floats] | None:
+    """Absent words of an encoder that a file remembers, with their embeddings (m, D)."""
     try:
-        data = read_arrays(_file(checksum), _MAX_FILE)
+        data = read_arrays(remembers, _MAX_FILE)
         words, found = tuple(map(str, data["words"].tolist())), data["negatives"]
     except DAMAGE:
         return None

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from perception.camera.image_decoding import decode_picture
-from perception.inference.model_zoo import resolve, sha256_of
+from perception.inference.model_zoo import encoder_files, resolve, sha256_of
 from perception.inference.session import MAX_SIZE, Session, fit
 from perception.inference.text_tokens import (
     TextTokens,
@@ -36,6 +36,8 @@ Floats = NDArray[np.float32]
 _IMAGES: Final = ("image_embeds", "image_features", "image_embedding", "pooler_output")
 _TEXTS: Final = ("text_embeds", "text_features", "text_embedding", "pooler_output")
 _INTEGERS: Final = {"tensor(int64)": np.int64, "tensor(int32)": np.int32}
+#: types of masks, too
+_KINDS: Final = {**_INTEGERS, "tensor(bool)": np.bool_, "tensor(float)": np.float32}
 #: file names that say nothing about the model, whose name is that of their folder then
 _PLAIN_NAMES: Final = ("model", "vision", "visual", "image", "text", "onnx")
 _CLIP: Final = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
@@ -43,8 +45,16 @@ _SIGLIP: Final = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)
 _SIDE: Final = 224  # [px] of images, where nothing says it
 _TOKENS: Final = {"pooler_output": 64}  # of a text, where nothing says it: SigLIP's, ...
 _USUAL_TOKENS: Final = 77  # ... else CLIP's
+_CONFIGURATIONS: Final = (
+    "preprocessor_config.json",
+    "open_clip_config.json",
+    "tokenizer_config.json",
+)
 #: tokens by which a model may have more than its tokenizer
 _SPARE_TOKENS: Final = 1024
+_GREY: Final = np.full((8, 8, 3), 127, np.uint8)
+_RED: Final = np.full((8, 8, 3), (220, 60, 50), np.uint8)
+_SAME: Final = 1e-5  # difference of unit vectors, below which nothing was told apart
 
 
 @dataclass(frozen=True)
@@ -66,23 +76,26 @@ class EncoderPair:
 
     @cached_property
     def checksum(self) -> str:
-        """Hexadecimal sha256 of both networks, weights beside them, and the tokenizer."""
+        """Hexadecimal sha256 of networks, weights, tokenizer, and how images are prepared."""
         if self.known_checksum:
             return self.known_checksum
-        digests = "".join(sha256_of(path) for path in self.files)
-        return hashlib.sha256(digests.encode()).hexdigest()
+        digests = [sha256_of(path) for path in self.files if path.name not in _CONFIGURATIONS]
+        size, stretched, *values = self._preparation
+        told = digests, size, stretched, [one.ravel().tolist() for one in values]
+        return hashlib.sha256(repr(told).encode()).hexdigest()
 
     @cached_property
     def files(self) -> tuple[Path, ...]:
-        """Files of both networks, of weights beside them, and of the tokenizer."""
+        """Files of both networks, weights beside them, the tokenizer, and configurations."""
         both = [p for path in (self.image_path, self.text_path) for p in _parts(path)]
-        return tuple(dict.fromkeys((*both, tokens_file(_folders(self.text_path)))))
+        folders = [*_folders(self.image_path), *_folders(self.text_path)]
+        told = [f / name for f in folders for name in _CONFIGURATIONS if (f / name).is_file()]
+        return tuple(dict.fromkeys((*both, tokens_file(_folders(self.text_path)), *told)))
 
     @cached_property
     def size(self) -> int:
         """Number of values of both encoders' embeddings; raises ModelError where they differ."""
-        images = len(self.encode_image(np.full((8, 8, 3), 127, np.uint8)))
-        texts = len(self.encode_text("cup"))
+        images, texts = len(self.encode_image(_GREY)), len(self.encode_text("cup"))
         if images != texts:
             raise ModelError(
                 f"{self.image_path.name} gives {images} values and {self.text_path.name} {texts}: "
@@ -101,7 +114,7 @@ class EncoderPair:
         """Unit vector (D,) of an image (H, W, 3); raises ModelError."""
         session, name, output = self._images
         size, stretched, mean, deviation = self._preparation
-        fitted = fit(rgb, size, "stretch" if stretched else "letterbox", "0..1").tensor
+        fitted = fit(rgb, size, "stretch" if stretched else "letterbox", "0..255").tensor
         values = (fitted - mean) / deviation
         inputs: dict[str, NDArray[Any]] = {name: values.astype(np.float32)}
         inputs |= _others(session, name, 8)
@@ -112,33 +125,41 @@ class EncoderPair:
 
         Raises ModelError for a longer one, and for one in a language that the model does not know.
         """
-        return self._encoded(*self._tokens.of(text, self._context))
+        return _unit(self._texts[0], self._read(*self._tokens.of(text, self._context)))
 
-    def _encoded(self, tokens: NDArray[np.int64], mask: NDArray[np.int64]) -> Floats:
+    def _read(self, tokens: NDArray[np.int64], mask: NDArray[np.int64]) -> NDArray[np.generic]:
+        """The output of the text encoder."""
         session, name, output = self._texts
         inputs = _others(session, name, tokens.shape[1])
-        for one, kind in session.input_types.items():
+        for one in session.inputs:
             if one == name or "mask" in one:
-                inputs[one] = (tokens if one == name else mask).astype(_INTEGERS[kind])
-        return _unit(session, session.run([output], inputs)[0])
+                inputs[one] = (tokens if one == name else mask).astype(_kind(session, one))
+        return session.run([output], inputs)[0]
 
     def check(self) -> None:
         """Raise ModelError unless both are encoders of one model, with its tokenizer."""
-        _, tokens = self.size, self._tokens
-        if not self._reads(tokens.size - 1) or self._reads(tokens.size + _SPARE_TOKENS):
+        grey, red = self.encode_image(_GREY), self.encode_image(_RED)
+        tokens, context = self._tokens, self._context
+        last = self._token(tokens.size - 1, context)
+        if last is None or self._token(tokens.size + _SPARE_TOKENS, context) is not None:
             raise ModelError(
                 f"{tokens.path} has {tokens.size:,} tokens, and {self.text_path.name} another "
                 "number: the tokenizer of the same model would work"
             )
+        word, cup, _ = _unit(self._texts[0], last), self.encode_text("cup"), self.size
+        for path, one, other in ((self.image_path, grey, red), (self.text_path, word, cup)):
+            if np.abs(one - other).max() < _SAME:
+                raise ModelError(
+                    f"{path.name} makes the same of whatever it is given; an encoder would work"
+                )
 
-    def _reads(self, token: int) -> bool:
-        """Whether there is such a token in the text encoder."""
-        tokens = np.full((1, self._context), token, np.int64)
+    def _token(self, token: int, context: int) -> NDArray[np.generic] | None:
+        """What the text encoder makes of a token; None where it has no such token."""
+        tokens = np.full((1, context), token, np.int64)
         try:
-            self._encoded(tokens, np.ones_like(tokens))
+            return self._read(tokens, np.ones_like(tokens))
         except ModelError:
-            return False
-        return True
+            return None
 
     @cached_property
     def _tokens(self) -> TextTokens:
@@ -167,6 +188,8 @@ class EncoderPair:
                 f"{self.text_path.name} reads no texts ({session.interface()}): its text encoder "
                 "is missing; image.onnx,text.onnx would work"
             )
+        for other in (name for name, shape in session.inputs.items() if len(shape) < 4):
+            _kind(session, other)  # refuses rare types
         return session, found, _output(session, _TEXTS)
 
     @cached_property
@@ -195,10 +218,7 @@ class EncoderPair:
             mean, deviation = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
         given = plain.get("crop_size") or plain.get("size")
         given = given or _within(opened, "model_cfg", "vision_cfg").get("image_size")
-        sides = session.inputs[name][-2:]
-        if not all(isinstance(side, int) for side in sides):
-            sides = list(_sides(given))
-        session.image_size(name)  # refuses other types and sizes
+        size = session.image_size(name, _sides(given))
         stretched = output == "pooler_output" or values.get("resize_mode") == "squash"
         try:
             arrays = [np.array(v, np.float32).reshape(1, 3, 1, 1) for v in (mean, deviation)]
@@ -206,23 +226,28 @@ class EncoderPair:
             raise ModelError(f"mean and deviation need three values, got {mean!r:.60}") from error
         if not (np.isfinite(arrays).all() and (arrays[1] > 0).all()):
             raise ModelError(f"deviations of values above 0 would work, got {deviation!r:.60}")
-        return (int(sides[0]), int(sides[1])), stretched, arrays[0], arrays[1]
+        if session.takes_bytes(name):  # the network has its own mean and deviation
+            return size, stretched, 0 * arrays[0], np.ones_like(arrays[1])
+        return size, stretched, arrays[0] * 255, arrays[1] * 255
 
 
-def open_encoder(files: str, threads: int | None = None) -> EncoderPair:
+def open_encoder(files: str, threads: int | None = None, *, check: bool = True) -> EncoderPair:
     """The encoders in "clip.onnx" (both in one), or "image.onnx,text.onnx"; both are checked.
 
-    Raises ModelError: a file is missing or no such network, the text encoder or its tokenizer is
-    missing, or they are of different models.
+    `files` may be the name of one that was fetched, too. Raises ModelError: a file is missing or no
+    such network, the text encoder or its tokenizer is missing, or they are of different models.
+    Without `check` it only looks for the files.
     """
-    paths = [Path(part.strip()) for part in files.split(",")]
+    fetched = encoder_files(files.strip())
+    paths = fetched or [Path(part.strip()) for part in files.split(",")]
     if len(paths) > 2 or not files.strip():
         raise ModelError(f"an encoder is clip.onnx or image.onnx,text.onnx; got {files!r}")
     missing = next((path for path in paths if not path.is_file()), None)
     if missing is not None:
         raise ModelError(f"no encoder file {missing}; clip.onnx or image.onnx,text.onnx would work")
     pair = EncoderPair(paths[0].resolve(), paths[-1].resolve(), threads)
-    pair.check()
+    if check:
+        pair.check()
     return pair
 
 
@@ -250,7 +275,7 @@ def _output(session: Session, names: tuple[str, ...]) -> str:
     """The output with the embedding: by name, else the only one of [N, D]."""
     flat = [name for name, shape in session.outputs.items() if len(shape) == 2]
     flat = [name for name in flat if not name.startswith("logits")]
-    found = [name for name in names if name in flat] or (flat if len(flat) == 1 else [])
+    found = [name for name in names if name in session.outputs] or (flat if len(flat) == 1 else [])
     if not found:
         raise ModelError(
             f"{session.path.name} has no embedding among its outputs ({session.interface()}); "
@@ -263,17 +288,26 @@ def _others(session: Session, name: str, tokens: int) -> dict[str, NDArray[Any]]
     """Values for the inputs beside `name`: the other half of a network that has both."""
     found: dict[str, NDArray[Any]] = {}
     for other, shape in session.inputs.items():
-        kind = session.input_types[other]
         if other == name:
             continue
         if len(shape) == 4:
-            sides = [side if isinstance(side, int) else _SIDE for side in shape[-2:]]
+            sides = session.image_size(other, (_SIDE, _SIDE))
             found[other] = np.zeros((1, 3, *sides), np.float32)
-        elif kind in _INTEGERS:
+        else:
             length = shape[1] if len(shape) > 1 and isinstance(shape[1], int) else tokens
             values = np.arange(length) if "position" in other else np.full(length, "mask" in other)
-            found[other] = values.astype(_INTEGERS[kind])[None]
+            found[other] = values.astype(_kind(session, other))[None]
     return found
+
+
+def _kind(session: Session, name: str) -> type[np.generic]:
+    """Type of the values of an input beside images; raises ModelError for a rare one."""
+    kind = session.input_types[name]
+    if kind not in _KINDS:
+        raise ModelError(
+            f"{session.path.name}: input {name} is {kind}; one of {', '.join(_KINDS)} would work"
+        )
+    return _KINDS[kind]
 
 
 def _sides(given: object) -> tuple[int, int]:
@@ -297,10 +331,14 @@ def _within(configuration: dict[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _unit(session: Session, found: NDArray[np.generic]) -> Floats:
-    vector = np.asarray(found, np.float32).reshape(-1)
+    """Unit vector (D,) of an output [N, D], [N, 1, D] or [D]; others of N repeat the first."""
+    vector = np.asarray(found if found.ndim < 2 else found[0], np.float32).reshape(-1)
     length = float(np.linalg.norm(vector))
-    if found.ndim != 2 or found.shape[0] != 1 or not np.isfinite(length) or length < 1e-9:
-        raise ModelError(f"{session.path.name} gives {found.shape} values that are no embedding")
+    if vector.shape != found.shape[-1:] or not np.isfinite(length) or length < 1e-9:
+        raise ModelError(
+            f"{session.path.name} gives values {found.shape} that are no embedding; an export "
+            "whose output [N, D] has finite values that are not all 0 would work"
+        )
     unit: Floats = vector / length
     return unit
 

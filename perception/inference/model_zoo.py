@@ -10,8 +10,8 @@ import functools
 import hashlib
 import os
 import tomllib
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import requests
@@ -121,11 +121,11 @@ class ModelCard:
     """Model card: what is known of a network before it is opened."""
 
     name: str
-    kind: str  # "detector" | "scene"
+    kind: str  # "detector" | "scene" | "encoder"
     licence: str
     quality: str  # one line for people
-    resize: str  # "stretch" | "letterbox" | "crop"
-    values: str  # "0..255" | "0..255 bgr" | "0..1" | "imagenet"
+    resize: str = ""  # "stretch" | "letterbox" | "crop"
+    values: str = ""  # "0..255" | "0..255 bgr" | "0..1" | "imagenet"
     default: bool = False  # the one of its kind that is used unless another is named
     file: str | None = None  # shipped under this name
     url: str | None = None  # fetched from here
@@ -136,6 +136,8 @@ class ModelCard:
     ap: float | None = None  # [%] of a detector on COCO, as published
     labels_url: str | None = None
     labels_sha256: str | None = None
+    #: files of an encoder below `url`, which ends with /, and the sha256 of each; images' the last
+    parts: Mapping[str, str] = field(default_factory=dict)
     extension: bool = False  # whether another distribution adds it
 
     @property
@@ -183,7 +185,7 @@ def extension_cards() -> Iterator[ModelCard]:
         owner = point.dist
         licence = owner.metadata.json.get("license_expression") if owner is not None else None
         source = f"of {owner.name} {owner.version}" if owner is not None else point.value
-        yield ModelCard(name, "detector", str(licence or "-"), source, "", "", extension=True)
+        yield ModelCard(name, "detector", str(licence or "-"), source, extension=True)
 
 
 def find_model(name: str) -> ModelCard:
@@ -225,8 +227,21 @@ def cache_folder() -> Path:
 
 
 def cached_path(model: ModelCard) -> Path:
-    """File of a network once it is fetched."""
+    """File of a network once it is fetched; of an encoder, that of images."""
+    if model.parts:
+        return cache_folder() / model.name / list(model.parts)[-1]
     return cache_folder() / f"{model.name}.onnx"
+
+
+def encoder_files(name: str) -> list[Path]:
+    """Networks of images and of texts of a known encoder; [] for another name.
+
+    Raises ModelError where they are not fetched yet.
+    """
+    parts = next((model.parts for model in cards() if model.name == name), {})
+    folder = cache_folder() / name
+    networks = [folder / part for part in parts if part.endswith(".onnx")]
+    return [model_path(name), networks[0]] if networks else []
 
 
 def model_path(name: str) -> Path:
@@ -252,11 +267,18 @@ def fetch_model(name: str, *, on_progress: Callable[[int], None] | None = None) 
     model = find_model(name)
     if model.file is not None or cached_path(model).is_file() or model.url is None:
         return model_path(name)
-    path = cached_path(model)
+    path, done = cached_path(model), 0
     if model.labels_url is not None and model.labels_sha256 is not None:
         expected = Expected("sha256", model.labels_sha256)
         download(model.labels_url, path.with_suffix(".labels.txt"), expected)
-    download(model.url, path, _expected(model), on_progress)
+    for part, digest in model.parts.items():
+        file = cache_folder() / model.name / part
+        report = None if on_progress is None else lambda n, done=done: on_progress(done + n)
+        if not file.is_file():
+            download(model.url + part, file, Expected("sha256", digest), report)
+        done += file.stat().st_size
+    if not model.parts:
+        download(model.url, path, _expected(model), on_progress)
     return path
 
 
@@ -290,7 +312,7 @@ def resolve(name_or_path: str | Path, kind: str) -> tuple[Path, ModelCard | None
             return path, None
         known = recognised
     if known.kind != kind:
-        raise ModelError(f"network {known.name} is a {known.kind} network, a {kind} one is wanted")
+        raise ModelError(f"{known.name} is of the kind {known.kind}, and a {kind} is wanted")
     return path, known
 
 

@@ -109,8 +109,10 @@ class Session:
         try:
             self._session = ort.InferenceSession(str(path), options, providers=providers)
         except _FAILURES as error:
-            reason = str(error).splitlines()[0]
-            raise ModelError(f"{path} is no ONNX network that can be run: {reason}") from error
+            raise ModelError(
+                f"{path} is no ONNX network that can be run ({_reason(error)}); its whole file, "
+                "downloaded or exported again, would work"
+            ) from error
         self.path = path
         taken = self._session.get_providers()[0]
         self.device: str = taken.removesuffix(_SUFFIX).lower()  # the one that was taken
@@ -136,8 +138,7 @@ class Session:
             adapted = {name: self._adapted(name, value) for name, value in inputs.items()}
             found: list[NDArray[np.generic]] = self._session.run(list(outputs), adapted, _QUIET)
         except _FAILURES as error:
-            reason = str(error).splitlines()[0]
-            raise ModelError(f"{self.path.name} failed on an image: {reason}") from error
+            raise ModelError(f"{self.path.name} refuses its input: {_reason(error)}") from error
         return found
 
     def _adapted(self, name: str, value: NDArray[Any]) -> NDArray[Any]:
@@ -148,8 +149,8 @@ class Session:
                 value, shape = value[0], [None, *shape]
             if self._is_channels_last(name):
                 value = np.ascontiguousarray(np.moveaxis(value, -3, -1))
-            if value.ndim == 4 and isinstance(shape[0], int) and shape[0] > 1:
-                value = np.repeat(value, shape[0], axis=0)
+        if value.ndim == len(shape) and isinstance(shape[0], int) and len(value) == 1:
+            value = np.repeat(value, max(shape[0], 1), axis=0)
         type_ = np.dtype(_TYPES.get(self.input_types[name], value.dtype))
         whole = type_.kind == "u" and value.dtype != type_
         return (np.rint(value) if whole else value).astype(type_, copy=False)
@@ -163,11 +164,11 @@ class Session:
         """Whether an image input takes values of 0 to 255 by its type."""
         return self.input_types[name] == "tensor(uint8)"
 
-    def image_size(self, name: str) -> tuple[int, int]:
+    def image_size(self, name: str, usual: tuple[int, int] | None = None) -> tuple[int, int]:
         """(height, width) of image input `name`: [N, 3, H, W] or [3, H, W], or colours last.
 
-        One that takes any size gets that of the metadata `imgsz`, else 640 x 640. Raises ModelError
-        for an input that is no such image.
+        One that takes any size gets the `usual` one, by default that of the metadata `imgsz`, else
+        640 x 640. Raises ModelError for an input that is no such image.
         """
         shape = self.inputs[name][-3:]
         if self._is_channels_last(name):
@@ -183,8 +184,8 @@ class Session:
                 f"{self.input_types[name]}"
             )
         height, width = (
-            side if isinstance(side, int) else usual
-            for side, usual in zip(shape[1:], self._usual_size(), strict=True)
+            side if isinstance(side, int) else other
+            for side, other in zip(shape[1:], usual or self._usual_size(), strict=True)
         )
         if not 0 < min(height, width) <= max(height, width) <= MAX_SIZE:
             raise ModelError(
@@ -206,6 +207,12 @@ class Session:
         inputs = ", ".join(f"{name} {shape}" for name, shape in self.inputs.items())
         outputs = ", ".join(f"{name} {shape}" for name, shape in self.outputs.items())
         return f"{inputs} -> {outputs}"
+
+
+def _reason(error: Exception) -> str:
+    """What onnxruntime complains of, without its codes and the path of the file."""
+    line = str(error).splitlines()[0].rpartition(" : ")[2]
+    return line.rpartition(" failed:")[2].strip().rstrip(".")
 
 
 PAD = 114  # grey that letterboxed networks were trained with

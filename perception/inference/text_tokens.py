@@ -51,7 +51,8 @@ class TextTokens:
         ids = self.tokenizer.encode(f"a photo of {plain}").ids
         if len(ids) > context:
             raise ModelError(
-                f"{text[:40]!r} has {len(ids)} tokens, and the text encoder reads {context}"
+                f"{text[:40]!r} has {len(ids)} tokens, and the text encoder reads {context}; "
+                "a shorter text would work"
             )
         padded = np.full((1, context), self.pad, np.int64)
         padded[0, : len(ids)] = ids

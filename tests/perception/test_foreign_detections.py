@@ -129,6 +129,7 @@ def test_what_has_no_masks_has_none():
     assert len(Detections.from_coco([], {3: "cup"})) == 0
     nothing = supervised(xyxy=BOXES[:0], mask=None, confidence=SCORES[:0], class_id=[], data={})
     assert len(Detections.from_supervision(nothing, ["cup"])) == 0
+    assert len(Detections.from_supervision(nothing)) == 0  # as in supervision.Detections.empty()
 
 
 @pytest.mark.parametrize(

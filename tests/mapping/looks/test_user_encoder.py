@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from mapping.looks.look_store import ENCODED, LookStore, kept_embeddings
 from mapping.looks.user_encoder import (
     check_same,
     encoder_of,
+    given_words,
     listed_words,
     remembered,
     share_refused,
@@ -136,11 +138,25 @@ def test_files_that_moved_or_changed_are_asked_for(tmp_path, furnished, cut_out,
     assert alike(semantic_map, "red") is not None
 
 
+def test_files_that_are_as_they_were_are_not_opened_again(tmp_path):
+    files, image = write_colour_pair(tmp_path), tmp_path / "image.onnx"
+    before = remembered(files, _words(tmp_path))
+    state = image.stat()
+    image.write_bytes(bytes(state.st_size))  # no network any more, by nothing but its content
+    os.utime(image, ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert remembered(files).checksum == before.checksum
+    image.touch()
+    with pytest.raises(ModelError, match="no ONNX network"):
+        remembered(files)
+
+
 def test_words_to_fit_to_are_enough_and_known(tmp_path):
     files = write_colour_pair(tmp_path / "mine")
     for words in (["red", "blue"], ["unicorn"] * 50, None):
         with pytest.raises(ModelError, match="fitted to 20 to 1000 absent words"):
             remembered(files, words)
+    with pytest.raises(ModelError, match=r"no file of words .*none\.txt; .* would work"):
+        given_words(str(tmp_path / "none.txt"))
     words = listed_words()
     assert len(words) == len({*words}) >= 150 and words == sorted(words)
 

@@ -177,7 +177,7 @@ def test_networks_of_another_interface_are_told_the_known_ones(write_network):
 
 
 def test_a_scene_network_is_no_detector():
-    with pytest.raises(ModelError, match="is a scene network, a detector one is wanted"):
+    with pytest.raises(ModelError, match="is of the kind scene, and a detector is wanted"):
         load_detector("rooms6_efficientnet_lite0_224")
 
 

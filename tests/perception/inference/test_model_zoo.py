@@ -13,6 +13,7 @@ import pytest
 
 from kg.model.errors import ModelError
 from perception.inference import model_zoo as models
+from perception.inference.encoders import open_encoder
 from perception.inference.model_zoo import (
     ModelCard,
     fetch_model,
@@ -23,6 +24,7 @@ from perception.inference.model_zoo import (
     sha256_of,
 )
 from perception.inference.scene_classifier import load_scene_classifier
+from tests.encoder_files import write_colour_pair
 
 CONTENT = np.random.default_rng(0).bytes(300_000)
 
@@ -90,10 +92,8 @@ def publish(home, monkeypatch):
 
     def add(**card: object) -> ModelCard:
         told = {"url": home.url, "sha256": hashlib.sha256(CONTENT).hexdigest(), **card}
-        model = ModelCard(
-            name="tiny", kind="scene", licence="MIT", quality="none", resize="crop",
-            values="0..255", **told,
-        )  # fmt: skip
+        usual = {"kind": "scene", "resize": "crop", "values": "0..255"}
+        model = ModelCard(name="tiny", licence="MIT", quality="none", **{**usual, **told})
         monkeypatch.setattr(models, "cards", lambda: (model,))
         return model
 
@@ -111,11 +111,15 @@ def test_bundled_networks_are_what_their_cards_say():
 
 def test_every_card_can_be_checked_and_names_its_licence():
     for model in known_models():
-        assert model.sha256 or model.git_blob
         assert model.licence
+        assert model.to_json()["name"] == model.name
+        if model.kind == "encoder":
+            assert {len(digest) for digest in model.parts.values()} == {64} and model.size
+            assert "vision" in list(model.parts)[-1] and "tokenizer.json" in model.parts
+            continue
+        assert model.sha256 or model.git_blob
         assert model.resize in ("stretch", "letterbox", "crop")
         assert model.values in ("0..255", "0..255 bgr", "0..1", "imagenet")
-        assert model.to_json()["name"] == model.name
 
 
 def test_the_shared_networks_are_recognised_by_content(shared, tmp_path):
@@ -202,6 +206,28 @@ def test_labels_are_fetched_beside_the_network(home, publish, write_network):
     )
     fetch_model("tiny")
     assert load_scene_classifier("tiny").labels == ("kitchen", "bedroom")
+
+
+def test_an_encoder_is_fetched_in_parts_and_opened_by_its_name(home, publish, tmp_path):
+    write_colour_pair(tmp_path / "pair")
+    parts = ["tokenizer.json", "text.onnx", "image.onnx"]
+    home.others = {f"/{part}": (tmp_path / "pair" / part).read_bytes() for part in parts}
+    known = {part: sha256_of(tmp_path / "pair" / part) for part in parts}
+    card = publish(kind="encoder", url=home.url.replace("network.onnx", ""), parts=known)
+    with pytest.raises(ModelError, match="run `hereabouts models fetch tiny`"):
+        open_encoder("tiny")
+    text, home.others["/text.onnx"] = home.others["/text.onnx"], b"another"
+    with pytest.raises(ModelError, match="served 7 bytes with another sha256"):
+        fetch_model("tiny")
+    assert card.where == "to fetch"
+    home.others["/text.onnx"] = text
+    seen: list[int] = []
+    fetch_model("tiny", on_progress=seen.append)
+    assert card.where == "fetched" and seen == sorted(seen) and home.asked == [None] * 4
+    assert seen[-1] == sum(map(len, home.others.values()))
+    assert open_encoder("tiny").encode_text("cup").shape == (3,)
+    with pytest.raises(ModelError, match="tiny is of the kind encoder, and a detector is wanted"):
+        models.resolve("tiny", "detector")
 
 
 def test_nothing_is_fetched_without_a_hash(home, publish):

@@ -75,7 +75,7 @@ def test_raw_scores_become_probabilities(write_network):
 
 
 def test_a_detector_is_no_scene_classifier(write_network):
-    with pytest.raises(ModelError, match="is a detector network, a scene one is wanted"):
+    with pytest.raises(ModelError, match="is of the kind detector, and a scene is wanted"):
         load_scene_classifier("ssdlite_mobilenet_v2_coco_300")
     boxes = write_network({"boxes": np.zeros((1, 5, 4), np.float32)})
     with pytest.raises(ModelError, match="is no scene classifier"):

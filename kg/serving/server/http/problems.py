@@ -28,6 +28,7 @@ from kg.model.errors import (
     HereaboutsError,
     HistoryError,
     InvalidFactError,
+    ModelError,
     NotAcceptableError,
     OntologyError,
     PoolBusyError,
@@ -53,6 +54,7 @@ _STATUS: tuple[tuple[type[HereaboutsError], int], ...] = (
     (UnconfirmedDeletionError, 428),
     (InvalidFactError, 422),
     (OntologyError, 422),
+    (ModelError, 422),  # a text that an encoder does not know
     (HistoryError, 404),
     (ConflictError, 409),
     (DiskFullError, 507),

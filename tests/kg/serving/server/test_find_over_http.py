@@ -6,7 +6,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TYPE_CHECKING
 
-from kg.model.errors import UnknownCategoryError
+from kg.model.errors import ModelError, UnknownCategoryError
 from kg.serving.server.app_state import MAX_WAITING
 
 if TYPE_CHECKING:
@@ -62,8 +62,12 @@ def test_a_planner_that_fails_leaves_the_turn_to_the_next(serve: Callable[..., S
     def planner(wanted: list[str]) -> Mapping[str, object]:
         if wanted == ["dodo"]:
             raise UnknownCategoryError("no category 'dodo'")
+        if wanted == ["чашка"]:
+            raise ModelError("the text encoder does not know the words of 'чашка'")
         return {"target": wanted[0]}
 
     served = serve(planner=planner)
-    statuses = [served.get("find", params={"object": o}).status_code for o in ("dodo", "cup")]
-    assert statuses == [422, 200]
+    statuses = [
+        served.get("find", params={"object": o}).status_code for o in ("dodo", "чашка", "cup")
+    ]
+    assert statuses == [422, 422, 200]

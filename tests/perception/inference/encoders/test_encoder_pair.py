@@ -18,6 +18,7 @@ from tests.encoder_files import (
     COLOURS,
     colour_table,
     joint_network,
+    text_network,
     write_colour_pair,
     write_json,
     write_tokenizer,
@@ -51,7 +52,12 @@ def check(pair: EncoderPair, mean: np.ndarray = CLIP_MEAN, std: np.ndarray = CLI
     "how",
     [
         {},  # Transformers' and Transformers.js' exports
-        {"text_mask": True, "text_length": 77},
+        {"text_mask": TensorProto.INT64, "text_length": 77},
+        {"text_mask": TensorProto.BOOL, "text_length": 77},
+        {"text_mask": TensorProto.FLOAT, "text_kind": TensorProto.INT32},
+        {"last": True, "side": 256, "batch": 1, "text_batch": 1, "text_length": 64},
+        {"batch": 4, "side": 384, "text_batch": 2},
+        {"kind": TensorProto.FLOAT16},
         {"name": "image", "output": "features", "text_name": "text", "text_output": "features"},
         {"text_kind": TensorProto.INT32, "text_name": "tokens", "text_length": 77},
         {"output": "image_features", "text_output": "text_features", "side": "H"},
@@ -66,6 +72,13 @@ def test_siglip_stretches_and_has_values_around_zero(tmp_path):
     check(pair, HALF, HALF)
     wide = pair.encode_image(plain((20, 80)))  # no grey beside it
     np.testing.assert_allclose(wide, expected(HALF, HALF), atol=1e-3)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_network_of_bytes_gets_values_of_0_to_255(tmp_path, last):
+    """Such exports have mean and deviation inside."""
+    pair = open_encoder(write_colour_pair(tmp_path, kind=TensorProto.UINT8, last=last))
+    check(pair, 0 * HALF, 2 * HALF)
 
 
 def test_both_in_one_file(tmp_path):
@@ -170,6 +183,37 @@ def test_the_tokenizer_of_another_model_is_refused(files, words):
         open_encoder(given)
 
 
+@pytest.mark.parametrize(
+    ("how", "message"),
+    [
+        ({"factor": np.nan}, "image.onnx gives .* no embedding; .* would work"),
+        ({"factor": 0.0}, "image.onnx gives .* no embedding; .* would work"),
+        ({"text_factor": np.nan}, "text.onnx gives .* no embedding; .* would work"),
+        ({"text_mask": TensorProto.DOUBLE}, r"attention_mask is tensor\(double\); .* would work"),
+        ({"side": 9000}, "up to 4096 a side would work"),
+    ],
+)
+def test_networks_that_are_no_encoders_are_refused(tmp_path, how, message):
+    with pytest.raises(ModelError, match=message) as refused:
+        open_encoder(write_colour_pair(tmp_path, **how))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_network_that_tells_nothing_apart_is_refused(files):
+    folder = files()
+    onnx.save(text_network(np.ones((9, 3), np.float32)), str(folder / "text.onnx"))
+    with pytest.raises(ModelError, match=r"text.onnx makes the same of whatever"):
+        open_encoder(f"{folder / 'image.onnx'},{folder / 'text.onnx'}")
+
+
+def test_a_file_that_was_cut_off_is_refused_and_told_what_works(files):
+    folder = files()
+    text = folder / "text.onnx"
+    text.write_bytes(text.read_bytes()[:100])
+    with pytest.raises(ModelError, match=r"can be run \(.*\); its whole file, .* would work"):
+        open_encoder(f"{folder / 'image.onnx'},{text}")
+
+
 @pytest.mark.parametrize(("content", "message"), [(None, "no tokenizer.json"), ("{}", "is no")])
 def test_a_missing_or_damaged_tokenizer_is_refused(files, content, message):
     folder = files()
@@ -214,4 +258,6 @@ def test_the_checksum_is_of_networks_weights_and_tokenizer(files):
     tokenizer = folder / "tokenizer.json"
     tokenizer.write_text(tokenizer.read_text() + "\n")
     seen.add(open_encoder(given).checksum)
-    assert len(seen) == 3
+    write_json(folder / "preprocessor_config.json", {"image_mean": [0.1, 0.2, 0.3]})
+    seen.add(open_encoder(given).checksum)
+    assert len(seen) == 4
