@@ -138,6 +138,8 @@ class Language:
         spelt = self.table("spelt")
         words = _PAUSES.sub(", ", words)
         words = " ".join(spelt.get(word, word) for word in words.split())
+        for form, full in self.table("full").items():
+            words = re.sub(rf"(?<![\w'])(?:{form})(?!\w)", full, words)
         before, after = (self._around(key) for key in ("before", "after"))
         while (match := before.match(words)) and match.end():
             words = words[match.end() :]
