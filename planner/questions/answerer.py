@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
-from kg.history.timestamps import span
+from kg.history.timestamps import moment, span, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
@@ -104,15 +104,16 @@ class Answerer(ThingAnswers):
             return self._on(name)
         rows = self._map.query("objects-in-place", place=place).records()
         title, unnamed = self._title(place), counted_unnamed(self._map, place)
-        line = f"{counted(rows)} in {title}"
-        line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
+        line = f"{counted(rows)} in {title}: {counted_kinds(rows, self._map.catalogue)}"
         line += f", and {unnamed}" if unnamed else ""
+        none = f"{unnamed} in {title}" if unnamed else f"Nothing is known to be in {title}"
+        line = line if rows else none
         notes = [f"Note by {by}: {text}" for text, by in notes_of(self._map, place)]
         return self._listed("objects-in-place", [line, *notes], rows, place=self._label(place))
 
     def _changed(self) -> PlainAnswer:
-        moment = since(self._question.when, self._now)
-        found = read_since(self._map, moment, self._map.history.compare)
+        begin = since(self._question.when, self._now)
+        found = read_since(self._map, begin, self._map.history.compare)
         what = self._question.what
         target, one = self._target(what) if what else (None, None)
         where, base = self._question.where, self._map.base
@@ -147,9 +148,9 @@ class Answerer(ThingAnswers):
             lines += _named(words, some)
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         event += f" in {self._title(place)}" if place else ""
-        lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
-        since_then = found.times[0][:16].replace("T", " ")
-        lines.append(f"Since {since_then} UTC, by the times when the map was written")
+        since_then = f"since {spoken(moment(found.times[0]))}"
+        none = f"{target.none if target else 'Nothing'} {event} {since_then}"
+        lines = [f"{since_then.capitalize()}:", *lines] if lines else [none]
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
         rows = (
@@ -285,9 +286,8 @@ class Answerer(ThingAnswers):
         rows = self._map.query("objects").records()
         unnamed = counted_unnamed(self._map)
         more = f", and {unnamed}" if unnamed else ""
-        count = f"The map has {counted(rows)}"
-        kinds = f": {counted_kinds(rows, self._map.catalogue)}" if rows else ""
-        line = f"{count}{kinds}{more}"
+        line = f"The map has {counted(rows)}: {counted_kinds(rows, self._map.catalogue)}{more}"
+        line = line if rows else f"The map has {unnamed or 'no objects'}"
         return self._listed("objects", [line], rows)
 
     def _robot(self) -> PlainAnswer:

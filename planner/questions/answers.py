@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import cache, partial
 from typing import Final
 
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import (
     UndetectableError,
@@ -54,7 +54,7 @@ def answer_question(
     then = past(question.at, now)
     with semantic_map.at(iso(then)) as before:
         answer = _answered(before, question, then)
-    lines = *question.notes, f"As the map was at {iso(then)[:19]}:", *answer.lines
+    lines = *question.notes, f"As the map was {spoken(then)}:", *answer.lines
     return replace(answer, query="", parameters={}, lines=lines)
 
 

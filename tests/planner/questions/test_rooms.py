@@ -53,8 +53,11 @@ def flat() -> Iterator[SemanticMap]:
         ("is place 3 a bathroom", ["No: place 3 is believed to be a bedroom (50 %), and a bath"]),
         ("how many kitchens are there", ["kitchen: 1, the kitchen"]),
         ("how many bathrooms do we have", ["bathroom: 0", "Perhaps a bathroom: place 3"]),
-        ("when did you last see the kitchen", ["90 s ago: the kitchen, at 1970-01-01T00:16:40"]),
-        ("when did you last see the bedroom", ["It is not kept when bedroom was last viewed"]),
+        ("when did you last see the kitchen", ["The kitchen was last viewed 90 s ago (on 19"]),
+        (
+            "when did you last see the bedroom",
+            ["When Ann's room (bedroom) was last viewed is not kept"],
+        ),
         ("what is next to the kitchen", ["Next to the kitchen: Ann's room (bedroom)"]),
         ("is there a bedroom next to the kitchen", ["Yes: Ann's room (bedroom) is next to the"]),
         ("is there a pantry next to the kitchen", ["No place of this map is believed to be a pan"]),
@@ -118,7 +121,7 @@ def test_they_are_counted_by_place() -> None:
         for question, line in (
             ("what is in the kitchen?", "2 objects in the kitchen: a banana, a cup, and 2 things"),
             ("what is in the bedroom?", "1 object in the bedroom: a bed"),
-            ("what is in place 3?", "0 objects in place 3 by name, and 1 thing without a name"),
+            ("what is in place 3?", "1 thing without a name in place 3"),
             ("list all objects", f"The map has 3 objects: a banana, a cup, a bed, and {told}"),
             ("how many cups are there?", "1 cup"),
         ):
