@@ -203,8 +203,8 @@ class Answerer(ThingAnswers):
         """Whether all known things of a target are where the question says."""
         where, there = self._there()
         others = [one for one in known if not there(one)]
-        count = f"{target.label}: {len(known) - len(others)} of {len(known)}{where}"
-        line = f"{'No' if others else 'Yes'}: {count}"
+        count = f"{len(known) - len(others)} of {len(known)} {plural(target.label)}"
+        line = f"{'No' if others else 'Yes'}: {count} are{where}"
         return self._of_category(target, [line, *answer_lines(others, self._now, target)])
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
@@ -325,12 +325,12 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
         several = plural(kind)
-        asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
+        asked = [f"where is the {kind}?", f"what is next to the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
         spoken = spoken_places(semantic_map)
         rooms = {one.label: spoken[one.iri] for one in semantic_map.places()}
         if room := rooms.get(str(place), "").partition(" (")[0]:
-            asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
+            asked.append(f"is there {with_article(other)} in {room}?")
     if semantic_map.places():
         asked += ["which rooms are there?", "which room is the largest?"]
     asked += ["where are you?"] if semantic_map.query("robot").records() else []

@@ -12,6 +12,7 @@ from kg.model.errors import QueryParameterError
 from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from kg.model.shares import percent
+from planner.questions.named_things import plural
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -162,8 +163,9 @@ class _Answerer:
         named = [self._name(place) for place in rooms.sure[:_LISTED]]
         sure = len(rooms.sure)
         whether = self._question.whether(sure, sure + len(rooms.perhaps))
-        line = ", ".join([f"{whether}{rooms.name}: {sure}", *named])
-        return [line, *self._perhaps(rooms)]
+        kind = rooms.name if sure == 1 else plural(rooms.name)
+        line = f"{whether}{sure or 'no'} {kind}" + f": {', '.join(named)}" * bool(named)
+        return [_capital(line), *self._perhaps(rooms)]
 
     def _viewed(self, rooms: _Rooms) -> list[str]:
         seen = [(p.viewed.last, p) for p in rooms.sure if p.viewed is not None]

@@ -93,7 +93,8 @@ class ThingAnswers(NamedThings):
         for metres, label, iri, thing in found:
             if iri not in seen and len(lines) < LISTED and metres <= within:
                 seen.add(iri)
-                lines.append(f"{thing.label}, {metres:.1f} m from {label}, {thing.where}")
+                where = f" {thing.where.strip()}" if label not in thing.where else ""
+                lines.append(f"{thing.label}{where} is {metres:.1f} m from {label}")
         if not lines:
             some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
             lines = [f"{target.none} is known{some}"]
