@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _ROWS: Final = 7  # places and things that are printed; --explain prints all
 _OPTIONS = """
 MAP
-OBJECT               category or thing, e.g. cup or object/17
+OBJECT ...           category or thing, e.g. cup or object/17
 --in PLACE -> place  only in this place: label, number or IRI
 --explain            print all places and things, what was seen close by, and the chances
 --json
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     from planner.search.goals.status import stamp, status
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        found = status(semantic_map, arguments.object, arguments.place)
+        found = status(semantic_map, " ".join(arguments.object), arguments.place)
         doubted = _doubted(semantic_map, found, arguments.place)
         lines = _perhaps(semantic_map, found, doubted, arguments)
         called = {} if arguments.json else spoken_places(semantic_map)
