@@ -72,6 +72,10 @@ def test_the_map_may_stand_last_or_be_the_only_one_here(
 
     first, _ = told("find", str(flat_on_disk), "cup", "--now", "map")
     assert told("find", "cup", "--now", "map", str(flat_on_disk))[0] == first
+    for command in ("status", "log", "why"):  # a label needs no quotes
+        assert told(command, "cup", "2", str(flat_on_disk)) == told(
+            command, str(flat_on_disk), "cup 2"
+        )
     (flat_on_disk.parent / "kg" / "store").mkdir(parents=True)  # as in a clone: no map
     monkeypatch.chdir(flat_on_disk.parent)
     assert told("find", "cup", "--now", "map") == (first, "map: flat.map\n")
