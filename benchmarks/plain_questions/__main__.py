@@ -12,9 +12,10 @@ without an answer, which was written before any rule for it. Rules may be tuned 
 never on `held_out`, nor on `robot`, which was written later for the same purpose. `family`,
 `operator` and `second_language` (of people who learnt English later) were written before any of
 the sentences was read; clues were tuned on `family`, and on `operator` after it was scored once,
-never on `second_language`. `german` was written after the clues, and tuned on then. `elderly`,
+and later on `second_language`. `german` was written after the clues, and tuned on then. `elderly`,
 `technician` and `chat` were written next, before their writer read a sentence or a clue, and scored
-once; then clues were tuned on the first two, never on `chat`. `last seen` has the first sighting,
+once; then clues were tuned on the first two. `nurse`, `voice` and `flat_sharer` were written in the
+same way; then clues were tuned on all of these but `voice`. `last seen` has the first sighting,
 too, so it is also right where people ask since when something is there. In the first five, four
 questions have kinds that came later (count, route, largest, changed), and three are orders, which
 are refused since.
@@ -58,6 +59,9 @@ HOUSEHOLD: Final = tuple(
         "elderly",
         "technician",
         "chat",
+        "nurse",
+        "voice",
+        "flat_sharer",
     )
 )
 

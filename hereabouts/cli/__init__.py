@@ -228,7 +228,7 @@ def _map_first(words: Sequence[str]) -> Sequence[str]:
     command, given = words[0], [*words[1:]]
     if command not in _WITH_MAP or {"-h", "--help"} & {*given} or _is_address(*given[:1]):
         return words
-    if given and _is_map(given[-1]):
+    if given and (_is_map(given[-1]) or given[-1].endswith(".map")):
         return [command, given[-1], *given[:-1]]
     if command not in _READERS or _is_address(*given):
         return words

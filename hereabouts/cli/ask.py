@@ -50,8 +50,8 @@ _OPTIONS = f"""
 --format                        how to print the answer (ttl: CONSTRUCT and DESCRIBE only; default:
                                 table)
 --json -> format                as --format json
---explain                       print all columns, and behind an answer in words the query that has
-                                the facts
+--explain                       print all columns, and behind an answer in words its rows and the
+                                query that has them
 --at
 """
 
@@ -152,7 +152,7 @@ def _answer_plainly(
             f"an answer in words is no {arguments.format}; the same facts: {answer.command}"
         )
     write(with_map("\n".join(answer.lines)))
-    if answer.rows:
+    if answer.rows and arguments.explain:
         print_table(*_for_people(semantic_map, answer.columns, answer.rows, arguments))
     if answer.command and arguments.explain:
         note(answer.command)
@@ -225,7 +225,12 @@ def _for_people(
     rows: Sequence[Sequence[object]],
     arguments: argparse.Namespace,
 ) -> tuple[Sequence[str], Sequence[Sequence[object]]]:
-    """A table with titles of places in place of labels, and with details for `--explain` alone."""
+    """A table with names of places as sentences have them; with details for `--explain` alone."""
+    if "belief" in columns and "category" in columns:
+        from kg.model.place_names import plain_place
+
+        at = columns.index("category")
+        rows = [[*r[:at], plain_place(str(r[at] or "")), *r[at + 1 :]] for r in rows]
     if "place" in columns:
         from planner.search.goals.place_names import titles_by_label
 

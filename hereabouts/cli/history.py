@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 _LOG_OPTIONS = """
 MAP
-[IRI] -> thing  object/17, a label such as 'cup 2', place/1, robot, or an IRI
---last N        only the last N changes
---explain       list every changed fact
+[IRI ...] -> thing  object/17, a label such as cup 2, place/1, robot, or an IRI
+--last N            only the last N changes
+--explain           list every changed fact
 --json
 """
 
@@ -42,7 +42,7 @@ def log(arguments: argparse.Namespace) -> int:
 
     example: hereabouts log kitchen.map object/17
     """
-    if arguments.thing is None:
+    if not arguments.thing:
         whole_map = f"hereabouts diff {quote(str(arguments.map))} 1h"
         arguments.usage_error(
             f"give the thing, e.g. 'cup 2'; `{whole_map}` tells what changed in the whole map"
@@ -52,7 +52,7 @@ def log(arguments: argparse.Namespace) -> int:
     from planner.search.goals.place_names import thing_named
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        thing = thing_named(semantic_map, arguments.thing)
+        thing = thing_named(semantic_map, " ".join(arguments.thing))
         entries = list(semantic_map.history.events(thing))
     whole = arguments.explain or arguments.json
     shown = [entry for entry in entries if whole or entry.told]
@@ -86,6 +86,7 @@ def log(arguments: argparse.Namespace) -> int:
 
 
 _COLUMNS = ("change", "thing", "category", "before", "after", "metres")
+_ROWS = 8  # changes that are printed without --all
 _FACTS = ("change", "subject", "predicate", "before", "after")
 
 
@@ -96,6 +97,7 @@ T1 -> before  first moment
 --moved       only objects that moved
 --far M       shortest move [m] (default: 0.3)
 --facts       all facts that changed instead
+--all         all changes, not only the first 8
 --json
 """
 
@@ -130,8 +132,10 @@ def diff(arguments: argparse.Namespace) -> int:
             semantic_map, before, lambda begin: history.compare(begin, after, far=arguments.far)
         )
     rows = _rows(found, only_moved=arguments.moved, named=not arguments.json)
-    print_answer(_COLUMNS, rows, arguments.json)
-    note(f"#{found.before} to #{found.after}: {len(rows)} changes; {found.area_words}")
+    shown = rows if arguments.all or arguments.json else rows[:_ROWS]
+    print_answer(_COLUMNS, shown, arguments.json)
+    more = "" if len(shown) == len(rows) else f" (the first {_ROWS} are shown; --all lists them)"
+    note(f"#{found.before} to #{found.after}: {len(rows)} changes{more}; {found.area_words}")
     return 0
 
 

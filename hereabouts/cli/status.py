@@ -14,10 +14,10 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import declare
-from hereabouts.cli.console import json_value, print_table, without_details, write, write_json
+from hereabouts.cli.console import json_value, note, print_table, without_details, write, write_json
 from kg.model.shares import percent
 
 if TYPE_CHECKING:
@@ -26,11 +26,12 @@ if TYPE_CHECKING:
     from planner.search.goals.status import Status
 
 
+_ROWS: Final = 7  # places and things that are printed; --explain prints all
 _OPTIONS = """
 MAP
-OBJECT               category or thing, e.g. cup or object/17
+OBJECT ...           category or thing, e.g. cup or object/17
 --in PLACE -> place  only in this place: label, number or IRI
---explain            print also what was seen close by, and the chances
+--explain            print all places and things, what was seen close by, and the chances
 --json
 """
 
@@ -42,10 +43,10 @@ def add(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from kg.serving.opening import open_map
     from planner.search.goals.place_names import spoken_places
-    from planner.search.goals.status import minute, status
+    from planner.search.goals.status import stamp, status
 
     with open_map(arguments.map, read_only=True) as semantic_map:
-        found = status(semantic_map, arguments.object, arguments.place)
+        found = status(semantic_map, " ".join(arguments.object), arguments.place)
         doubted = _doubted(semantic_map, found, arguments.place)
         lines = _perhaps(semantic_map, found, doubted, arguments)
         called = {} if arguments.json else spoken_places(semantic_map)
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
                 "place",
                 "status",
                 "object",
-                "existence",
+                "sure",
                 "last seen",
                 "viewed",
                 "close by",
@@ -74,17 +75,21 @@ def run(arguments: argparse.Namespace) -> int:
                     called.get(one.place or "", one.place_label).removeprefix("the "),
                     one.value,
                     one.label,
-                    one.existence,
-                    one.last_seen,
+                    None if one.existence is None else percent(one.existence),
+                    stamp(one.last_seen),
                     percent(one.viewed_share),
                     percent(one.closely_viewed_share),
-                    minute(one.last_viewed),
+                    stamp(one.last_viewed),
                     one.noticed,
                 )
                 for one in found.places
             ],
         )
-        print_table(*(table if arguments.explain else without_details(*table)))
+        columns, rows = table if arguments.explain else without_details(*table)
+        shown = rows if arguments.explain else rows[:_ROWS]
+        print_table(columns, shown)
+        if rest := len(rows) - len(shown):
+            note(f"and {rest} more; --explain lists all")
     return 0
 
 

@@ -86,6 +86,17 @@ def iso(seconds: float) -> str:
     return text.removesuffix("+00:00") + "Z"
 
 
+def spoken(seconds: float) -> str:
+    """A time [s since 1970] as people say it: ``today at 21:02``, ``on 2026-08-01 at 9:30``.
+
+    As of `instant`, it is that of this machine's time zone.
+    """
+    at = datetime.fromtimestamp(seconds).astimezone()
+    days = (datetime.now().astimezone().date() - at.date()).days
+    day = {0: "today", 1: "yesterday"}.get(days, f"on {at:%Y-%m-%d}")
+    return f"{day} at {at:%H:%M}"
+
+
 def instant(words: str, now: float) -> str:
     """The moment (ISO 8601 or ``#42``) that words name at `now` [s since 1970].
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 from kg.history.reports.comparison import PRESENT, ObjectChange
-from kg.history.timestamps import span
+from kg.history.timestamps import moment, span, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from planner.freespace.planning_map import number, time_or_none
@@ -104,15 +104,16 @@ class Answerer(ThingAnswers):
             return self._on(name)
         rows = self._map.query("objects-in-place", place=place).records()
         title, unnamed = self._title(place), counted_unnamed(self._map, place)
-        line = f"{counted(rows)} in {title}"
-        line += f": {counted_kinds(rows, self._map.catalogue)}" if rows else " by name"
+        line = f"{counted(rows)} in {title}: {counted_kinds(rows, self._map.catalogue)}"
         line += f", and {unnamed}" if unnamed else ""
+        none = f"{unnamed} in {title}" if unnamed else f"Nothing is known to be in {title}"
+        line = line if rows else none
         notes = [f"Note by {by}: {text}" for text, by in notes_of(self._map, place)]
         return self._listed("objects-in-place", [line, *notes], rows, place=self._label(place))
 
     def _changed(self) -> PlainAnswer:
-        moment = since(self._question.when, self._now)
-        found = read_since(self._map, moment, self._map.history.compare)
+        begin = since(self._question.when, self._now)
+        found = read_since(self._map, begin, self._map.history.compare)
         what = self._question.what
         target, one = self._target(what) if what else (None, None)
         where, base = self._question.where, self._map.base
@@ -147,9 +148,9 @@ class Answerer(ThingAnswers):
             lines += _named(words, some)
         event = f"is known to have {' or '.join(wanted)}" if wanted else "changed"
         event += f" in {self._title(place)}" if place else ""
-        lines = lines or [f"{target.none if target else 'Nothing'} {event}"]
-        since_then = found.times[0][:16].replace("T", " ")
-        lines.append(f"Since {since_then} UTC, by the times when the map was written")
+        since_then = f"since {spoken(moment(found.times[0]))}"
+        none = f"{target.none if target else 'Nothing'} {event} {since_then}"
+        lines = [f"{since_then.capitalize()}:", *lines] if lines else [none]
         if target is not None:
             lines += answer_lines([one] if one else self._sure(target), self._now, target)
         rows = (
@@ -202,8 +203,8 @@ class Answerer(ThingAnswers):
         """Whether all known things of a target are where the question says."""
         where, there = self._there()
         others = [one for one in known if not there(one)]
-        count = f"{target.label}: {len(known) - len(others)} of {len(known)}{where}"
-        line = f"{'No' if others else 'Yes'}: {count}"
+        count = f"{len(known) - len(others)} of {len(known)} {plural(target.label)}"
+        line = f"{'No' if others else 'Yes'}: {count} are{where}"
         return self._of_category(target, [line, *answer_lines(others, self._now, target)])
 
     def _any_of(self, target: Target, one: KnownObject | None) -> PlainAnswer:
@@ -285,9 +286,8 @@ class Answerer(ThingAnswers):
         rows = self._map.query("objects").records()
         unnamed = counted_unnamed(self._map)
         more = f", and {unnamed}" if unnamed else ""
-        count = f"The map has {counted(rows)}"
-        kinds = f": {counted_kinds(rows, self._map.catalogue)}" if rows else ""
-        line = f"{count}{kinds}{more}"
+        line = f"The map has {counted(rows)}: {counted_kinds(rows, self._map.catalogue)}{more}"
+        line = line if rows else f"The map has {unnamed or 'no objects'}"
         return self._listed("objects", [line], rows)
 
     def _robot(self) -> PlainAnswer:
@@ -325,12 +325,12 @@ def example_questions(semantic_map: SemanticMap) -> list[str]:
         beside = [str(row["category"]) for row in things if row["place"] == place]
         other = next((one for one in beside if one != kind), kind)
         several = plural(kind)
-        asked = [f"where is the {kind}?", f"what is next to the {kind}?", f"how big is the {kind}?"]
+        asked = [f"where is the {kind}?", f"what is next to the {kind}?"]
         asked += [f"when did you last see the {other}?", f"how many {several} are there?"]
         spoken = spoken_places(semantic_map)
         rooms = {one.label: spoken[one.iri] for one in semantic_map.places()}
         if room := rooms.get(str(place), "").partition(" (")[0]:
-            asked += [f"what is in {room}?", f"is there {with_article(other)} in {room}?"]
+            asked.append(f"is there {with_article(other)} in {room}?")
     if semantic_map.places():
         asked += ["which rooms are there?", "which room is the largest?"]
     asked += ["where are you?"] if semantic_map.query("robot").records() else []

@@ -10,13 +10,11 @@ from dataclasses import replace
 from functools import cache, partial
 from typing import Final
 
-from kg.history.timestamps import iso
+from kg.history.timestamps import iso, spoken
+from kg.knowledge.ontology.catalogue import name_key
+from kg.knowledge.words.tables import word_table
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import (
-    UndetectableError,
-    UnknownCategoryError,
-    UnknownQueryError,
-)
+from kg.model.errors import UndetectableError, UnknownCategoryError, UnknownQueryError
 from mapping.looks.word_looks import compares_texts
 from planner.questions.answerer import Answerer, example_questions
 from planner.questions.moments import past
@@ -54,7 +52,7 @@ def answer_question(
     then = past(question.at, now)
     with semantic_map.at(iso(then)) as before:
         answer = _answered(before, question, then)
-    lines = *question.notes, f"As the map was at {iso(then)[:19]}:", *answer.lines
+    lines = *question.notes, f"As the map was {spoken(then)}:", *answer.lines
     return replace(answer, query="", parameters={}, lines=lines)
 
 
@@ -92,8 +90,9 @@ def _by_number(words: str) -> str:
 
 
 def _is_name(semantic_map: SemanticMap, words: str) -> bool:
-    """Whether words are the name of a category, or of one thing."""
-    if semantic_map.catalogue.get(words) is not None:
+    """Whether words are the name of a category, or of one thing, as ``can opener`` is."""
+    listed = " " in words and name_key(words) in word_table().senses
+    if listed or semantic_map.catalogue.get(words) is not None:
         return True
     return bool(words) and bool(semantic_map.resolve("thing", words))
 

@@ -161,8 +161,9 @@ def _by_sentence_or_clues(
     read = [(one, w, one.read(w) or {}) for one, w in plain]
     for language, _, gaps in read:
         given = [gaps.get(gap, "") for gap in _NAMED]
-        names = (_Names(language, known).without(name)[0] for name in given if not known(name))
-        if gaps and not _is_timeless(gaps) and not has_clue(language, names):
+        names = [_Names(language, known).without(name)[0] for name in given]
+        unknown = [name for name in names if not known(name)]
+        if gaps and not _is_timeless(gaps) and not has_clue(language, unknown):
             return language, gaps
     for language, words, gaps in read:
         clues = read_clues(language, words) or {}

@@ -7,12 +7,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from kg.history.timestamps import iso, span
+from kg.history.timestamps import span, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError
 from kg.model.place_names import NUMBERED, plain_place
 from kg.model.records import DoorRecord, PlaceRecord, likeliest
 from kg.model.shares import percent
+from planner.questions.named_things import plural
 from planner.questions.patterns import Kind, Question
 from planner.search.goals.place_names import (
     listed_places,
@@ -164,16 +165,18 @@ class _Answerer:
         named = [self._name(place) for place in rooms.sure[:_LISTED]]
         sure = len(rooms.sure)
         whether = self._question.whether(sure, sure + len(rooms.perhaps))
-        line = ", ".join([f"{whether}{rooms.name}: {sure}", *named])
-        return [line, *self._perhaps(rooms)]
+        kind = rooms.name if sure == 1 else plural(rooms.name)
+        line = f"{whether}{sure or 'no'} {kind}" + f": {', '.join(named)}" * bool(named)
+        return [_capital(line), *self._perhaps(rooms)]
 
     def _viewed(self, rooms: _Rooms) -> list[str]:
         seen = [(p.viewed.last, p) for p in rooms.sure if p.viewed is not None]
         if not seen:
-            return [f"It is not kept when {rooms.name} was last viewed"]
+            named = self._name(rooms.sure[0]) if rooms.sure else ""
+            return [f"When {named} was last viewed is not kept" if named else self._none(rooms)]
         last, place = max(seen, key=lambda pair: pair[0])
         ago = span(max(self._now - last, 0.0))
-        return [f"{ago} ago: {self._name(place)}, at {iso(last)[:19]}"]
+        return [f"{_capital(self._name(place))} was last viewed {ago} ago ({spoken(last)})"]
 
     def _next_to(self, rooms: _Rooms) -> list[str]:
         """The places beside those that are named; of two kinds of places: whether they are."""

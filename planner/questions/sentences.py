@@ -135,9 +135,9 @@ class Language:
     def plain(self, text: str) -> str:
         """Lower case, single spaces, full forms; without marks at the end and politeness."""
         words = " ".join(text.replace("\u2019", "'").casefold().split()).strip(" ?!.,;:'\"")
-        spelt = self.table("spelt")
         words = _PAUSES.sub(", ", words)
-        words = " ".join(spelt.get(word, word) for word in words.split())
+        for form, read in self.table("spelt").items():
+            words = re.sub(rf"(?<![\w'])(?:{form})(?!\w)", read, words)
         before, after = (self._around(key) for key in ("before", "after"))
         while (match := before.match(words)) and match.end():
             words = words[match.end() :]

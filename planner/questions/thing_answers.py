@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from kg.history.timestamps import iso, span
+from kg.history.timestamps import span, spoken
 from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord
 from kg.model.shares import percent
@@ -93,7 +93,8 @@ class ThingAnswers(NamedThings):
         for metres, label, iri, thing in found:
             if iri not in seen and len(lines) < LISTED and metres <= within:
                 seen.add(iri)
-                lines.append(f"{thing.label}, {metres:.1f} m from {label}, {thing.where}")
+                where = f" {thing.where.strip()}" if label not in thing.where else ""
+                lines.append(f"{thing.label}{where} is {metres:.1f} m from {label}")
         if not lines:
             some = "" if math.isinf(within) else f" within {within:g} m of {self._question.other}"
             lines = [f"{target.none} is known{some}"]
@@ -232,12 +233,12 @@ class ThingAnswers(NamedThings):
         seen = row["lastSeen"]
         assert isinstance(seen, datetime)
         place = f" in {self._titled(row['place'])}" if row["place"] else ""
-        name, at = row["label"] or row["category"], iso(seen.timestamp())[:19]
-        lines = [f"{self._ago(seen)}: {name}{place}, at {at}"]
+        name, at = row["label"] or row["category"], spoken(seen.timestamp())
+        lines = [f"{name} was last seen {self._ago(seen)} ({at}){place}"]
         still = known.get(str(row["object"]))
         for record in self._record(still) if still else ():
             first, ago = record.first_seen, span(max(self._now - record.first_seen, 0.0))
-            lines.append(f"It was first seen {ago} ago, at {iso(first)[:19]}")
+            lines.append(f"It was first seen {ago} ago ({spoken(first)})")
         return self._listed("last-seen", lines, rows, category=target.kind)
 
     def _recent(self) -> PlainAnswer:
@@ -267,9 +268,8 @@ class ThingAnswers(NamedThings):
         where, there = self._there()
         known = [k for k in self._known(target, one) if there(k)]
         lines = [
-            f"{k.label} {k.where.strip()}: it exists with {percent(k.believed)}, was seen "
-            f"{times(k.observations)}, and is still there with "
-            f"{percent(k.still_there(self._now))}"
+            f"{k.label} {k.where.strip()} was seen {times(k.observations)}: {percent(k.believed)} "
+            f"sure that it exists, and {percent(k.still_there(self._now))} that it is still there"
             for k in known[:LISTED]
         ]
         if not lines:
@@ -296,9 +296,9 @@ class ThingAnswers(NamedThings):
             return [f"{one.label} has no observation in the map{said}"]
         row = rows[0]
         return [
-            f"{one.label} {one.where.strip()} was seen {times(one.observations)}, best in "
-            f"{row['frame']} of {row['recording']} by {row['model']} with score {row['score']}"
-            f"{said}"
+            f"{one.label} {one.where.strip()} was seen {times(one.observations)}; at best the "
+            f"detector was {percent(number(row, 'score'))} sure, in {row['frame']} of "
+            f"{row['recording']}{said}"
         ]
 
     def _unseen(self) -> PlainAnswer:
@@ -308,13 +308,13 @@ class ThingAnswers(NamedThings):
             for place in self._map.places()
         )
         never = [title for share, title in shares if share < _VIEWED]
-        least = ", ".join(f"{title} ({percent(share)} viewed)" for share, title in shares[:NAMED])
+        least = ", ".join(f"{title} ({percent(share)})" for share, title in shares[:LISTED])
         if not shares:
             line = "The map has no places"
         elif never:
             line = f"Never viewed: {', '.join(never)}"
         else:
-            line = f"Each place was viewed, at least in part; the least first: {least}"
+            line = f"Every room was viewed at least in part; least of all {least}"
         return self._made("places", [line])
 
 

@@ -14,6 +14,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from kg.history.timestamps import spoken
 from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
@@ -167,8 +168,8 @@ def sourced(row: Row, column: str) -> str:
 
 
 def evidence(row: Row, existence: float, place: str = "place") -> str:
-    """Existence of a row's object, and its observations as `observed` has them."""
-    return f"existence {existence:.2f}{observed(row, place)}"
+    """How surely a row's object exists, and its observations as `observed` has them."""
+    return f"{percent(existence)} sure{observed(row, place)}"
 
 
 def observed(row: Row, place: str = "place") -> str:
@@ -178,7 +179,7 @@ def observed(row: Row, place: str = "place") -> str:
         detected = f" as {row['detectedAs']}" if row.get("detectedAs") else ""
         reason = f", seen {times(number(row, 'observations'))}{detected}"
     if (last := time_or_none(row, "lastSeen")) is not None:
-        reason += f", last seen {last:%Y-%m-%d %H:%M:%S}"
+        reason += f", last seen {spoken(last.timestamp())}"
     if row["frame"] is not None:
         reason += f", best in {row['frame']}"
     return reason + (f", in {row[place]}" if row[place] is not None else "")

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import Final, Literal, cast
 
 from kg.history.reports.comparison import PRESENT
+from kg.history.timestamps import spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
@@ -170,7 +171,7 @@ def _proof(label: str, places: Sequence[PlaceStatus]) -> tuple[str, str]:
     others = len(places) - len(least)
     rest = f", and more of {others} other place{'s' * (others > 1)}" if others else ""
     last = max((one.last_viewed for one in places if one.last_viewed), default=None)
-    at = f", last at {minute(last)}" if last else ""
+    at = f", last {stamp(last)}" if last else ""
     unseen = max(places, key=lambda one: one.out_of_view)
     viewed = f"the robot viewed {', '.join(parts)}{rest}{at}"
     if unseen.out_of_view < 0.005:
@@ -183,25 +184,20 @@ def _known_proof(label: str, one: PlaceStatus) -> str:
     """Place and time of an object's last sighting, and since when its spot is empty."""
     seen = f", last seen {stamp(one.last_seen)}" if one.last_seen else ""
     if one.value == "gone":
-        empty = f", and its spot was seen empty at {stamp(one.found_gone)}"
+        empty = f", and its spot was seen empty {stamp(one.found_gone)}"
         return f"{one.label or label}{one.said} was in {one.place_label}{seen}{empty}"
-    sure = f"existence {one.existence:.2f}" if one.existence is not None else "asserted"
+    sure = "asserted" if one.existence is None else f"{percent(one.existence)} sure"
     return f"{one.label or label}{one.said} in {one.place_label}, {sure}{seen}"
 
 
 def stamp(time: datetime | None) -> str:
-    """A time in UTC, to the second; "" for None."""
-    return "" if time is None else time.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S")
-
-
-def minute(viewed: datetime | None) -> str:
-    """A time of views in UTC, to the minute, as the floor keeps them; "" for None."""
-    return "" if viewed is None else viewed.astimezone(UTC).strftime("%Y-%m-%d %H:%M")
+    """``today at 21:02``: a time as people say it; "" for None."""
+    return "" if time is None else spoken(time.timestamp())
 
 
 def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
     places = {place.iri: place for place in semantic_map.places()}
-    spoken = spoken_places(semantic_map)
+    called = spoken_places(semantic_map)
     for record in semantic_map.perceived.objects((iri,)):
         place = places.get(record.place or "")
         views = None if place is None else place.viewed
@@ -212,18 +208,18 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
             value = "gone" if _was_real(semantic_map, iri) else NONE_SEEN
         if record.existence >= PRESENT:
             value = "present"
-        where = spoken[place.iri] if place else "no place"
+        where = called[place.iri] if place else "no place"
         stated = stated_categories(semantic_map).get(iri)
         said = f"called {stated.category} by {stated.by}, " if stated else ""
-        proof = f"{said}in {where}, existence {record.existence:.2f}, last seen {stamp(seen)}"
+        proof = f"{said}in {where}, {percent(record.existence)} sure, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
-            proof += f"; {where} last viewed {minute(viewed)}"
+            proof += f"; {where} last viewed {stamp(viewed)}"
         return Status(what, value, proof, ())
     for left in semantic_map.departed((iri,)):
         seen, gone = (datetime.fromtimestamp(t, UTC) for t in (left.last_seen, left.found_gone))
         x, y, _ = left.p_map
-        area = next((spoken[p.iri] for p in places.values() if p.area.contains(x, y)), "no place")
+        area = next((called[p.iri] for p in places.values() if p.area.contains(x, y)), "no place")
         proof = (
             f"left ({x:.2f}, {y:.2f}) in {area}: last seen {stamp(seen)}, found gone {stamp(gone)}"
         )

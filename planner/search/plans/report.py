@@ -147,7 +147,7 @@ def step_purpose(step: ViewStep) -> str:
 
 def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[object, ...]]]:
     """Header and rows of a plan: viewpoint, direction, probability, time, probability left."""
-    header = ("", "stand at", "in", "look", "for", "chance", "by [s]", "left")
+    header = ("", "stand at", "in", "look", "for", "chance", "after", "not found yet")
     return header, [
         (
             number,
@@ -156,7 +156,7 @@ def looks_table(steps: Sequence[ViewStep]) -> tuple[tuple[str, ...], list[tuple[
             direction(step),
             step_purpose(step),
             percent(step.probability),
-            round(step.seconds),
+            f"{step.seconds:.0f} s",
             percent(step.left),
         )
         for number, step in enumerate(steps, start=1)

@@ -197,10 +197,10 @@ TASKS: list[tuple[str, Any, Any]] = [
      ["book: It was there, and has probably been moved since",
       "banana: It was there, and has probably been moved since",
       "giraffe: None is known: the robot viewed 0 % of place 3, 98 % of the "
-      "kitchen, 98 % of the bedroom, last at 1970-01-01 00:01; the chance that one "
+      "kitchen, 98 % of the bedroom, last on 1970-01-01 at 00:01; the chance that one "
       "stood out of view is 100 %, most in place 3"]),
-    ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][:19],
-                          question="how far is the cup from the bed?"), "cup 2, 1.4 m from b"),
+    ("how far apart", one("ask", lambda a: a["untrusted_answer"][0][-19:],
+                          question="how far is the cup from the bed?"), "is 1.4 m from bed 3"),
     ("is a book on the bed", one("ask", lambda a: a["untrusted_answer"][0],
                                  question="is there a book on the bed?"),
      "It was there, and has probably been moved since:"),

@@ -72,10 +72,16 @@ def test_the_map_may_stand_last_or_be_the_only_one_here(
 
     first, _ = told("find", str(flat_on_disk), "cup", "--now", "map")
     assert told("find", "cup", "--now", "map", str(flat_on_disk))[0] == first
+    for command in ("status", "log", "why"):  # a label needs no quotes
+        assert told(command, "cup", "2", str(flat_on_disk)) == told(
+            command, str(flat_on_disk), "cup 2"
+        )
     (flat_on_disk.parent / "kg" / "store").mkdir(parents=True)  # as in a clone: no map
     monkeypatch.chdir(flat_on_disk.parent)
     assert told("find", "cup", "--now", "map") == (first, "map: flat.map\n")
     assert "no map at other.map" in told("find", "other.map", "cup", code=1)[1]
+    for command in ("find", "status", "ask"):
+        assert "no map at other.map" in told(command, "cup", "other.map", code=1)[1]
     (tmp_path / "b.map").symlink_to(flat_on_disk)
     (tmp_path / "a.map").symlink_to(flat_on_disk)
     monkeypatch.chdir(tmp_path)
@@ -134,8 +140,8 @@ def test_each_reason_is_printed_once(says: Said) -> None:
 def test_looks_worth_nothing_are_not_listed(says: Said) -> None:
     out, _ = says("giraffe")
     assert "Not worth looking: giraffe is on this floor with a chance of " in out
-    assert " by [s] " not in out
-    assert " by [s] " in says("giraffe", *re.findall(r"(--worth) (\S+) plans on", out)[0])[0]
+    assert " not found yet" not in out
+    assert " not found yet" in says("giraffe", *re.findall(r"(--worth) (\S+) plans on", out)[0])[0]
 
 
 def test_steps_have_the_way_to_them_as_it_is_driven(says: Said) -> None:

@@ -114,6 +114,8 @@ def test_a_table_has_details_only_where_they_are_asked_for(
     capsys.readouterr()
     assert main(["ask", str(lab), "where is the chair?"]) == 0
     assert "objects-by-category" not in capsys.readouterr().err
+    assert "xmax" not in prints("ask", lab, "which rooms are there?")
+    assert "xmax" in prints("ask", lab, "which rooms are there?", "--explain")
     assert main(["ask", str(lab), "where is the chair?", "--explain"]) == 0
     assert f"hereabouts ask {lab} objects-by-category" in capsys.readouterr().err
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -17,7 +18,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store
 from kg.history.point_in_time import PastStates, difference, replay
 from kg.history.storage import log as log_module
 from kg.history.storage.maintenance import attach
-from kg.history.timestamps import duration, iso, moment
+from kg.history.timestamps import duration, instant, iso, moment, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model import vocabulary as v
 from kg.model.errors import GraphError, HistoryError, InvalidFactError
@@ -314,3 +315,12 @@ def test_a_state_that_is_withdrawn_is_not_cached() -> None:
         scratch.update('INSERT DATA { GRAPH <urn:g> { <urn:a> <urn:b> "accepted" } }')
         store.commit([], scratch, Cause("update"))
         assert len(states.at(log, store.engine, number)) == 3
+
+
+def test_a_time_is_said_in_words_that_are_read_as_that_time() -> None:
+    now = time.time() // 60 * 60
+    assert spoken(now).startswith("today at ")
+    assert spoken(now - 86400).startswith("yesterday at ")
+    for seconds in (now, now - 86400):
+        assert moment(instant(spoken(seconds), time.time())) == seconds
+    assert re.fullmatch(r"on 20\d\d-\d\d-\d\d at \d\d:\d\d", spoken(now - 9 * 86400))

@@ -38,6 +38,12 @@ from planner.questions.sentences import languages
         ("sag mal, der Koffer, wo ist der hin", "where", ("koffer", "", "")),
         ("weiß jemand wo das Buch hingekommen ist", "where", ("buch", "", "")),
         ("ist die Tasse im Bad oder in der Küche", "where", ("tasse", "", "")),
+        ("yo whats under the sofa", "under", ("", "", "sofa")),
+        ("do u think the mug's on the shelf pls", "status", ("mug", "", "shelf")),
+        ("um how many uh vases are in the office", "count", ("vases", "office", "")),
+        ("has the office a clock", "status", ("clock", "office", "")),
+        ("is the vase where it was yesterday", "changed", ("vase", "", "")),
+        ("steht die Vase noch da wo sie gestern stand", "changed", ("vase", "", "")),
     ],
 )
 def test_the_order_of_clues_and_names_does_not_matter(

@@ -16,7 +16,7 @@ import pytest
 
 from benchmarks.plain_questions.__main__ import PARTS, scored
 from hereabouts.cli import main
-from kg.history.timestamps import moment
+from kg.history.timestamps import moment, spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import HereaboutsError, UnknownCategoryError, UnknownQueryError
 from kg.model.records import MapUpdate, PlaceRecord
@@ -109,7 +109,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("what did you see last in the bowl", "error: last sightings are listed by place"),
         ("where can I sit in the kitchen?", "Nothing to sit on is known to be in the kitchen"),
         ("wie weit ist das Bett von der Tasse?", " m from cup 2"),
-        ("when did you last see the cup?", "years ago: cup 2 in the kitchen, at 1970-01-01"),
+        ("when did you last see the cup?", f"years ago ({spoken(0.0)}) in the kitchen"),
         ("which rooms are there", "3 places: kitchen, bedroom, place 3"),
         ("list all objects", "3 objects: a banana, a cup, a bed"),
         ("where are you?", "The robot is in the bedroom at (6.0, 1.0), as of "),
@@ -123,28 +123,31 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("is there a cup on the bed", "No cup is known to be on bed 3\nProbably no longer"),
         ("how many cups are on the bed?", "0 cups on bed 3"),
         ("which cup is closest to the banana", "The nearest is 2.8 m away: cup 2"),
-        ("how far is the bed from the cup?", "bed 3, 4.1 m from cup 2"),
+        ("how far is the bed from the cup?", "bed 3 in the bedroom is 4.1 m from cup 2"),
         ("how far is the cup from the kitchen", "From the kitchen to cup 2: 1.4 m, in the same"),
-        ("are all the beds in the kitchen?", "No: bed: 0 of 1 in the kitchen\nProbably no longer"),
-        ("Sind alle Betten im Schlafzimmer", "Yes: bed: 1 of 1 in the bedroom"),
+        (
+            "are all the beds in the kitchen?",
+            "No: 0 of 1 beds are in the kitchen\nProbably no longer",
+        ),
+        ("Sind alle Betten im Schlafzimmer", "Yes: 1 of 1 beds are in the bedroom"),
         ("is there more than one cup", "No: 1 cup"),
         ("at least three cups in the kitchen?", "No: 1 cup in the kitchen"),
         ("since when has the cup been in the kitchen", "It was first seen "),
         ("when was the cup last in the bedroom", "No cup is known to be in the bedroom"),
         ("how large is the flat", "The 3 places of the map have "),
-        ("how often did you see the bed", "bed 3 in the bedroom: it exists with"),
+        ("how often did you see the bed", "bed 3 in the bedroom was seen "),
         ("is there anything new in the kitchen", "Appeared: banana 1, cup 2"),
         ("how big is the kitchen", "The kitchen has 16.0 m2, and is 4.0 x 4.0 m at its widest"),
         ("how tall is the bed", "The size of bed 3 is not known"),
         ("where are the cup and the bed?", "cup 2 was seen there 4 times"),
         ("where are the cup and the bed?", "bed 3 was seen there 4 times"),
         ("where is my cup and my keys", "No detector here can see things called 'keys'"),
-        ("was there ever a cup?", "years ago: cup 2 in the kitchen"),
+        ("was there ever a cup?", "cup 2 was last seen 5"),
         ("wher is teh banana", "This is read as 'where is the banana'"),
         ("where was the cup yesterday?", "the past before "),
         ("where am I?", "The map knows where the robot is, not where you are\nThe robot is in the"),
         ("Danke", "is there a cup in the kitchen?"),
-        ("has anyone moved the cup?", "No cup is known to have moved or gone\nSince 2"),
+        ("has anyone moved the cup?", "No cup is known to have moved or gone since today at "),
         ("what animals are there?", "No animal is in the map, but nobody looked: the robot viewed"),
         ("which cups are in the kitchen", "Probably no longer in the kitchen: cup 2"),
         ("where is the cup in the bedroom", "No cup is known to be in the bedroom\nProbably"),
@@ -155,16 +158,16 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("gibt es im Schlafzimmer ein Bett?", "It was there, and has probably been moved since:"),
         ("welche Tiere gibt es", "'tiere' means animal\nNo animal is in the map"),
         ("wo sind meine Schl\u00fcssel", "see things called 'schl\u00fcssel' (keys)"),
-        ("what changed in the kitchen?", "Appeared: banana 1, cup 2\nNew rooms: kitchen\nSince"),
+        ("what changed in the kitchen?", ":\nAppeared: banana 1, cup 2\nNew rooms: kitchen"),
         ("are there two cups?", "No: 1 cup"),
-        ("do we have two bedrooms", "No: bedroom: 1, the bedroom"),
-        ("are there 2 rooms?", "Yes: room: 3"),
+        ("do we have two bedrooms", "No: 1 bedroom: the bedroom"),
+        ("are there 2 rooms?", "Yes: 3 rooms: the kitchen"),
         ("what was the last thing you saw?", "years ago: banana 1 in the kitchen\n"),
         ("what did you see last in the bedroom", "years ago: bed 3 in the bedroom"),
         ("which room is the largest?", "The largest is the kitchen (16.0 m2); then the bedroom"),
         ("how do I get to the kitchen?", "From the robot to the kitchen: "),
         ("what is between the cup and the bed?", "From cup 2 to bed 3: nothing is known to be"),
-        ("how sure are you that there is a cup?", "cup 2 in the kitchen: it exists with "),
+        ("how sure are you that there is a cup?", "sure that it exists, and "),
         ("how sure are you that the cup is in the bedroom", "No cup is known to be in the bedroom"),
         ("which rooms have you never been in?", "Never viewed: "),
         ("why do you think there is a cup?", "cup 2 has no observation in the map"),
@@ -178,7 +181,7 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("in which room would I find the cup", "cup 2 was seen there 4 times"),
         ("where could I have put the cup?", "cup 2 was seen there 4 times"),
         ("what happened to the cup", "cup 2 was seen there 4 times"),
-        ("Wann hast du zuletzt die Tasse gesehen", "years ago: cup 2 in the kitchen"),
+        ("Wann hast du zuletzt die Tasse gesehen", "cup 2 was last seen 5"),
         ("wo is denn mein Bett", "bed 3 was seen there 4 times"),
         ("is there only one bed", "1 bed"),
         (
@@ -188,11 +191,12 @@ def test_most_questions_are_right_and_none_is_wrong(part: Path) -> None:
         ("anything on the bed?", "Nothing is known to be on or in bed 3"),
         (
             "what are the odds that the cup is still in the kitchen",
-            "cup 2 in the kitchen: it exists",
+            "that it is still there",
         ),
-        ("last time you saw the cup", "years ago: cup 2 in the kitchen"),
+        ("last time you saw the cup", "in the kitchen\nIt was first seen "),
         ("which rooms do I pass on my way to the kitchen", "From the robot to the kitchen: "),
         ("where haven't you been", "Never viewed: "),
+        ("where's my can opener", "No detector here can see things called 'can opener'"),
     ],
 )
 def test_a_question_has_its_answer(opened: SemanticMap, question: str, answer: str) -> None:
@@ -347,7 +351,7 @@ def test_a_moment_of_the_past_has_the_answer_of_then(flat: Path) -> None:
         *_, newest = semantic_map.history.events(f"{semantic_map.base}object/2")
         semantic_map.apply(MapUpdate(removed=(f"{semantic_map.base}object/2",)))
         then = answer_question(semantic_map, asked, newest.time + 60.0)
-        assert then.lines[0].startswith("As the map was at 2")
+        assert then.lines[0].startswith("As the map was today at ")
         assert "cup 2 was seen there 4 times" in then.lines[1]
         later = answer_question(semantic_map, asked, newest.time + 3600.0)
         assert later.lines[1].startswith("No cup is in the map")
