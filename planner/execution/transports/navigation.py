@@ -129,17 +129,17 @@ class Navigation(ABC):
     def outcome(self) -> str | None:
         """Reason why the goal failed, "" after success; None without a goal or under way.
 
-        Raises RobotError where the server died with the goal under way.
+        Raises RobotError where the server died with the goal under way, or takes none.
         """
         with self._lock:
             goal, now = self._goal, time.monotonic()
             if goal is None or goal.outcome is not None:
                 return None if goal is None else goal.outcome
-            if now - max(self._alive, goal.heard) > GONE:
-                raise RobotError(
-                    f"{self.name} is gone, with a goal under way; start it, then search --resume"
-                )
-            if self._alive - goal.heard > ANSWER and (self.repeats or not goal.is_taken):
+            is_known = self.repeats or goal.is_taken  # else that it is there proves nothing
+            if now - (max(self._alive, goal.heard) if is_known else goal.heard) > GONE:
+                why = "is gone, with a goal under way" if is_known else "takes no goals"
+                raise RobotError(f"{self.name} {why}; start it, then search --resume")
+            if self.repeats and self._alive - goal.heard > ANSWER:
                 goal.outcome = f"{self.name} has not named its goal for {ANSWER:g} s"
             return goal.outcome
 
@@ -363,12 +363,11 @@ class Nav2Services(Nav2):
         fields = {"goal_id": number, "pose": pose.fields(self._maker)}
 
         def answered(answer: bytes | str) -> None:
-            if isinstance(answer, str):
-                why = f"navigation does not answer: {cleaned(answer)}"
-            elif answer[4:5] == b"\x01":  # accepted, after CDR's header
-                why = ""
-            else:
-                why = "navigation rejected the goal"
+            if isinstance(answer, str):  # the viewpoint has no part in it
+                _log.warning("%s does not answer: %s", self.name, cleaned(answer))
+                return
+            is_accepted = answer[4:5] == b"\x01"  # after CDR's header
+            why = "" if is_accepted else "navigation rejected the goal"
             with self._lock:
                 goal.heard, goal.is_taken = time.monotonic(), not why
                 goal.outcome = why or goal.outcome
