@@ -85,6 +85,12 @@ class Ros2Domain:
         with network_errors(self.address):
             _Participant(self.joined(), self.number, inbox).run(ended)
 
+    def publisher(self, types: Mapping[str, str], latched: frozenset[str] = frozenset()) -> Any:
+        """A `Ros2Publisher` of this domain."""
+        from perception.sources.live.ros2_publisher import Ros2Publisher
+
+        return Ros2Publisher(self, types, latched)
+
     def joined(self) -> Any:
         """A participant of the domain; raises DDSException without a network."""
         from cyclonedds.domain import DomainParticipant

@@ -23,7 +23,6 @@ from kg.model.errors import RecordingError, RobotError
 from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros1 import Ros1Master
-from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.ros.image_messages import NANOSECONDS
 from perception.sources.ros.message_maker import MessageMaker
@@ -210,13 +209,13 @@ class MoveBase(Navigation):
         self.types = {f"{self.name}/status": _STATUS, f"{self.name}/result": _RESULT}
         self._goal_topic, self._cancel_topic = f"{self.name}/goal", f"{self.name}/cancel"
         topics = {self._goal_topic: _GOAL, self._cancel_topic: _CANCEL}
-        self._publisher = Ros1Publisher(master, topics)
+        self._publisher = master.publisher(topics)
         self._maker = MessageMaker(is_ros1=True)
 
     @property
     def ready(self) -> bool:
         """Whether a node subscribes to goals."""
-        return self._publisher.subscribers(self._goal_topic) > 0
+        return bool(self._publisher.subscribers(self._goal_topic))
 
     @property
     def missing(self) -> str:
@@ -291,11 +290,9 @@ class Nav2Topics(Nav2):
     GOAL: Final = "/goal_pose"
 
     def __init__(self, domain: Ros2Domain, name: str = "/navigate_to_pose") -> None:
-        from perception.sources.live.ros2_publisher import Ros2Publisher
-
         super().__init__(domain.address, name)
         self._seen = set[str]()  # ids of goals
-        self._publisher = Ros2Publisher(domain, {self.GOAL: "geometry_msgs/msg/PoseStamped"})
+        self._publisher = domain.publisher({self.GOAL: "geometry_msgs/msg/PoseStamped"})
 
     @property
     def ready(self) -> bool:
