@@ -148,8 +148,8 @@ class _Writer:
 
         ever = ros.QosTime(2147483647, 4294967295)
         kept: tuple[Any, ...] = ros.QosHistory.KEEP_LAST, 1, ros.QosReliability.RELIABLE
-        kept += ros.QosDurability.TRANSIENT_LOCAL, ever, ever, ros.QosLiveliness.AUTOMATIC, ever
-        return {"offered_qos_profiles": [ros.Qos(*kept, avoid_ros_namespace_conventions=False)]}
+        kept += ros.QosDurability.TRANSIENT_LOCAL, ever, ever, ros.QosLiveliness.AUTOMATIC
+        return {"offered_qos_profiles": [ros.Qos(*(*kept, ever, False))]}
 
     def begin(self, recording: FolderRecording, stamp: int) -> None:
         """Write the messages that hold for the whole recording."""

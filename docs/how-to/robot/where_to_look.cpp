@@ -1,15 +1,16 @@
 // A behaviour-tree node for Nav2 that asks a map where to look next for a thing.
 //
-//   <WhereToLook map="/home/robot/kitchen.map" object="cup" goal="{look}" probability="{chance}"/>
+//   <WhereToLook map="/home/robot/kitchen.map" object="cup" goal="{look}" percent="{percent}"/>
 //
 // runs `hereabouts find MAP OBJECT --json` beside the tree, and sets `goal` to the first look of its
-// plan that this node has not given yet; `probability` is the chance that the look shows the thing.
+// plan that this node has not given yet; `percent` is the chance that the look shows the thing.
 // It fails where the plan has no other look. `hereabouts live ... --publish` maps meanwhile, tells
 // where the robot is, and publishes the goals' frame in tf.
 //
 // In a package of yours with behaviortree_cpp and geometry_msgs:
 //   add_library(where_to_look SHARED where_to_look.cpp)
 //   ament_target_dependencies(where_to_look behaviortree_cpp geometry_msgs)
+//   target_compile_definitions(where_to_look PRIVATE BT_PLUGIN_EXPORT)
 // and in the parameters of bt_navigator: plugin_lib_names: [where_to_look]. The tree beside this
 // file, look_for_cup.xml, uses it. ROS 2 Humble has behaviortree_cpp_v3, and no JSON with it.
 #include <fcntl.h>
@@ -41,7 +42,7 @@ class WhereToLook : public BT::StatefulActionNode {
             BT::InputPort<std::string>("program", "hereabouts", "path of the command"),
             BT::InputPort<std::string>("frame", "hereabouts", "frame of the map in tf"),
             BT::OutputPort<Goal>("goal", "where to stand, and which way to look"),
-            BT::OutputPort<double>("probability", "chance that the look shows the thing")};
+            BT::OutputPort<int>("percent", "chance that the look shows the thing")};
   }
 
   BT::NodeStatus onStart() override {
@@ -126,7 +127,7 @@ class WhereToLook : public BT::StatefulActionNode {
       goal.pose.orientation.z = std::sin(look.heading / 2);
       goal.pose.orientation.w = std::cos(look.heading / 2);
       setOutput("goal", goal);
-      setOutput("probability", step.at("probability").get<double>());
+      setOutput("percent", static_cast<int>(std::lround(100 * step.at("probability").get<double>())));
       return true;
     }
     return false;
