@@ -10,7 +10,9 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from hereabouts.cli import main
@@ -20,6 +22,8 @@ import yaml
 
 from hereabouts.display.viewers.ros_messages import LIVE_TOPICS, TOPICS
 from hereabouts.display.viewers.topic_viewer import published_types
+from kg.model.records import MapUpdate, PlaceRecord, RobotRecord
+from kg.serving.opening import create_map
 
 FOLDER = Path(__file__).parents[1] / "docs/how-to/robot"
 
@@ -93,3 +97,26 @@ def test_the_launch_file_of_ros_1_is_one() -> None:
         [*words, "into:=/tmp/a.map"], capture_output=True, text=True, timeout=60, check=True
     )
     assert "exec hereabouts live ros1 --into /tmp/a.map --publish" in done.stdout
+
+
+def test_the_node_of_a_behaviour_tree_asks_as_the_command_answers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (FOLDER / "where_to_look.cpp").read_text()
+    (words,) = re.findall(r"start\(\{(.+?)\}\)", text, re.S)
+    given = re.findall(r'"([^"]+)"', words)  # those between program, map and object
+    assert given == ["program", "find", "--json", "--"]
+    path = tmp_path / "a.map"
+    with create_map(path) as semantic_map:
+        kind = semantic_map.catalogue.find("dining room", "place").iri
+        area = 3.0, 8.0, 6.0, 10.0
+        room = PlaceRecord(semantic_map.place_iri(1), "dining room", *area, 20, {kind: 0.9})
+        robot = RobotRecord(np.array([4.7, 8.2, 0.0]), 0.0, 1.0)
+        semantic_map.apply(MapUpdate(places=(room,), robot=robot))
+    assert main(["find", str(path), "--json", "--", "dining table"]) == 0
+    (step, *_) = json.loads(capsys.readouterr().out)["steps"]
+    keys = set(re.findall(r'step\.at\("(\w+)"\)', text))
+    assert keys == {"x", "y", "heading", "probability"} and keys <= step.keys()
+    ports = set(re.findall(r'putPort<[^;]*?>\("(\w+)"', text))
+    (node,) = ElementTree.parse(FOLDER / "look_for_cup.xml").iter("WhereToLook")
+    assert {"map", "object"} <= set(node.keys()) <= ports

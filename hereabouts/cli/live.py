@@ -71,9 +71,9 @@ if TYPE_CHECKING:
     from perception.sources.recording_options import RecordingOptions
 
 _OPTIONS = f"""
---camera NAME ... -> cameras
+--camera NAME[@RATE] ... -> cameras
                 a camera of several, each given once: a name in its topics (/NAME/...), or its topic
-                of colour images
+                of colour images; front@2: at most 2 of its frames a second
 --limit N       end after N frames
 --idle SECONDS  end after so long without a frame
 --loops TOPIC   what was mapped follows the robot's own SLAM, by its corrected path (nav_msgs/Path,

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
     from perception.camera.poses import Pose
     from perception.sources.live.connection import Connection
-    from perception.sources.live.ros1 import Ros1Master
-    from perception.sources.live.ros2 import Ros2Domain
 
     Publish = Callable[[SemanticMap, str, Callable[[], Pose]], AbstractContextManager[None]]
     from perception.sources.recording_options import RecordingOptions
@@ -128,20 +126,12 @@ def publish_to(arguments: argparse.Namespace, source: str) -> Publish:
             f"{to!r} takes no messages; --publish ros1://HOST or ros2://DOMAIN would work, or "
             "--publish ws://127.0.0.1:8765, where Foxglove is served"
         )
-    require_ros(to, "rosbags")
-    if scheme == "ros2":
-        require_ros(to, "cyclonedds", "dds")
-        from perception.sources.live.ros2 import Ros2Domain
-
-        return partial(_publish_to_ros, Ros2Domain.at(to), frames)
-    from perception.sources.live.ros1 import Ros1Master
-
-    return partial(_publish_to_ros, Ros1Master.at(to), frames)
+    return partial(_publish_to_ros, connection_to(to), frames)
 
 
 @contextmanager
 def _publish_to_ros(
-    to: Ros1Master | Ros2Domain,
+    to: Any,  # a master of ROS 1, or a domain of ROS 2
     frames: Sequence[str],
     semantic_map: SemanticMap,
     frame: str,
@@ -149,19 +139,10 @@ def _publish_to_ros(
 ) -> Iterator[None]:
     from hereabouts.display.viewers.feed import LiveFeed
     from hereabouts.display.viewers.topic_viewer import RosViewer, published_types
-    from perception.sources.live.ros1 import Ros1Master
 
-    is_ros1 = isinstance(to, Ros1Master)
+    is_ros1 = to.address.startswith("ros1:")
     types = published_types(is_ros1=is_ros1)
-    publisher: Any
-    if isinstance(to, Ros1Master):
-        from perception.sources.live.ros1_publisher import Ros1Publisher
-
-        publisher = Ros1Publisher(to, types, frozenset(types))
-    else:
-        from perception.sources.live.ros2_publisher import Ros2Publisher
-
-        publisher = Ros2Publisher(to, types, frozenset(types))
+    publisher = to.publisher(types, frozenset(types))
     viewer = RosViewer(publisher, frame, T_map, is_ros1=is_ros1)
     with LiveFeed(semantic_map, viewer, period=_PERIOD, frames=frames):
         note(f"publishing /hereabouts/objects, markers, floor and surface to {to.address}")

@@ -144,31 +144,12 @@ class _Writer:
             return {}
         if self._is_ros1:
             return {"latching": 1}
-        from rosbags.interfaces import (
-            Qos,
-            QosDurability,
-            QosHistory,
-            QosLiveliness,
-            QosReliability,
-            QosTime,
-        )
+        from rosbags import interfaces as ros
 
-        ever = QosTime(2147483647, 4294967295)
-        return {
-            "offered_qos_profiles": [
-                Qos(
-                    QosHistory.KEEP_LAST,
-                    1,
-                    QosReliability.RELIABLE,
-                    QosDurability.TRANSIENT_LOCAL,
-                    ever,
-                    ever,
-                    QosLiveliness.AUTOMATIC,
-                    ever,
-                    False,
-                )
-            ]
-        }
+        ever = ros.QosTime(2147483647, 4294967295)
+        kept: tuple[Any, ...] = ros.QosHistory.KEEP_LAST, 1, ros.QosReliability.RELIABLE
+        kept += ros.QosDurability.TRANSIENT_LOCAL, ever, ever, ros.QosLiveliness.AUTOMATIC
+        return {"offered_qos_profiles": [ros.Qos(*(*kept, ever, False))]}
 
     def begin(self, recording: FolderRecording, stamp: int) -> None:
         """Write the messages that hold for the whole recording."""

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -42,6 +43,7 @@ from hereabouts.display.viewers.viewer import (
 from kg.maps.surface.voxels import Surface
 from kg.model.records import FREE, LOW, TALL, UNKNOWN, RobotRecord
 from perception.annotate import draw_detections, encode_jpeg
+from perception.camera.poses import Pose
 from perception.frames import Detections, Frame
 from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import message_types, serialised
@@ -81,18 +83,21 @@ class RosMessages(MessageMaker):
     """Makes messages of ROS 1 or ROS 2; stamps are [s] since 1970."""
 
     map_frame: str = MAP
+    classes: dict[str, int] = field(default_factory=dict)  # numbers of categories, of ROS 1
 
-    def of(self, scene: Scene, stamp: float) -> Iterator[tuple[str, Any]]:
-        """Topic and message of everything that `scene` has, at `stamp` [s]."""
+    def of(self, scene: Scene, stamp: float) -> Iterator[tuple[str, object, Callable[[], Any]]]:
+        """Topic of each message at `stamp` [s], the part of `scene` that it tells, its maker."""
         if scene.floor is not None:
-            yield "/map", self.occupancy_grid(scene.floor, stamp)
-        yield "/hereabouts/markers", self.marker_array(scene, stamp)
+            yield "/map", scene.floor, partial(self.occupancy_grid, scene.floor, stamp)
+        yield "/hereabouts/objects", scene.objects, partial(self.detections, scene, stamp)
+        drawn = scene.objects, scene.places, scene.relations, scene.plan, scene.floor, scene.robot
+        yield "/hereabouts/markers", drawn, partial(self.marker_array, scene, stamp)
         if len(scene.surface):
-            yield "/hereabouts/surface", self.point_cloud(scene.surface, stamp)
+            surface = partial(self.point_cloud, scene.surface, stamp)
+            yield "/hereabouts/surface", scene.surface, surface
         if scene.robot is not None:
-            yield "/hereabouts/robot", self.robot(scene.robot, stamp)
-        if scene.plan is not None:
-            yield "/hereabouts/plan", self.path(scene.plan, stamp)
+            yield "/hereabouts/robot", scene.robot, partial(self.robot, scene.robot, stamp)
+        yield "/hereabouts/plan", scene.plan, partial(self.path, scene.plan, stamp)
 
     def marker_array(self, scene: Scene, stamp: float) -> Any:
         """The scene without its floor; the message replaces all earlier markers."""
@@ -114,10 +119,10 @@ class RosMessages(MessageMaker):
             marker["id"] = number
         return self.make("visualization_msgs/msg/MarkerArray", markers=markers)
 
-    def detections(self, scene: Scene, stamp: float, classes: Mapping[str, int]) -> Any:
+    def detections(self, scene: Scene, stamp: float) -> Any:
         """The objects, as vision_msgs/Detection3DArray, each with its category and its box.
 
-        ROS 1 has a number for a category: that of `classes`, which has each object's `text`.
+        ROS 1 has a number for a category: that of an object's `text` in `classes`.
         """
         header, found = self._header(stamp), []
         for thing in scene.objects:
@@ -125,7 +130,8 @@ class RosMessages(MessageMaker):
             kind = {"score": thing.existence}
             result: dict[str, Any] = {"hypothesis": {"class_id": thing.text, **kind}}
             if self.is_ros1:
-                result = {"id": classes[thing.text], **kind}
+                number = self.classes.setdefault(thing.text, len(self.classes))
+                result = {"id": number, **kind}
             name = {} if self.is_ros1 else {"id": thing.name}
             box = {"center": pose, "size": _point(extent)}
             results = [{**result, "pose": {"pose": pose}}]
@@ -176,20 +182,15 @@ class RosMessages(MessageMaker):
 
     def robot_transform(self, robot: RobotRecord) -> Any:
         """The robot's position as a transform to the map."""
-        c, s = math.cos(robot.heading), math.sin(robot.heading)
-        T_map_robot = np.eye(4)
-        T_map_robot[:2, :2], T_map_robot[:3, 3] = [[c, -s], [s, c]], robot.p_map
-        return self.transforms(nanoseconds_of(robot.stamp), MAP, ROBOT, T_map_robot)
+        at = self.map_frame, ROBOT, _planar(robot.p_map, robot.heading)
+        return self.transforms(nanoseconds_of(robot.stamp), *at)
 
     def object_frames(self, scene: Scene, stamp: float) -> Any:
         """The frames of objects that were asked for, as tf2_msgs/TFMessage."""
         made = self.make(LIVE_TOPICS["/tf"], transforms=[])
         for one in scene.frames:
-            T_map_object = np.eye(4)
-            c, s = math.cos(one.yaw), math.sin(one.yaw)
-            T_map_object[:2, :2], T_map_object[:3, 3] = [[c, -s], [s, c]], one.p_map
-            at = nanoseconds_of(stamp), self.map_frame, one.name, T_map_object
-            made.transforms += self.transforms(*at).transforms
+            at = self.map_frame, one.name, _planar(one.p_map, one.yaw)
+            made.transforms += self.transforms(nanoseconds_of(stamp), *at).transforms
         return made
 
     def camera(self, frame: Frame, detections: Detections) -> Iterator[tuple[str, Any]]:
@@ -320,6 +321,13 @@ def _pose(at: Point, heading: float = 0.0) -> dict[str, Any]:
     return {"position": _point(at), "orientation": turned}
 
 
+def _planar(p_map: Iterable[float], heading: float) -> Pose:
+    """Pose (4, 4) of what stands upright."""
+    T, c, s = np.eye(4), math.cos(heading), math.sin(heading)
+    T[:2, :2], T[:3, 3] = [[c, -s], [s, c]], tuple(p_map)
+    return T
+
+
 def _point(at: Point) -> dict[str, float]:
     return dict(zip("xyz", at, strict=True))
 
@@ -348,7 +356,8 @@ def scenes_as_bag(scenes: Iterable[tuple[Scene, float]]) -> bytes:
             }
             for scene, stamp in scenes:
                 at = max(nanoseconds_of(stamp), 1)  # ROS 1 has no time 0
-                for topic, message in messages.of(scene, at / 1e9):
-                    data = serialised(TOPICS[topic], message, is_ros1=True)
-                    bag.write(connections[topic], at, data)
+                for topic, part, make in messages.of(scene, at / 1e9):
+                    if topic in TOPICS and part is not None:
+                        data = serialised(TOPICS[topic], make(), is_ros1=True)
+                        bag.write(connections[topic], at, data)
         return path.read_bytes()

@@ -29,7 +29,6 @@ class TopicViewer(ABC):
         self._messages = messages
         self._written: dict[str, object] = {}
         self._renewed = threading.Event()
-        self._classes: dict[str, int] = {}  # number of each category so far, as ROS 1 needs one
 
     @abstractmethod
     def _log(self, topic: str, message: object, stamp: float) -> None:
@@ -41,20 +40,10 @@ class TopicViewer(ABC):
             self._renewed.clear()
             self._written.clear()
             self._start_again(stamp)
-        make, drawn = self._messages, replace(scene, robot=None)  # poses have a topic of their own
-        if scene.floor is not None and self._changed("/map", scene.floor):
-            self._log("/map", make.occupancy_grid(scene.floor, stamp), stamp)
-        if self._changed(_OBJECTS, drawn.objects):
-            for thing in drawn.objects:
-                self._classes.setdefault(thing.text, len(self._classes))
-            self._log(_OBJECTS, make.detections(drawn, stamp, self._classes), stamp)
-        markers = drawn.objects, drawn.places, drawn.relations, drawn.plan, drawn.floor
-        if self._changed(_MARKERS, markers):
-            self._log(_MARKERS, make.marker_array(drawn, stamp), stamp)
-        if len(scene.surface) and self._changed(_SURFACE, scene.surface):
-            self._log(_SURFACE, make.point_cloud(scene.surface, stamp), stamp)
-        if self._changed("/hereabouts/plan", scene.plan):
-            self._log("/hereabouts/plan", make.path(scene.plan, stamp), stamp)
+        drawn = replace(scene, robot=None)  # its poses have topics of their own
+        for topic, part, make in self._messages.of(drawn, stamp):
+            if self._changed(topic, part):
+                self._log(topic, make(), stamp)
         self._show_frames(scene, stamp)
 
     def _show_frames(self, scene: Scene, stamp: float) -> None:
@@ -150,10 +139,14 @@ class RosViewer(TopicViewer):
         self._publisher.close()
 
     def _log(self, topic: str, message: object, stamp: float) -> None:
-        if topic == _OBJECTS and self._messages.is_ros1 and self._changed(INFO, len(self._classes)):
-            self._publisher.set_parameter(CLASSES, list(self._classes))
+        if (
+            topic == _OBJECTS
+            and self._messages.is_ros1
+            and self._changed(INFO, len(self._messages.classes))
+        ):
+            self._publisher.set_parameter(CLASSES, list(self._messages.classes))
             header = self._messages.header(nanoseconds_of(stamp), FRAME)
-            count = {"database_location": CLASSES, "database_version": len(self._classes)}
+            count = {"database_location": CLASSES, "database_version": len(self._messages.classes)}
             info = self._messages.make(_INFO, header=header, method="hereabouts", **count)
             self._publisher.publish(INFO, info)
         if topic in PUBLISHED:  # a plan has no place here

@@ -2,11 +2,12 @@
 
 Each camera has a `FrameStream` with topics, CameraInfo and poses of its own; all poses are in one
 map frame. Where frames are mapped more slowly than they come, each camera gives the next one in its
-turn, so that none waits for ever.
+turn, so that none waits for ever; and none comes more often than its own rate.
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
@@ -32,9 +33,9 @@ _WAYS: Final = "--camera takes a name in the topics of one camera, or its topic 
 class CameraStreams:
     """The streams of several cameras; their frames have names of their camera.
 
-    `cameras` are names in topics (/NAME/...), or topics of colour images. Of the `options` those of
-    one camera do not count, and poses are not estimated. Raises RecordingError for a camera that is
-    given twice.
+    `cameras` are names in topics (/NAME/...), or topics of colour images, each perhaps with its
+    frames a second at most (NAME@2). Of the `options` those of one camera do not count, and poses
+    are not estimated. Raises RecordingError for a camera that is given twice, and for other rates.
     """
 
     def __init__(
@@ -45,7 +46,9 @@ class CameraStreams:
         detections: TopicDetector | None = None,
     ) -> None:
         self.address = address
-        names = [name.rstrip("/") for name in cameras]
+        rates = [_named(text) for text in cameras]
+        names, self._periods = [name for name, _ in rates], dict(rates)
+        self._due = dict.fromkeys(names, 0.0)  # [s] when each may give its next frame
         for name in names:
             if names.count(name) > 1:
                 raise RecordingError(f"camera {name} is given twice; each once would work")
@@ -89,8 +92,10 @@ class CameraStreams:
             begun = self._begin()
             self._check_choices()
             for one in tuple(self._turns) if begun else ():
-                frame = one.next_frame(0)
+                is_due = time.monotonic() >= self._due[one.camera]
+                frame = one.next_frame(0) if is_due else None
                 if frame is not None:
+                    self._due[one.camera] = time.monotonic() + self._periods[one.camera]
                     self._turns.remove(one)
                     self._turns.append(one)
                     return frame
@@ -157,6 +162,20 @@ class CameraStreams:
                     f"poses of camera {a} are in {one.map_frame}, those of camera {b} in "
                     f"{other.map_frame}; --map-frame names a frame that both have"
                 )
+
+
+def _named(text: str) -> tuple[str, float]:
+    """A camera's name, and the time [s] between its frames at least, of NAME or NAME@RATE."""
+    name, at, rate = text.partition("@")
+    try:
+        period = 1 / float(rate) if at else 0.0
+        if not 0 <= period < math.inf:
+            raise ValueError
+    except (ValueError, ZeroDivisionError) as error:
+        raise RecordingError(
+            f"camera {text}: {name}@2, for 2 frames a second, would work"
+        ) from error
+    return name.rstrip("/"), period
 
 
 def _there(camera: str, images: Collection[str]) -> bool:

@@ -202,6 +202,12 @@ class Ros1Master:
         """Answer of its XML-RPC API; raises one of FAILURES."""
         return ask(self.uri, method, *arguments, caller=self.caller)
 
+    def publisher(self, types: Mapping[str, str], latched: frozenset[str] = frozenset()) -> Any:
+        """A `Ros1Publisher` of this master."""
+        from perception.sources.live.ros1_publisher import Ros1Publisher
+
+        return Ros1Publisher(self, types, latched)
+
     def run(self, inbox: Inbox, ended: threading.Event) -> None:
         """Pass messages to `inbox` until `ended`."""
         retry = Retry(self.address, ended)

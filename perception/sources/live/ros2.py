@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
+from xml.sax.saxutils import quoteattr
 
 from kg.model.errors import RecordingError
 from perception.sources.bags.bag_file import RawMessage
@@ -55,7 +56,7 @@ class Ros2Domain:
     """A ROS 2 domain: all publishers that this computer reaches over its network.
 
     CYCLONEDDS_URI configures the network, as it does for ROS 2 with rmw_cyclonedds; without it,
-    ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST do.
+    ROS_LOCALHOST_ONLY, ROS_AUTOMATIC_DISCOVERY_RANGE and ROS_STATIC_PEERS do.
     """
 
     number: int
@@ -84,6 +85,12 @@ class Ros2Domain:
         with network_errors(self.address):
             _Participant(self.joined(), self.number, inbox).run(ended)
 
+    def publisher(self, types: Mapping[str, str], latched: frozenset[str] = frozenset()) -> Any:
+        """A `Ros2Publisher` of this domain."""
+        from perception.sources.live.ros2_publisher import Ros2Publisher
+
+        return Ros2Publisher(self, types, latched)
+
     def joined(self) -> Any:
         """A participant of the domain; raises DDSException without a network."""
         from cyclonedds.domain import DomainParticipant
@@ -94,19 +101,29 @@ class Ros2Domain:
         return DomainParticipant(self.number)
 
 
-_LOCAL: Final = """<CycloneDDS><Domain>
-<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
-<AllowMulticast>false</AllowMulticast></General>
+_PEERS: Final = """<CycloneDDS><Domain>{general}
 <Discovery><ParticipantIndex>auto</ParticipantIndex>
 <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
-<Peers><Peer address="127.0.0.1"/></Peers></Discovery></Domain></CycloneDDS>"""
+<Peers>{peers}</Peers></Discovery></Domain></CycloneDDS>"""
+_LOCAL: Final = """<General><Interfaces><NetworkInterface name="lo" multicast="false"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General>"""
 
 
 def network_settings(variables: Mapping[str, str]) -> str:
-    """Configuration of Cyclone DDS by ROS' own environment variables; "" for its defaults."""
+    """Configuration of Cyclone DDS by ROS' own environment variables; "" for its defaults.
+
+    Raises RecordingError where they turn discovery off.
+    """
     reach = variables.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper()
+    peers = [peer for peer in variables.get("ROS_STATIC_PEERS", "").split(";") if peer]
     is_local = variables.get("ROS_LOCALHOST_ONLY", "0") not in ("", "0") or reach == "LOCALHOST"
-    return _LOCAL if is_local else ""
+    if reach == "OFF":
+        raise RecordingError(
+            "ROS_AUTOMATIC_DISCOVERY_RANGE=OFF finds no robot; SUBNET or LOCALHOST would work"
+        )
+    peers = ["127.0.0.1"] if is_local else peers
+    listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
+    return _PEERS.format(general=_LOCAL if is_local else "", peers=listed) if peers else ""
 
 
 @contextmanager
@@ -216,9 +233,10 @@ def _unheard(domain: int) -> str:
                 where = f"through the interface of {probe.getsockname()[0]}"
         except OSError:
             where = "for lack of a network"
+    served = "a discovery server (ROS_DISCOVERY_SERVER), " * ("ROS_DISCOVERY_SERVER" in os.environ)
     return (
         f"no topic of ROS 2 is seen in domain {domain}, {where}; ROS_DOMAIN_ID and CYCLONEDDS_URI "
-        "choose others, and robots with Zenoh or behind a router need foxglove_bridge "
+        f"choose others, and robots with {served}Zenoh or behind a router need foxglove_bridge "
         "(ws://ROBOT:8765)"
     )
 

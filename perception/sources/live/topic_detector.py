@@ -1,16 +1,19 @@
-"""Detections that another program publishes, instead of a network: vision_msgs' arrays of boxes.
+"""Detections that another program publishes, instead of a network: of vision_msgs, or yolo_msgs.
 
 A Detection2DArray is in pixels of the colour image whose stamp it has. Of a Detection3DArray, each
-box counts as its outline in the image. Each detection has its best hypothesis alone.
+box counts as its outline in the image. Each detection has its best hypothesis alone. The
+DetectionArray of yolo_msgs has outlines of masks, too.
 """
 
 from __future__ import annotations
 
 import itertools
 import logging
+import math
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
@@ -23,11 +26,13 @@ from perception.frames import Detections, Frame
 
 BOXES: Final = "vision_msgs/msg/Detection2DArray"
 SOLIDS: Final = "vision_msgs/msg/Detection3DArray"
-TYPES: Final = (BOXES, SOLIDS)
+MASKS: Final = "yolo_msgs/msg/DetectionArray"
+TYPES: Final = (BOXES, SOLIDS, MASKS)
 SAME: Final = 1_000_000  # [ns] between the stamps of an image and of its detections
 KEPT: Final = 200  # messages, and frames
 MAX_DETECTIONS: Final = 300  # of a frame; the best are kept
 NEAR: Final = 0.05  # [m] from the camera, before which a box has no outline
+_NO_MASK: Final = SimpleNamespace(data=())
 _CORNERS: Final = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 
 _log = logging.getLogger(__name__)
@@ -92,45 +97,43 @@ class TopicDetector:
             message = None if nearest is None else self._held.get(nearest)
         if message is None:
             raise RecordingError(f"no detections of {self.topic} at {frame.id}")
-        boxes, scores, labels = list[NDArray[np.float64]](), list[float](), list[str]()
+        found, size = list[dict[str, Any]](), rectifier.camera.size
         for one in message.detections:
-            best = max(one.results, key=_score, default=None)
-            if best is None or not self.threshold <= _score(best) <= 1.0:
+            score, label = _best(one)
+            if not self.threshold <= score <= 1.0:
                 continue
-            if hasattr(one.bbox, "size_x"):
-                if not min(one.bbox.size_x, one.bbox.size_y) > 0:
-                    continue
-                points = rectifier.undistorted(_corners(one.bbox))
-            else:
+            outline = np.array([(at.x, at.y) for at in getattr(one, "mask", _NO_MASK).data])
+            if hasattr(one.bbox.center, "orientation"):
                 name = one.header.frame_id or message.header.frame_id
                 T = T_cam_of(name)
                 if T is None:
                     raise RecordingError(f"{self.topic}: tf does not link {name!r} to the camera")
                 points = _outline(one.bbox, T, rectifier.camera.K)
-            if not len(points) or not np.isfinite(points).all():
+            else:
+                points = rectifier.undistorted(_corners(one.bbox))
+                outline = rectifier.undistorted(outline) if len(outline) else outline
+            if not (np.isfinite(points).all() and np.isfinite(outline).all()):
                 continue
-            box = _in_image(points, rectifier.camera.size, turns)
+            box = _in_image(points, size, turns)
             if box is not None:
-                boxes.append(box)
-                scores.append(_score(best))
-                labels.append(_label(best))
-        self._keep(frame.id, boxes, scores, labels)
+                drawn = None
+                if len(outline):
+                    outline, limit = _turned(outline, size, turns)
+                    drawn = [np.clip(outline, 0, limit)]
+                made = {"bbox": box, "score": score, "label": label, "segmentation": drawn}
+                found.append(made)
+        self._keep(frame.id, found)
 
-    def _keep(
-        self, name: str, boxes: list[NDArray[np.float64]], scores: list[float], labels: list[str]
-    ) -> None:
-        if len(boxes) > MAX_DETECTIONS and not self._warned:
+    def _keep(self, name: str, found: list[dict[str, Any]]) -> None:
+        if len(found) > MAX_DETECTIONS and not self._warned:
             self._warned = True
             line = "%s: %d detections of one image; the best %d count"
-            _log.warning(line, self.topic, len(boxes), MAX_DETECTIONS)
-        order = np.argsort(-np.array(scores), kind="stable")[:MAX_DETECTIONS]
-        found = Detections(
-            np.array([boxes[i] for i in order], np.float32).reshape(-1, 4),
-            np.array([scores[i] for i in order], np.float32),
-            tuple(labels[i] for i in order),
-        )
+            _log.warning(line, self.topic, len(found), MAX_DETECTIONS)
+        best = sorted(found, key=lambda one: -one["score"])[:MAX_DETECTIONS]
+        entries = [one | {"category_id": number} for number, one in enumerate(best)]
+        made = Detections.from_coco(entries, [one["label"] for one in best])
         with self._lock:
-            self._found[name] = found
+            self._found[name] = made
             while len(self._found) > KEPT:
                 self._found.popitem(last=False)
 
@@ -145,19 +148,27 @@ class TopicDetector:
         return found
 
 
-def _score(result: Any) -> float:
-    return float(getattr(result, "hypothesis", result).score)
+def _best(detection: Any) -> tuple[float, str]:
+    """Score and category of a detection's best hypothesis; the score is nan where it has none.
 
-
-def _label(result: Any) -> str:
-    """Category of a hypothesis: text in ROS 2, a number in ROS 1."""
-    return str(result.hypothesis.class_id if hasattr(result, "hypothesis") else result.id)[:200]
+    A category is text in ROS 2, a number in ROS 1.
+    """
+    if hasattr(detection, "class_name"):
+        return float(detection.score), str(detection.class_name)[:200]
+    found = [getattr(result, "hypothesis", result) for result in detection.results]
+    best = max(found, key=lambda one: float(one.score), default=None)
+    if best is None:
+        return math.nan, ""
+    return float(best.score), str(getattr(best, "class_id", getattr(best, "id", "")))[:200]
 
 
 def _corners(box: Any) -> NDArray[np.float64]:
-    """Corners (4, 2) [px] of a BoundingBox2D; ROS 1 has its centre flat."""
-    centre = getattr(box.center, "position", box.center)
-    x, y, w, h = float(centre.x), float(centre.y), float(box.size_x) / 2, float(box.size_y) / 2
+    """Corners (4, 2) [px] of a BoundingBox2D, none without a size; ROS 1 has its centre flat."""
+    centre, size = getattr(box.center, "position", box.center), getattr(box, "size", None)
+    width, height = (box.size_x, box.size_y) if size is None else (size.x, size.y)
+    if not min(width, height) > 0:
+        return np.zeros((0, 2))
+    x, y, w, h = float(centre.x), float(centre.y), float(width) / 2, float(height) / 2
     return np.array([(x - w, y - h), (x + w, y - h), (x - w, y + h), (x + w, y + h)])
 
 
@@ -178,14 +189,23 @@ def _outline(box: Any, T: Pose, K: NDArray[np.float64]) -> NDArray[np.float64]:
     return outline
 
 
-def _in_image(
+def _turned(
     points: NDArray[np.float64], size: tuple[int, int], turns: int
-) -> NDArray[np.float64] | None:
-    """x1, y1, x2, y2 [px] of points within an image of (W, H) that is turned; None outside."""
+) -> tuple[NDArray[np.float64], tuple[int, int]]:
+    """Points (n, 2) [px] of an image of (W, H) in the one that is turned, and that one's size."""
     (width, height), (x, y) = size, points.T
     for _ in range(turns):
         x, y = y, width - 1 - x
         width, height = height, width
-    x1, x2 = np.clip([x.min(), x.max()], 0, width)
-    y1, y2 = np.clip([y.min(), y.max()], 0, height)
-    return np.array([x1, y1, x2, y2]) if x2 - x1 >= 1 and y2 - y1 >= 1 else None
+    return np.column_stack([x, y]), (width, height)
+
+
+def _in_image(
+    points: NDArray[np.float64], size: tuple[int, int], turns: int
+) -> NDArray[np.float64] | None:
+    """x, y, width, height [px] of points within an image of (W, H) that is turned; None outside."""
+    if not len(points):
+        return None
+    points, size = _turned(points, size, turns)
+    low, high = (np.clip(end(axis=0), 0, size) for end in (points.min, points.max))
+    return np.concatenate([low, high - low]) if (high - low >= 1).all() else None

@@ -62,8 +62,27 @@ _ROS1: Final = {
         f"{_HEADER}string method\nstring database_location\nint32 database_version"
     ),
 }
+#: of yolo_ros, whose masks are outlines [px]
+_YOLO: Final = {
+    "Point2D": "float64 x\nfloat64 y",
+    "Vector2": "float64 x\nfloat64 y",
+    "Pose2D": "Point2D position\nfloat64 theta",
+    "BoundingBox2D": "Pose2D center\nVector2 size",
+    "BoundingBox3D": f"{_VISION['BoundingBox3D']}\nstring frame_id",
+    "Mask": "int32 height\nint32 width\nPoint2D[] data",
+    "KeyPoint2D": "int32 id\nPoint2D point\nfloat64 score",
+    "KeyPoint2DArray": "KeyPoint2D[] data",
+    "KeyPoint3D": "int32 id\ngeometry_msgs/Point point\nfloat64 score",
+    "KeyPoint3DArray": "KeyPoint3D[] data\nstring frame_id",
+    "Detection": (
+        "int32 class_id\nstring class_name\nfloat64 score\nstring id\nBoundingBox2D bbox\n"
+        "BoundingBox3D bbox3d\nMask mask\nKeyPoint2DArray keypoints\nKeyPoint3DArray keypoints3d"
+    ),
+    "DetectionArray": f"{_HEADER}Detection[] detections",
+}
 _ROS2: Final = {
     **_RTABMAP,
+    **{f"yolo_msgs/msg/{name}": definition for name, definition in _YOLO.items()},
     **{f"vision_msgs/msg/{name}": definition for name, definition in _VISION.items()},
     "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
     "vision_msgs/msg/ObjectHypothesisWithPose": (

@@ -23,7 +23,6 @@ from kg.model.errors import RecordingError, RobotError
 from perception.sources.bags.bag_file import RawMessage, decoded
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros1 import Ros1Master
-from perception.sources.live.ros1_publisher import Ros1Publisher
 from perception.sources.live.ros2 import Ros2Domain
 from perception.sources.ros.image_messages import NANOSECONDS
 from perception.sources.ros.message_maker import MessageMaker
@@ -129,17 +128,17 @@ class Navigation(ABC):
     def outcome(self) -> str | None:
         """Reason why the goal failed, "" after success; None without a goal or under way.
 
-        Raises RobotError where the server died with the goal under way.
+        Raises RobotError where the server died with the goal under way, or takes none.
         """
         with self._lock:
             goal, now = self._goal, time.monotonic()
             if goal is None or goal.outcome is not None:
                 return None if goal is None else goal.outcome
-            if now - max(self._alive, goal.heard) > GONE:
-                raise RobotError(
-                    f"{self.name} is gone, with a goal under way; start it, then search --resume"
-                )
-            if self._alive - goal.heard > ANSWER and (self.repeats or not goal.is_taken):
+            is_known = self.repeats or goal.is_taken  # else that it is there proves nothing
+            if now - (max(self._alive, goal.heard) if is_known else goal.heard) > GONE:
+                why = "is gone, with a goal under way" if is_known else "takes no goals"
+                raise RobotError(f"{self.name} {why}; start it, then search --resume")
+            if self.repeats and self._alive - goal.heard > ANSWER:
                 goal.outcome = f"{self.name} has not named its goal for {ANSWER:g} s"
             return goal.outcome
 
@@ -210,13 +209,13 @@ class MoveBase(Navigation):
         self.types = {f"{self.name}/status": _STATUS, f"{self.name}/result": _RESULT}
         self._goal_topic, self._cancel_topic = f"{self.name}/goal", f"{self.name}/cancel"
         topics = {self._goal_topic: _GOAL, self._cancel_topic: _CANCEL}
-        self._publisher = Ros1Publisher(master, topics)
+        self._publisher = master.publisher(topics)
         self._maker = MessageMaker(is_ros1=True)
 
     @property
     def ready(self) -> bool:
         """Whether a node subscribes to goals."""
-        return self._publisher.subscribers(self._goal_topic) > 0
+        return bool(self._publisher.subscribers(self._goal_topic))
 
     @property
     def missing(self) -> str:
@@ -291,11 +290,9 @@ class Nav2Topics(Nav2):
     GOAL: Final = "/goal_pose"
 
     def __init__(self, domain: Ros2Domain, name: str = "/navigate_to_pose") -> None:
-        from perception.sources.live.ros2_publisher import Ros2Publisher
-
         super().__init__(domain.address, name)
         self._seen = set[str]()  # ids of goals
-        self._publisher = Ros2Publisher(domain, {self.GOAL: "geometry_msgs/msg/PoseStamped"})
+        self._publisher = domain.publisher({self.GOAL: "geometry_msgs/msg/PoseStamped"})
 
     @property
     def ready(self) -> bool:
@@ -363,12 +360,11 @@ class Nav2Services(Nav2):
         fields = {"goal_id": number, "pose": pose.fields(self._maker)}
 
         def answered(answer: bytes | str) -> None:
-            if isinstance(answer, str):
-                why = f"navigation does not answer: {cleaned(answer)}"
-            elif answer[4:5] == b"\x01":  # accepted, after CDR's header
-                why = ""
-            else:
-                why = "navigation rejected the goal"
+            if isinstance(answer, str):  # the viewpoint has no part in it
+                _log.warning("%s does not answer: %s", self.name, cleaned(answer))
+                return
+            is_accepted = answer[4:5] == b"\x01"  # after CDR's header
+            why = "" if is_accepted else "navigation rejected the goal"
             with self._lock:
                 goal.heard, goal.is_taken = time.monotonic(), not why
                 goal.outcome = why or goal.outcome

@@ -83,6 +83,9 @@ def test_cameras_give_frames_by_turns_though_each_has_a_newer_one(
         (["front", "raer"], "no camera raer; did you mean rear.*there are: /front/.*, /rear/"),
         (["front", "/rear/color"], "no camera /rear/color.*there are: /front/.*, /rear/"),
         (["front", "front/"], "camera front is given twice"),
+        (["front", "front@1"], "camera front is given twice"),
+        (["front@0"], "camera front@0: front@2, for 2 frames a second, would work"),
+        (["front@fast"], "camera front@fast: front@2, "),
         (["front", FRONT], f"cameras front and {FRONT} are both of /front/"),
     ],
 )
@@ -92,6 +95,15 @@ def test_cameras_that_are_not_there_or_one_are_refused(
     with pytest.raises(RecordingError, match=said) as caught:
         begun(names, parts[0]).next_frame(5)
     assert "\n" not in str(caught.value)
+
+
+def test_a_camera_gives_no_more_frames_than_its_rate(parts: Parts) -> None:
+    made, given = begun(["front@0.05", "rear"], parts[0]), list[str]()
+    for part in (*parts[1:4], []):
+        while (frame := made.next_frame(1.0)) is not None:
+            given.append(frame.camera)
+        offer(made, part)
+    assert given[0] == "front" and set(given[1:]) == {"rear"} and len(given) > 2
 
 
 def test_depth_is_that_of_the_same_camera_or_of_none(parts: Parts) -> None:

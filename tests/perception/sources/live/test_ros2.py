@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -302,11 +303,28 @@ def test_a_domain_without_a_topic_is_told_with_what_may_help(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(ros2, "ALONE", 0.1)
+    monkeypatch.setenv("ROS_DISCOVERY_SERVER", "127.0.0.1:11811")
     with reading("/nothing"):
         until(lambda: "no topic of ROS 2" in caplog.text)
     (line,) = (r.getMessage() for r in caplog.records if "no topic" in r.getMessage())
     for word in (f"domain {DOMAIN}", "CYCLONEDDS_URI", "ROS_DOMAIN_ID", "foxglove_bridge"):
         assert word in line
+    assert "robots with a discovery server (ROS_DISCOVERY_SERVER), Zenoh" in line
+
+
+def test_static_peers_are_asked_beside_all_that_multicast_reaches() -> None:
+    made = network_settings(
+        {"ROS_STATIC_PEERS": "192.0.2.7;robot.local;", "ROS_LOCALHOST_ONLY": "0"}
+    )
+    settings = ElementTree.fromstring(made)
+    peers = [peer.get("address") for peer in settings.iter("Peer")]
+    assert peers == ["192.0.2.7", "robot.local"]
+    assert settings.find(".//AllowMulticast") is None and settings.find(".//Interfaces") is None
+
+
+def test_where_discovery_is_off_that_is_told() -> None:
+    with pytest.raises(RecordingError, match="OFF finds no robot; SUBNET or LOCALHOST would work"):
+        network_settings({"ROS_AUTOMATIC_DISCOVERY_RANGE": "off"})
 
 
 def test_domains_are_numbers(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ from perception.sources.bag_writer import COLOUR
 from perception.sources.bags.bag_file import RawMessage
 from perception.sources.live import stream, topic_detector
 from perception.sources.live.stream import FrameStream
-from perception.sources.live.topic_detector import BOXES, SOLIDS, TopicDetector
+from perception.sources.live.topic_detector import BOXES, MASKS, SOLIDS, TopicDetector
 from perception.sources.recording import FolderRecording
 from perception.sources.ros.message_maker import MessageMaker
 from perception.sources.ros.message_types import serialised
@@ -130,3 +130,32 @@ def test_senseless_detections_are_left_out(messages: Messages) -> None:
     made.offer(detections(stamp_of(first), BOXES, boxes, is_ros1=False), is_ros1=False)
     frame = made.next_frame(5)
     assert frame is not None and not len(detector.detect(frame).label)
+
+
+def test_a_mask_is_its_outline_filled(messages: Messages) -> None:
+    first, *_ = by_frame(messages(".bag"))
+    detector = TopicDetector(TOPIC, 0.3)
+    made = offered(FrameStream("peer", detections=detector), first)
+    bbox = {"center": {"position": {"x": 12.0, "y": 8.0}}, "size": {"x": 10.0, "y": 6.0}}
+    corners = [(7.0, 5.0), (17.0, 5.0), (7.0, 11.0)]  # half of the box
+    mask = {"data": [{"x": x, "y": y} for x, y in corners]}
+    cup = {"class_name": "cup", "class_id": 41, "score": 0.75, "bbox": bbox}
+    boxes = [
+        {**cup, "class_name": "bowl", "score": 0.5},
+        {**cup, "mask": mask},
+        {**cup, "score": 0.1},
+        {**cup, "mask": {"data": [{"x": float("nan")}]}},
+    ]
+    make = MessageMaker(is_ros1=False)
+    sent = make.make(MASKS, header=make.header(stamp_of(first), CAMERA), detections=boxes)
+    data = serialised(MASKS, sent, is_ros1=False)
+    made.offer(RawMessage(TOPIC, MASKS, stamp_of(first), data, "cdr"), is_ros1=False)
+    frame = made.next_frame(5)
+    assert frame is not None
+    found = detector.detect(frame)
+    assert found.label == ("cup", "bowl") and found.score.tolist() == [0.75, 0.5]
+    assert found.xyxy.tolist() == [[7, 5, 17, 11]] * 2
+    of_cup, of_bowl = found.mask
+    assert of_cup is not None and of_bowl is None
+    assert of_cup.shape == (7, 11) and of_cup[0].all() and of_cup[:, 0].all()
+    assert not of_cup[-1, 1:].any() and 0.5 < of_cup.mean() < 0.65

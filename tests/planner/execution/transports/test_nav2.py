@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 from benchmarks.search.orange_network import orange_network
 from kg.maps.semantic_map import SemanticMap
-from kg.model.errors import LayoutError
+from kg.model.errors import LayoutError, RobotError
 from kg.serving.opening import in_memory_map
 from perception.inference.detector import load_detector
 from perception.sources.live import stream
@@ -25,19 +25,28 @@ from perception.sources.live.topic_detector import BOXES, TopicDetector
 from perception.sources.ros.message_maker import MessageMaker
 from planner.execution.options import Event, SearchOptions
 from planner.execution.search_loop import search
+from planner.execution.transports import navigation
 from planner.execution.transports.navigation import Nav2Services, Nav2Topics, Navigation
 from planner.execution.transports.ros_robot import RosRobot
 from planner.simulation.house import furnished_house
 from planner.simulation.house_robot import TimedPose
+from tests.perception.sources.live import fast_dds
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
-from tests.planner.nav2_house import BridgedHouseNode, Nav2HouseNode
+from tests.planner.nav2_house import BridgedHouseNode, FastHouseNode, Nav2HouseNode
 from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, running
 from tests.waiting import until
 
+NODES = {"dds": Nav2HouseNode, "fast dds": FastHouseNode, "bridge": BridgedHouseNode}
+FAST = pytest.param(
+    "fast dds", marks=pytest.mark.skipif(not fast_dds.is_there(), reason=fast_dds.REASON)
+)
+WIRES = ["dds", FAST, "bridge"]
+
 
 @pytest.fixture(autouse=True)
-def soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
+def soon(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    if "fast dds" not in request.node.name:  # its peer is found by multicast
+        monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK)
     monkeypatch.setattr(stream, "SETTLING", 0.1)
     monkeypatch.setattr(stream, "SILENT", 0.2)
 
@@ -50,7 +59,7 @@ def semantic_map() -> Iterator[SemanticMap]:
 
 
 def node(wire: str, kind: str = "") -> Nav2HouseNode:
-    base = Nav2HouseNode if wire == "dds" else BridgedHouseNode
+    base = NODES[wire]
     if kind == "no way":
 
         class NoWay(base):  # type: ignore[misc,valid-type]
@@ -76,7 +85,7 @@ def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
     return RosRobot(connection, FrameStream(connection.address), detector, client, patience=20)
 
 
-@pytest.mark.parametrize("wire", ["dds", "bridge"])
+@pytest.mark.parametrize("wire", WIRES)
 def test_a_thing_is_found_by_nav2(wire: str, semantic_map: SemanticMap, tmp_path: Path) -> None:
     with running(node(wire)) as made:
         outcome = search(semantic_map, ["orange"], robot(made, tmp_path))
@@ -147,7 +156,7 @@ def test_a_thing_is_found_by_the_detections_of_another_program(
     assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
 
 
-@pytest.mark.parametrize("wire", ["dds", "bridge"])
+@pytest.mark.parametrize("wire", WIRES)
 def test_where_all_goals_are_aborted_nothing_could_be_reached(
     wire: str, semantic_map: SemanticMap, tmp_path: Path
 ) -> None:
@@ -172,3 +181,32 @@ def test_the_goal_under_way_is_cancelled_at_the_end(
             until(lambda: len(made._goals) > 1 and made._goals[0].text == "another goal came")
             until(lambda: made._active is None)
             assert abs(made._goals[-1].way[-1].x - made.pose.x) < 0.2
+
+
+@pytest.mark.parametrize("is_taken", [True, False], ids=["taken", "sent"])
+@pytest.mark.parametrize("wire", WIRES)
+def test_a_server_that_dies_ends_the_search_and_no_viewpoint_counts_as_unreachable(
+    wire: str,
+    is_taken: bool,
+    semantic_map: SemanticMap,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(navigation, "GONE", 2.0)
+    with running(node(wire, "slow")) as made:
+        driven = robot(made, tmp_path)
+        if not is_taken:
+            made.take = lambda goal: None  # it dies before it has told that there is a goal
+
+        def kill() -> bool:
+            goal = driven._navigation._goal
+            if goal is not None and goal.is_taken >= is_taken:
+                made.kill_server()
+            return False
+
+        said = "is gone, with a goal under way" if is_taken else "(is gone, .*|takes no goals)"
+        with pytest.raises(RobotError, match=f"/navigate_to_pose {said}; start it"):
+            search(semantic_map, ["orange"], driven, SearchOptions(stopping=kill))
+    (record,) = semantic_map.searches.all()
+    assert record.state == "stopped"
+    assert not semantic_map.searches.obstacles(record.iri)
