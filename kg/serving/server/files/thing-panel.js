@@ -208,8 +208,8 @@ function plain(text) {
 
 /** What happened to it, as `/log` tells it, the last first. */
 async function historyOf(data, iri) {
-  const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`);
-  const events = log.filter(({ sequence, told }) => told.length && (data.past === null || sequence <= data.past));
+  const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&told=1&last=200`);
+  const events = log.filter(({ sequence }) => data.past === null || sequence <= data.past);
   return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, cause, told }) => {
     const item = element("li", "", element("small", clock(time)), plain(told.join("; ")) + (by ? ` (${by})` : ""));
     item.title = cause;
