@@ -94,7 +94,9 @@ class Categories:
         kinds = (
             frozenset(
                 quad.subject.value
-                for quad in engine.quads_for_pattern(None, is_a, NamedNode(kind), v.COMMONSENSE_GRAPH)
+                for quad in engine.quads_for_pattern(
+                    None, is_a, NamedNode(kind), v.COMMONSENSE_GRAPH
+                )
                 if isinstance(quad.subject, NamedNode)
             )
             for kind in (v.OBJECT, v.PLACE)
@@ -104,7 +106,9 @@ class Categories:
     def by_kind(self) -> dict[str, dict[str, str]]:
         """Label by IRI, of the categories of objects and those of places."""
         kinds = {"object": self.objects, "place": self.places}
-        return {kind: {iri: self.label(iri) for iri in sorted(iris)} for kind, iris in kinds.items()}
+        return {
+            kind: {iri: self.label(iri) for iri in sorted(iris)} for kind, iris in kinds.items()
+        }
 
     def label(self, iri: str) -> str:
         """The label of a category, in English if it has one, or else the end of its IRI."""

@@ -85,9 +85,7 @@ export class MapData extends EventTarget {
     } catch (error) {
       if (signal.aborted) return false;
       throw error;
-    } finally {
-      if (!signal.aborted) this._missed = null;
-    }
+    } finally { if (!signal.aborted) this._missed = null; }
     return true;
   }
 
@@ -122,11 +120,8 @@ export class MapData extends EventTarget {
     this.robot = robot && { ...robot, iri: this.fullOf(robot.iri) };
   }
 
-  /** Take the labels of the categories, by their kinds. */
   _takeCategories({ categories }) {
-    for (const [kind, labels] of Object.entries(categories)) {
-      for (const [iri, label] of Object.entries(labels)) { this.labels.set(iri, label); this.kinds.set(iri, kind); }
-    }
+    for (const [kind, labels] of Object.entries(categories)) for (const iri in labels) { this.labels.set(iri, labels[iri]); this.kinds.set(iri, kind); }
   }
 
   /** Height of the floor [m] in most of the map. */
