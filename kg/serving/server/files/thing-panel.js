@@ -202,7 +202,7 @@ function boxed(picture) {
 function plain(text) {
   return text.replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure").replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, ${percent(score)} sure`)
     .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`)
-    .replace(/^transaction #\d+ at (\S+)(?:: frame \((.*)\/(.*)\))?/, (_, time, recording, frame) => `written at ${time}${frame ? `, from ${frame} of ${recording}` : ""}`)
+    .replace(/^transaction #\d+ at (\S+Z)(?:: frame \((.*)\/(.*)\))?/, (_, time, recording, frame) => `written at ${time}${frame ? `, from ${frame} of ${recording}` : ""}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time));
 }
 

@@ -132,6 +132,17 @@ def test_a_name_that_is_too_long_for_the_map_is_shortened(own: Served, open_page
     names_drawn(narrow, "all cups of the house all c…", "chairchairchairchairchairch…")
 
 
+def test_the_history_of_a_thing_is_in_sentences(own: Served, open_page: OpenPage) -> None:
+    own.move(1, 3.0)
+    own.map.assertions.add(f"{own.map.base}object/1", "label", "Ann's mug", by="ann")
+    page = open_page("object/1", own)
+    says(page, "#about-history", "It appeared, at (1.00, 0.50) m, 80 % sure, in the kitchen")
+    says(page, "#about-history", "It moved 2.00 m to (3.00, 0.50) m")
+    says(page, "#about-history", "It is called Ann's mug (ann)")
+    says(page, "#about-why", "written at")
+    says(page, "#about-why", "from frame-000001 of flat")
+
+
 def test_one_broken_mark_ends_no_other(open_page: OpenPage) -> None:
     broken: list[str] = []
     page = open_page(script=WRITTEN + "window.reportError = (error) => { window.failed = error; };")
