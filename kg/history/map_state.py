@@ -81,19 +81,34 @@ _KINDS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Categories:
-    """The categories of objects, and the labels of all categories."""
+    """The categories of objects and places, and the labels of all categories."""
 
     engine: QuadStore
     objects: frozenset[str]
+    places: frozenset[str] = frozenset()
 
     @classmethod
     def of(cls, engine: QuadStore) -> Categories:
         """The categories in the graphs of ontology and common sense."""
-        quads = engine.quads_for_pattern(
-            None, NamedNode(v.IS_A), NamedNode(v.OBJECT), v.COMMONSENSE_GRAPH
+        is_a = NamedNode(v.IS_A)
+        kinds = (
+            frozenset(
+                quad.subject.value
+                for quad in engine.quads_for_pattern(
+                    None, is_a, NamedNode(kind), v.COMMONSENSE_GRAPH
+                )
+                if isinstance(quad.subject, NamedNode)
+            )
+            for kind in (v.OBJECT, v.PLACE)
         )
-        names = frozenset(q.subject.value for q in quads if isinstance(q.subject, NamedNode))
-        return cls(engine, names)
+        return cls(engine, *kinds)
+
+    def by_kind(self) -> dict[str, dict[str, str]]:
+        """Label by IRI, of the categories of objects and those of places."""
+        kinds = {"object": self.objects, "place": self.places}
+        return {
+            kind: {iri: self.label(iri) for iri in sorted(iris)} for kind, iris in kinds.items()
+        }
 
     def label(self, iri: str) -> str:
         """The label of a category, in English if it has one, or else the end of its IRI."""

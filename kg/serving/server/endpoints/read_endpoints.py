@@ -6,11 +6,12 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import time
 from collections.abc import Mapping
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -52,7 +53,16 @@ async def page_file(serving: AppState, request: Request) -> Response:
     headers = {"ETag": f'"{sha256(body).hexdigest()[:16]}"', "Cache-Control": "no-cache"}
     if headers["ETag"] in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
+    headers["Vary"] = "Accept-Encoding"
+    if "gzip" in request.headers.get("accept-encoding", ""):
+        headers["Content-Encoding"] = "gzip"
+        body = await run_in_threadpool(_packed, body)
     return Response(body, media_type=_TYPES[name.rpartition(".")[2]], headers=headers)
+
+
+@lru_cache(maxsize=64)
+def _packed(body: bytes) -> bytes:
+    return gzip.compress(body, mtime=0)
 
 
 @cache
@@ -222,9 +232,16 @@ _HISTORY_TYPES: Final = (JSON, "text/plain")
 
 
 async def log(serving: AppState, request: Request) -> Response:
-    """The transactions that changed the thing ``?iri=``; with ``&last=`` the last ones."""
+    """The transactions that changed the thing ``?iri=``; with ``&last=`` the last ones.
+
+    With ``&told=1`` only those that its summary tells: no changes of counters.
+    """
     given = query_parameters(request)
-    wanted = {"iri": _needed(given, "iri"), "last": given.number("last")}
+    wanted = {
+        "iri": _needed(given, "iri"),
+        "last": given.number("last"),
+        "told": given.flag("told"),
+    }
     return await _report(serving, request, "log", wanted)
 
 

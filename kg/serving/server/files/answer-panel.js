@@ -7,12 +7,12 @@ import { clock } from "/files/time-axis.js";
 const MAX_STEPS = 12, MAX_THINGS = 30, MANY = 3000; // that are listed; with more in the map a plan takes long
 const SURE = 0.5; // existence of the things that are ringed, beside the best one
 const COMMAND = /: `hereabouts [^`]*`/g, CHANCE = / \((?:[^()]* sure|still there with [^()]*)\)/g; // told otherwise on the page
-const MOMENT = /\b\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d+)?Z?/g; // of UTC
+const MOMENT = /\b(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d(?::\d\d(?:\.\d+)?)?)(?:Z| UTC)?/g; // of UTC
 const EXAMPLES = /^(.+); questions.* that are: (.+)$/s; // of a refusal
 const HEAD = /^(.{3,70}?): (?=\D)(.+)$/s;
 
 /** A line of an answer without what the page tells otherwise. */
-export const cleaned = (line) => line.replace(COMMAND, "").replace(CHANCE, "").replace(MOMENT, (time) => clock(`${time.replace("Z", "")}Z`));
+export const cleaned = (line) => line.replace(COMMAND, "").replace(CHANCE, "").replace(MOMENT, (_, day, time) => clock(`${day}T${time}Z`));
 
 export class AnswerPanel {
   /** `found(iri)` goes to what was found, `choose(iri)` selects a thing, `asked()` brings the panel to the front. */

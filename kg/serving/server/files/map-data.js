@@ -1,16 +1,12 @@
 // The data of the page: the state of the map at one moment, updated by the feed of changes if that is now.
 import { percent } from "/files/page-elements.js";
-import { followChanges, read, select } from "/files/server.js";
+import { followChanges, read } from "/files/server.js";
 
 const HERE = "https://w3id.org/hereabouts#";
 const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
 const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
 const UNNAMED = `${HERE}UnnamedThing`;
 const MAP_GRAPH = "https://w3id.org/hereabouts/graph/map";
-
-const CATEGORIES = `SELECT ?class ?label ?kind WHERE {
-    VALUES ?kind { here:Object here:Place }
-    GRAPH graph:commonsense { ?class here:isA ?kind } GRAPH graph:ontology { ?class rdfs:label ?label } }`;
 
 /** Field of an object by predicate in the feed. */
 const FIELDS = {
@@ -66,9 +62,9 @@ export class MapData extends EventTarget {
     this.poses = []; // a line for each recording with estimated poses
     this.last = 0; // of the map's last transaction
     this.past = null; // number of the shown past transaction; null for the present
-    this.labels = new Map(); // of categories
+    this.labels = new Map([[UNNAMED, "unnamed thing"]]); // of categories
+    this.kinds = new Map([[UNNAMED, "thing"]]); // "object" or "place" of each category
     this._tiles = new Map(); // by the text of their cells
-    this.kinds = new Map();
     this.time = null; // ISO 8601, of the shown past state
     this._others = new Set(); // classes in the feed that are no categories
     this._loading = new AbortController(); // of the last request
@@ -83,16 +79,13 @@ export class MapData extends EventTarget {
     const { signal } = this._loading = new AbortController();
     this._missed = []; // changes that arrive while the present is read
     try {
-      const [state] = await Promise.all([this._read(at === null ? {} : { at }, signal), this.labels.size || this._readCategories()]);
-      if (state.objects.some((one) => !this.kinds.has(one.class))) await this._readCategories();
+      const state = await this._read(at === null ? {} : { at }, signal);
       if (signal.aborted) return false;
       this._show(state, at !== null);
     } catch (error) {
       if (signal.aborted) return false;
       throw error;
-    } finally {
-      if (!signal.aborted) this._missed = null;
-    }
+    } finally { if (!signal.aborted) this._missed = null; }
     return true;
   }
 
@@ -107,6 +100,7 @@ export class MapData extends EventTarget {
     this.time = isPast ? state.time : null;
     this.sequence = state.sequence;
     this.last = Math.max(this.last, this.sequence);
+    this._takeCategories(state);
     const byIri = (rows, more) => new Map(rows.map((one) =>
       [this.base + one.iri, { ...one, ...more, iri: this.base + one.iri, place: one.place && this.base + one.place }]));
     this.objects = byIri(state.objects, {});
@@ -124,6 +118,10 @@ export class MapData extends EventTarget {
     Object.assign(this, { doors, floor, surface, poses });
     this.places = new Map(places.map((row) => [this.base + row.iri, { ...row, iri: this.base + row.iri, rings: cornersOf(row) }]));
     this.robot = robot && { ...robot, iri: this.fullOf(robot.iri) };
+  }
+
+  _takeCategories({ categories }) {
+    for (const [kind, labels] of Object.entries(categories)) for (const iri in labels) { this.labels.set(iri, labels[iri]); this.kinds.set(iri, kind); }
   }
 
   /** Height of the floor [m] in most of the map. */
@@ -263,7 +261,7 @@ export class MapData extends EventTarget {
     if (this._others.has(iri)) return;
     this._others.add(iri);
     try {
-      await this._readCategories();
+      this._takeCategories(await this._read({ objects: "0" }));
       if (this.kinds.has(iri) && this.past === null) await this.load(null);
       if (this.kinds.has(iri)) this._tell("categories");
     } catch { this._others.delete(iri); /* the next change asks again */ }
@@ -290,15 +288,6 @@ export class MapData extends EventTarget {
         this._soon = undefined;
       }
     }, 1000);
-  }
-
-  async _readCategories() {
-    this.labels.set(UNNAMED, "unnamed thing");
-    this.kinds.set(UNNAMED, "thing");
-    for (const { class: iri, label, kind } of await select(CATEGORIES, null, this.last)) {
-      this.labels.set(iri, label);
-      this.kinds.set(iri, kind.endsWith("Place") ? "place" : "object");
-    }
   }
 
   /** A tile with its cells, the times of their last views (minutes since 1970) and the latest of them; cached by its text. */

@@ -24,6 +24,8 @@ export function colourOf(label, dark) {
   return PALETTE[dark ? "dark" : "light"][((hash >>> 7) + hash) % 8];
 }
 
+export const shortened = (name, most) => ([...name].length > most ? `${[...name].slice(0, most - 1).join("")}…` : name);
+
 /** Text with an outline in the colour of the background; a picture of it is kept, since outlines of letters cost much. */
 export function drawText(c, view, text, x, y, colour, alpha = 1) {
   const ratio = c.getTransform().a, key = [text, c.font, colour, view.panel, ratio].join("|");

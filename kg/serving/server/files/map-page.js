@@ -62,10 +62,10 @@ function bringToFront(id) {
   reveal("back", id !== "plan" && search.wanted !== "");
 }
 
-/** Go to what an answer found; without one, show all that it is about. */
+/** Go to what an answer found; without it, show all that it is about, and select nothing. */
 function found(iri) {
   if (iri) goTo(iri, { isFound: true });
-  else if (view.highlights.iris.size) view.fit();
+  else { choose(null, { isFound: true }); if (view.highlights.iris.size) view.fit(); }
 }
 
 /** Select a thing and centre it. */

@@ -60,6 +60,7 @@ export class MapView {
     canvas.addEventListener("pointermove", ({ offsetX, offsetY }) => { this._hovering ??= setTimeout(() => { this._hovering = undefined; this._hover(offsetX, offsetY); }, HOVER); });
     DARK.addEventListener("change", () => { this._colours.clear(); this.draw(); });
     this._resize();
+    this.scene.surface.current(); // read while the state of the map is
   }
 
   get dark() {
@@ -281,6 +282,7 @@ export class MapView {
   }
 
   _renderNow({ smooth = false } = {}) {
+    if (!this.data.version) return; // nothing was read yet
     if (this._isStale) this._update();
     this.clusters = clustersOf(this);
     if (this.hasGraphics) {

@@ -1,5 +1,5 @@
 // Marks above the scene, of a constant width in pixels: robot, plan, highlights, changes, clusters, pictures, names.
-import { drawText, footprintOf, spotsIn, Taken } from "/files/map-drawing.js";
+import { drawText, footprintOf, shortened, spotsIn, Taken } from "/files/map-drawing.js";
 import { radiusAt } from "/files/map-scene.js";
 import { element } from "/files/page-elements.js";
 import { pictureOf } from "/files/thing-panel.js";
@@ -15,6 +15,7 @@ const CONFIDENT = { flat: 2.45, solid: 2.8 }; // deviations within which a posit
 const TEXT = "system-ui, sans-serif";
 const MANY = 300; // things without a name that are not drawn while the map moves
 const LEGIBLE = 18; // [px/m] from which on one of many objects has its name
+const LETTERS = 28; // of a name that is drawn, at most
 const CLOSE = 170; // [px/m] at and above which an object has its picture
 const MAX_PICTURES = { shown: 12, kept: 300 };
 const SIDES = [44, 110], WIDE = 0.3; // [px] of a picture, at least and at most; [m] within these limits
@@ -268,10 +269,10 @@ export class MarkLayer {
     if (a && b) this._pill(`${this._view.distance().toFixed(2)} m`, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2 - 16], ink, panel);
   }
 
-  /** The name of a place, as sentences have it or short, where there is room. */
+  /** The name of a place, as sentences have it or shorter, where there is room. */
   _namePlace(place) {
-    const view = this._view, title = view.data.nameOf(place);
-    for (const name of new Set([title, title.replace(/ \(.*\)$/, "")])) {
+    const view = this._view, title = view.data.nameOf(place), short = title.replace(/ \(.*\)$/, "");
+    for (const name of new Set([title, short, shortened(short, LETTERS), shortened(short, LETTERS / 2)])) {
       const width = this._widthOf(name, "600 13px"), middle = [(place.xmin + place.xmax) / 2, (place.ymin + place.ymax) / 2];
       const spots = view.isFlat ? [...spotsIn(view, place, width)] : this._beside(this._at(middle), width);
       const spot = spots.find(([u, v]) => this._taken.take(u - width / 2 - 2, v - 12, width + 4, 16));
@@ -306,7 +307,7 @@ export class MarkLayer {
       const isChosen = one.iri === selected;
       if (!isChosen && scale < LEGIBLE && view.drawn.length > MANY) return;
       if (this._names.length >= most || (!isChosen && (!layers.labels || inFocus))) return;
-      const font = isChosen ? "700 13px" : "12px", text = view.data.partsOf(one)[0].slice(0, 40), width = this._widthOf(text, font), far = 2 + radiusAt(scale);
+      const font = isChosen ? "700 13px" : "12px", text = shortened(view.data.partsOf(one)[0], LETTERS), width = this._widthOf(text, font), far = 2 + radiusAt(scale);
       const spots = isFlat ? [[far, 4], [-far - width, 4], [-width / 2, -10], [-width / 2, 20]] : [[-width / 2, -7]];
       const place = spots.find(([x, y]) => this._taken.take(u + x - 1, v + y - 11, width + 2, 14));
       if (!place) return;

@@ -28,7 +28,7 @@ export class ThingPanel {
     this._described = JSON.stringify(this._thing());
     this._since = performance.now();
     const parts = one ? this._object(one) : place ? this._place(place, least)
-      : [element("p", "Nothing is selected: ask above, or click on the map or in the list."), this._examples(), ...this._rooms()];
+      : [element("p", "Ask a question, or click on a thing or a room."), this._examples(), ...this._rooms()];
     byId("about").replaceChildren(...parts);
     this._shown(one ?? place ?? null);
     if (one || place) this._ask(iri);
@@ -56,14 +56,14 @@ export class ThingPanel {
   }
 
   _rooms() {
-    const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", this._counted(room))));
+    const entries = [...this._data.places.values()].map((room) => element("li", "", this._link(room), element("span", ` ${this._counted(room)}`)));
     return entries.length ? [Object.assign(element("ul", "", ...entries), { className: "rooms" })] : [];
   }
 
   /** The number of things in a room, in words. */
   _counted(room) {
     const { length } = this._contents(room, this._least);
-    return `: ${length.toLocaleString("en")} ${length === 1 ? "object" : "objects"}`;
+    return `${length.toLocaleString("en")} ${length === 1 ? "object" : "objects"}`;
   }
 
   _contents(place, least) {
@@ -200,18 +200,24 @@ function boxed(picture) {
 
 /** A line of an explanation in the words of the page: clock times, percentages. */
 function plain(text) {
-  return text.replace(/^(new: [^;]*(; |$))+/, "appeared, ").replace(/, $/, "").replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure")
-    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`).replace(/^transaction #\d+ at/, "written at")
-    .replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, with ${percent(score)}`)
+  return text.replace(/there with ((?:over |under )?[\d.]+ %)/g, "$1 sure").replace(/: box [\d .-]+ px, score ([\d.]+)/, (_, score) => `, ${percent(score)} sure`)
+    .replace(/heading (-?[\d.]+) rad/, (_, angle) => `looking ${Math.round(angle * 180 / Math.PI)}°`)
+    .replace(/^transaction #\d+ at (\S+Z)(?:: frame \((.*)\/(.*)\))?/, (_, time, recording, frame) => `written at ${time}${frame ? `, from ${frame} of ${recording}` : ""}`)
     .replace(/\d{4}-\d\d-\d\dT[\d:.]+Z/g, (time) => clock(time));
+}
+
+/** The changes of one moment as a sentence. */
+function sentenceOf(told) {
+  const changes = told.filter((text, n) => !n || !text.startsWith("new: ")).map((text) => text.replace(/^new: .*/, "appeared").replace(/^(moved .*), at /, "$1 to "));
+  return `It ${changes.join(", ").replace(/^(an?|in|on|inside|at|called|no longer) /, "is $&").replace(/^there /, "is there, $&").replace(/^removed/, "was $&")}`;
 }
 
 /** What happened to it, as `/log` tells it, the last first. */
 async function historyOf(data, iri) {
-  const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&last=200`);
-  const events = log.filter(({ sequence, told }) => told.length && (data.past === null || sequence <= data.past));
+  const log = await read(`/log?iri=${encodeURIComponent(data.pathOf(iri))}&told=1&last=200`);
+  const events = log.filter(({ sequence }) => data.past === null || sequence <= data.past);
   return [element("ul", "", ...events.slice(-MAX_EVENTS).reverse().map(({ time, by, cause, told }) => {
-    const item = element("li", "", element("small", clock(time)), plain(told.join("; ")) + (by ? ` (${by})` : ""));
+    const item = element("li", "", element("small", clock(time)), plain(sentenceOf(told)) + (by ? ` (${by})` : ""));
     item.title = cause;
     return item;
   }))];

@@ -6,9 +6,10 @@ Every IRI of the map has a page or a document: its facts, and the facts that ref
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from html import escape
 from importlib.resources import files
 from string import Template
@@ -70,6 +71,7 @@ def front_page(of: MapHead, *, writable: bool) -> str:
     """The page of the live map, which scripts fill."""
     page = template("front.html").substitute(
         head=head(of.title),
+        preload=_preload() + (_PRELOAD_STATE if not of.private else ""),
         title=escape(of.title),
         base=escape(of.base),
         sequence=of.sequence,
@@ -79,6 +81,26 @@ def front_page(of: MapHead, *, writable: bool) -> str:
         correction=_TOKEN_FORM if writable else "",
     )
     return shown(page)
+
+
+#: the first requests of the map's page, begun before its scripts are there
+_PRELOAD_STATE: Final = (
+    '<link rel="preload" href="/state?" as="fetch" crossorigin>'
+    '<link rel="preload" href="/surface" as="fetch" crossorigin>'
+)
+
+
+@cache
+def _preload() -> str:
+    """Elements by which a browser loads all scripts of the map's page at once, not one by one."""
+    found, waiting = dict[str, None](), ["map-page.js"]
+    while waiting:
+        name = waiting.pop()
+        found[name] = None
+        text = files("kg.serving.server").joinpath("files", name).read_text(encoding="utf-8")
+        imported = re.findall(r'^import .*from "/files/([\w./-]+)";$', text, re.MULTILINE)
+        waiting += [one for one in imported if one not in found and one not in waiting]
+    return "".join(f'<link rel="modulepreload" href="/files/{name}">' for name in sorted(found))
 
 
 def console_html(of: MapHead) -> str:

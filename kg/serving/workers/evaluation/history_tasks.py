@@ -57,6 +57,8 @@ def history_report(store: Store, request: Mapping[str, Any]) -> str:
 def _log(store: Store, log: HistoryLog, request: Mapping[str, Any]) -> str:
     base = request["base"]
     entries = list(history_events(log, store, thing(request["iri"], base), base))
+    if request["told"]:
+        entries = [entry for entry in entries if entry.told]
     if request["last"] is not None:
         entries = entries[max(0, len(entries) - int(request["last"])) :]
     if request["media_type"] == TEXT:
@@ -87,7 +89,7 @@ def map_state(store: Store, sequence: int, request: Mapping[str, Any]) -> str:
     """The state of the map that a page draws: after the transaction ``at``, or of `store`."""
     categories, base = Categories.of(store), request["base"]
     head: dict[str, object] = {"sequence": request.get("at", sequence)}
-    head["surface"] = request["surface"]
+    head |= {"surface": request["surface"], "categories": categories.by_kind()}
     head["poses"] = [one.pose_estimate for one in recordings_in(store, base) if one.pose_estimate]
     if "at" in request:
         with _frozen(request) as log:

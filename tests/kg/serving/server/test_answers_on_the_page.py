@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,10 +89,10 @@ def test_what_comes_later_is_drawn_and_told(
     place = PlaceRecord(f"{own.map.base}place/2", "place 2", 5, 6, 0, 1, views=1)
     own.map.apply(MapUpdate(places=(place,)))
     page = open_page("", own, script=WRITTEN + ARROWS)
-    says(page, "#about", "the kitchen: 2 objects")
-    says(page, "#about", "place 2: 0 objects")
+    says(page, "#about", "the kitchen 2 objects")
+    says(page, "#about", "place 2 0 objects")
     own.put(3, "bowl", 2.0, 2.0)
-    says(page, "#about", "the kitchen: 3 objects")
+    says(page, "#about", "the kitchen 3 objects")
     page.click("#about .link >> text=place 2")
     says(page, "#about h2", "place 2")
     names_drawn(page, "cup", "chair", "bowl")
@@ -105,6 +106,41 @@ def test_what_comes_later_is_drawn_and_told(
     says(page, "#about dl", "gherkin grater")
     says(page, "#count", "3 of 3 objects")
     names_drawn(page, "gherkin grater", "chair")
+
+
+def test_a_new_answer_ends_the_selection_of_the_one_before(open_page: OpenPage) -> None:
+    page = open_page("#object/1")
+    says(page, "#about h2", "cup 1")
+    ask(page, "which rooms are there?")
+    says(page, "#plan", "the kitchen")
+    says(page, "#about", "Ask a question")
+    page.wait_for_url("**/#?find=*")
+    assert "object/1" not in page.url
+
+
+def test_times_in_sentences_are_told_by_the_clock(open_page: OpenPage) -> None:
+    told = open_page().evaluate("""async () => {
+        const { cleaned } = await import("/files/answer-panel.js");
+        return ["2020-02-03 04:05 UTC", "2020-02-03T04:05:06Z"].map((time) => cleaned(time)); }""")
+    assert all(re.fullmatch(r"Feb [23], 2020, \d\d:\d5:0[06]", line) for line in told)
+
+
+def test_a_name_that_is_too_long_for_the_map_is_shortened(own: Served, open_page: OpenPage) -> None:
+    for iri, name in (("place/1", "all cups of the house " * 3), ("object/2", "chair" * 12)):
+        own.map.assertions.add(f"{own.map.base}{iri}", "label", name.strip(), by="ann")
+    narrow = open_page("", own, script=WRITTEN, viewport={"width": 390, "height": 844})
+    names_drawn(narrow, "all cups of the house all c…", "chairchairchairchairchairch…")
+
+
+def test_the_history_of_a_thing_is_in_sentences(own: Served, open_page: OpenPage) -> None:
+    own.move(1, 3.0)
+    own.map.assertions.add(f"{own.map.base}object/1", "label", "Ann's mug", by="ann")
+    page = open_page("object/1", own)
+    says(page, "#about-history", "It appeared, at (1.00, 0.50) m, 80 % sure, in the kitchen")
+    says(page, "#about-history", "It moved 2.00 m to (3.00, 0.50) m")
+    says(page, "#about-history", "It is called Ann's mug (ann)")
+    says(page, "#about-why", "written at")
+    says(page, "#about-why", "from frame-000001 of flat")
 
 
 def test_one_broken_mark_ends_no_other(open_page: OpenPage) -> None:

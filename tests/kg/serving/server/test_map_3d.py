@@ -85,7 +85,7 @@ def test_a_click_on_a_box_or_a_floor_selects_what_it_is(open_page: OpenPage) -> 
         go_to(page, address)
         says(page, "#about h2", name)
         go_to(page, "")
-        says(page, "#about", "Nothing is selected")
+        says(page, "#about", "Ask a question")
         click_map(page)
         says(page, "#about h2", name)
 
@@ -102,7 +102,7 @@ def test_it_is_turned_by_mouse_and_keys_and_comes_back(open_page: OpenPage) -> N
     page.mouse.up()
     page.mouse.move(1, 1)
     turned = other_picture(page, first)
-    says(page, "#about", "Nothing is selected")
+    says(page, "#about", "Ask a question")
     page.focus("#canvas")
     page.keyboard.press("ArrowLeft")
     moved = other_picture(page, turned)
@@ -230,7 +230,7 @@ def test_many_objects_are_circles_that_lead_nearer(own: Served, open_page: OpenP
     click_map(page, 2 * scale, 2.5 * scale)
     page.wait_for_url("**view=*")
     other_picture(page, first)
-    says(page, "#about", "Nothing is selected")
+    says(page, "#about", "Ask a question")
     near = float(page.url.split("view=")[1].split("%2C")[2].split("&")[0])
     assert near == pytest.approx(4 * scale, rel=0.1)
 
@@ -258,11 +258,11 @@ def test_a_thing_without_a_name_is_an_outline_that_a_click_selects(
         if not is_flat:
             page.click("#solid")
             go_to(page, "")
-            says(page, "#about", "Nothing is selected")
+            says(page, "#about", "Ask a question")
             go_to(page, THING)  # which flies there
             says(page, "#about h2", "unnamed thing")
             go_to(page, "")
-        says(page, "#about", "Nothing is selected")
+        says(page, "#about", "Ask a question")
         page.mouse.move(1, 1)
         outlined = picture(page)
         show_layer(page, "things", False)

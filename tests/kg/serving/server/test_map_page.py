@@ -61,7 +61,7 @@ def test_an_address_that_names_nothing_selects_nothing(open_page: OpenPage) -> N
     page = open_page("#%E0%A4%A")
     for fragment in ("%E0%A4%A", "javascript:alert(1)", "%22%3E<img src=x>"):
         go_to(page, fragment)
-        says(page, "#about", "Nothing is selected")
+        says(page, "#about", "Ask a question")
         go_to(page, CUP)  # the page lives
         says(page, "#about h2", "cup 1")
 
@@ -80,7 +80,7 @@ def test_changes_arrive_without_reloading(own: Served, open_page: OpenPage) -> N
     own.move(1, 3.25)
     says(page, "#about dl", "3.25, 0.50, 0.80 m")
     own.map.apply(MapUpdate(removed=(f"{own.map.base}{CUP}",)))
-    says(page, "#about", "Nothing is selected")
+    says(page, "#about", "Ask a question")
     page.click("text=All objects")
     page.click("#objects >> text=odd")  # whose IRI has a percent sign
     says(page, "#about h2", "odd")
@@ -286,6 +286,11 @@ def test_a_phone_shows_the_map_first_and_keeps_it(open_page: OpenPage) -> None:
     assert page.locator("#canvas").bounding_box()["y"] >= 0
     compare = page.locator("#compare").bounding_box()
     assert compare["x"] + compare["width"] <= 390
+    open_menu(page, "layers")
+    last = page.locator("#legend li:last-child")
+    last.scroll_into_view_if_needed()
+    low, end = (one.bounding_box() for one in (last, page.locator("#map")))
+    assert low["y"] + low["height"] <= end["y"] + end["height"]
 
 
 def test_rooms_are_edited_by_mouse_and_keyboard(

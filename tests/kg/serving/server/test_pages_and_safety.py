@@ -71,6 +71,19 @@ def test_the_live_map_sends_less_than_60_kb_of_our_own_code(lasting: Served) -> 
     assert sent < 60_000
 
 
+def test_all_scripts_of_the_map_are_asked_for_at_once(lasting: Served, private: Served) -> None:
+    page = lasting.get("", headers={"Accept": "text/html"}).text
+    asked = set(re.findall(r'<link rel="modulepreload" href="/files/([^"]+)">', page))
+    imported = {"map-page.js"}
+    for name in asked - {"vendor/three.min.js"}:
+        imported |= set(re.findall(r'"/files/([\w./-]+\.js)"', lasting.get(f"files/{name}").text))
+    assert asked == imported
+    assert 'href="/state?" as="fetch"' in page
+    secret = private.get("", headers={"Accept": "text/html"}).text
+    assert "modulepreload" in secret
+    assert "/state" not in secret  # which would be refused without a token
+
+
 def test_front_page_escapes_and_loads_nothing_from_afar(lasting: Served) -> None:
     page = lasting.get("", headers={"Accept": "text/html"})
     assert "flat &lt;1&gt;" in page.text

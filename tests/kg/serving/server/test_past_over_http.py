@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from kg.model.records import MapUpdate
 from kg.serving.client.record_codec import comparison_from_json
 from kg.serving.opening import open_map
 from kg.serving.server import Limits, MapServer, Settings
-from tests.kg.serving.server.conftest import Served, running
+from tests.kg.serving.server.conftest import Served, running, thing
 
 CUP, CHAIR = (f"https://example.org/maps/flat/object/{n}" for n in (1, 2))
 COMMANDS = (
@@ -194,6 +195,16 @@ def test_a_things_history_is_told(moved: Served) -> None:
     ):
         assert moved.get("log", params=params).status_code == status
     assert moved.get("log?iri=robot", headers={"Accept": "image/png"}).status_code == 406
+
+
+def test_a_history_without_changes_of_counters_begins_with_the_first(served: Served) -> None:
+    cup = thing(served.map, 1, "cup", 1.0, 0.5)
+    for count in range(4, 12):
+        served.map.apply(MapUpdate(objects=(replace(cup, observations=count),)))
+    last = {"iri": "object/1", "last": 3}
+    assert [one["told"] for one in served.get("log", params=last).json()] == [[], [], []]
+    (first,) = served.get("log", params={**last, "told": 1}).json()
+    assert first["told"][0] == "new: cup"
 
 
 def test_two_moments_are_compared(moved: Served) -> None:

@@ -35,6 +35,15 @@ def test_a_state_has_all_that_a_page_draws(served: Served) -> None:
     assert "objects" not in served.get("state?objects=0").json()
 
 
+def test_a_state_has_the_categories_with_their_labels(served: Served) -> None:
+    update = "INSERT DATA { GRAPH graph:ontology { here:Cup rdfs:label 'Tasse'@de } }"
+    served.map.update(update, by="ann", allow=("ontology",))
+    kinds = served.get("state?objects=0").json()["categories"]
+    assert kinds["object"][f"{v.HERE}Cup"] == "cup"
+    assert kinds["place"][f"{v.HERE}Kitchen"] == "kitchen"
+    assert kinds["object"].keys() & kinds["place"].keys() == set()
+
+
 def test_a_state_tells_that_poses_were_estimated(served: Served) -> None:
     assert served.get("state").json()["poses"] == []
     line = "poses of 9 of 9 frames over 2 m"

@@ -107,7 +107,7 @@ def visitor(request: pytest.FixtureRequest, shown: Served, standing: Any) -> Ite
     standing.keyboard.press("Escape")
     standing.goto(f"{shown.url}#?age=")  # a parameter without a value: all are as at first
     standing.wait_for_selector("html[data-ready]")
-    says(standing, "#about", "Nothing is selected")
+    says(standing, "#about", "Ask a question")
     says(standing, "#count", "3 of 3")
     says(standing, "#moment", "now")
     standing.click("#fit")

@@ -70,7 +70,7 @@ def test_updates_and_documents(live: StoredMap, pool: QueryPool) -> None:
 def test_reports_and_states(live: StoredMap, pool: QueryPool) -> None:
     thing = live.base + "thing"
     for form in ("application/json", "text/plain"):
-        wanted = {"what": "log", "media_type": form, "iri": thing, "last": None}
+        wanted = {"what": "log", "media_type": form, "iri": thing, "last": None, "told": False}
         report = pool.answer(WorkerCall(b"T", wanted))
         assert b"thing" in report.body
     wanted = {"surface": [], "objects": True, "base": live.base}
