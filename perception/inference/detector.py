@@ -130,16 +130,15 @@ class Readings:
         found = [_seen(one, outputs, fitted, threshold) for one in fitting]
         if not any(found) and (alone or len(fitting) > 1):
             return alone
-        if len(fitting) > 1:
-            if any(one != found[0] for one in found[1:]):
-                raise ModelError(
-                    "what it answers has two meanings and more: "
-                    + "; ".join(
-                        f"{one.head.name}: {_told(seen)}"
-                        for one, seen in zip(fitting, found, strict=True)
-                    )
-                    + f"; --head {' or --head '.join(one.head.name for one in fitting)} chooses"
+        if any(one != found[0] for one in found[1:]):
+            raise ModelError(
+                "what it answers has two meanings and more: "
+                + "; ".join(
+                    f"{one.head.name}: {_told(seen)}"
+                    for one, seen in zip(fitting, found, strict=True)
                 )
+                + f"; --head {' or --head '.join(one.head.name for one in fitting)} chooses"
+            )
         self._left, self.decided = (fitting[0],), True
         return True
 
@@ -316,8 +315,8 @@ class OnnxDetector:
         reverse = (boxes[:, 2:] < boxes[:, :2]).any(axis=1).sum()
         if reverse > BAD * len(boxes):
             raise ModelError(
-                f"{reverse} of its {len(boxes)} boxes end before they begin, as of centre and size; "
-                "export the network so that they are x1, y1, x2, y2"
+                f"{reverse} of its {len(boxes)} boxes end before they begin, as of centre and "
+                "size; export the network so that they are x1, y1, x2, y2"
             )
         centre = (boxes[:, :2] + boxes[:, 2:]) / 2
         outside = (centre < 0).any(axis=1) | (centre > shape[::-1]).any(axis=1)

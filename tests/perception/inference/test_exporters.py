@@ -95,7 +95,7 @@ def test_a_class_that_one_numbering_lacks_decides(exported, label, name):
 
 def test_a_class_that_coco_s_ids_leave_out_is_of_one_of_the_other_numberings(exported):
     path = exported(lone(12))
-    with pytest.raises(ModelError, match="from-0: parking meter.*from-1-to-80: stop sign") as told:
+    with pytest.raises(ModelError, match=r"from-0: parking meter.*from-1-to-80: stop sign") as told:
         load_detector(path).detect_image(IMAGE)
     assert "--head list-labels-from-1 " not in str(told.value)
 
