@@ -255,7 +255,8 @@ def _camera_of(found: _Fields, path: Path) -> Intrinsics:
         missing = [key for key, x in zip(("fx", "fy", "cx", "cy"), four, strict=True) if x == []]
         if missing:
             raise KeyError(missing[0])
-        camera = Intrinsics(*(float(np.array(x).item()) for x in four), source=str(path))
+        fx, fy, cx, cy = (float(np.array(x).item()) for x in four)
+        camera = Intrinsics(fx, fy, cx, cy, source=str(path))
     width, height = size if len(size) == 2 else (first("width"), first("height"))
     word = " ".join(str(found[name]) for name in _NAMES["model"] if name in found).lower()
     fisheye = any(name in word for name in FISHEYE)

@@ -399,7 +399,7 @@ def read_trajectory(path: Path) -> Trajectory:
     Stamps are as of `in_seconds`; lines that are not finite are left out.
     """
     table, csv, lost = list[list[float]](), path.suffix.lower() == ".csv", False
-    order = _EUROC if csv else None
+    order: tuple[int, ...] | None = _EUROC if csv else None
     for where, words in rows(path):
         if not table and _COLUMN.search(words[0].lower()):
             order = _order_of([word for word in words if not word.startswith("[")]) or order

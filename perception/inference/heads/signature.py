@@ -55,7 +55,7 @@ _MAX_ROWS: Final = 1000  # rows of a list
 _OTHER_TASKS: Final = ("classify", "pose", "obb")
 _STRIDE_SETS: Final = (STRIDES, PLUS_STRIDES, (4, 8, 16, 32))
 #: columns of x1, y1, x2, y2, score and class in rows, by the number of columns
-_ORDERS: Final = {
+_ORDERS: Final[dict[int, dict[str, tuple[int, ...]]]] = {
     6: {
         "rows": (0, 1, 2, 3, 4, 5),
         "rows-class-score": (0, 1, 2, 3, 5, 4),
@@ -289,7 +289,8 @@ def _rows(session: Session) -> Iterator[Head]:
             orders = {"rows-of-batch-y-first-labels-from-1": _Y_FIRST[1]}
         firsts = dict.fromkeys(orders, int(automl))
         if session.is_channels_last(image) and not automl:  # of TensorFlow's kin
-            swapped = {f"{n}-y-first": (b, a, d, c, *e) for n, (a, b, c, d, *e) in orders.items()}
+            turned = (1, 0, 3, 2, 4, 5)
+            swapped = {f"{n}-y-first": tuple(o[k] for k in turned) for n, o in orders.items()}
             orders, firsts = orders | swapped, firsts | dict.fromkeys(swapped, 0)
         # EfficientDet's, whose classes are COCO's ids; names in the file begin with the first class
         told = any(key in session.metadata for key in METADATA_KEYS)

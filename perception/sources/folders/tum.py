@@ -110,7 +110,7 @@ def _pairs(folder: Path) -> list[_Pair]:
         colour, depth = (2, 0) if swapped else (0, 2)
         stamps = [floats(words[colour : colour + 1], where)[0] for where, words in rows]
         return [
-            (float(stamp), *(_found(folder, words[n + 1]) for n in (colour, depth)))
+            (float(stamp), _found(folder, words[colour + 1]), _found(folder, words[depth + 1]))
             for stamp, (_, words) in zip(
                 in_seconds(np.array(stamps), associations), rows, strict=True
             )
