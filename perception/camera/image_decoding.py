@@ -71,9 +71,7 @@ def check_png(data: bytes | memoryview, where: str) -> None:
         place = end
 
 
-def metres(
-    raw: NDArray[np.integer] | NDArray[np.floating], depth_scale: float
-) -> NDArray[np.float32]:
+def metres(raw: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
     """Depth (H, W) [m], nan = no return, of an image with `depth_scale` units a metre.
 
     Floats are metres where `depth_scale` is MILLIMETRES, and otherwise off by the same factor.
