@@ -188,9 +188,9 @@ def nms(
 def _part(name: str) -> str:
     words = {
         "num": r"num|valid",
-        "score": r"score|conf",
-        "label": r"label|class",
-        "box": r"box|det",
+        "score": r"score|conf|6383",
+        "label": r"label|class|6381",
+        "box": r"box|det|6379",
     }
     return next(part for part, word in words.items() if re.search(word, name))
 
@@ -383,6 +383,14 @@ KINDS: Final[dict[str, tuple[Answer, dict[str, Any]]]] = {
         lambda c: {"boxes": c.box[None, None], "scores": np.full((1, 1, 1), c.score),
                    "classes": np.full((1, 1, 1), CUP, float)}, {}),
     "DeepStream-Yolo, rows": (rows("box", "score", "label", n=8), {"shapes": (1, "n", 6)}),
+    "columns of corners": (one("output0", lambda c: np.vstack([
+        corners(grid(8400, c)).T, grid(8400, c)[:, 4:].T])[None]), {}),
+    "columns of centre and size, y first": (
+        one("output0", lambda c: grid(8400, c)[:, [1, 0, 3, 2, *range(4, 84)]].T[None]), {}),
+    "lists from TensorFlow, y first": (nms("num boxes classes scores", CUP, float, y_shares),
+                                       {**CHANNELS_LAST, **BYTES, **STRETCH}),
+    "ONNX's zoo, classes from 1 to 80": (listed(CUP + 1, "6379", "6381", "6383"), VISION),
+    "rows, classes from 1 to 80": (rows("box", "score", "label", label=CUP + 1), {}),
     "rows as shares": (
         rows("box", "score", "label", shares=True), {"metadata": {"resize": "stretch"}, **STRETCH}),
     "rows, class first": (rows("label", "score", "box"), {}),

@@ -199,8 +199,8 @@ def _lists(session: Session) -> Iterator[Head]:
     _, downs, firsts, resize = next(one for one in _LISTS if re.search(one[0], names))
     if firsts == (1,) and any(key in session.metadata for key in METADATA_KEYS):
         firsts = (1, 0)  # names may begin with the first class
-    if resize == "stretch" and downs == (False,) and session.is_channels_last(image):
-        downs = (True, False)  # of TensorFlow's kin
+    if downs == (False,) and session.is_channels_last(image):
+        downs, resize = (True, False), "stretch"  # of TensorFlow's kin
     if downs == (True,) and "int" in session.output_types[roles["labels"]]:
         downs, firsts = (True, False), (0,)  # EfficientNMS has TensorFlow's names, too
     outputs = tuple(roles[one] for one in ("boxes", "labels", "scores", "masks") if one in roles)
