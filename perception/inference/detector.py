@@ -116,9 +116,10 @@ class Readings:
         if self.decided:
             return True
         outputs, fitted = answer_of(self.likeliest)
-        alone = len(self._left) == 1  # whose classes beyond its labels have a line of their own
-        fits = _head_fits if alone else _fits
-        fitting = [one for one in self._left if fits(one, outputs, fitted, threshold)]
+        # of one reading, classes beyond its labels have a line of their own
+        answer, alone = (outputs, fitted, threshold), len(self._left) == 1
+        fits = [one.head.fits(*answer) if alone else _fits(one, *answer) for one in self._left]
+        fitting = [one for one, good in zip(self._left, fits, strict=True) if good]
         if not fitting:
             # its own error tells more, where there is one
             self.likeliest.head.candidates(outputs, fitted, threshold)
@@ -151,18 +152,12 @@ def _fits(
 ) -> bool:
     try:
         head = reading.head
-        if not _head_fits(reading, outputs, fitted, least):
+        if not head.fits(outputs, fitted, least):
             return False
         found = head.candidates(outputs, fitted, least if head.overlapping else 0.0)
         return bool(np.all(found.label < len(reading.labels)))
     except (ModelError, IndexError, ValueError):  # shapes that it does not have
         return False
-
-
-def _head_fits(
-    reading: Reading, outputs: list[NDArray[np.generic]], fitted: Fitted, least: float
-) -> bool:
-    return reading.head.fits(outputs, fitted, least)
 
 
 def _seen(

@@ -92,16 +92,6 @@ _LISTS: Final = (
     (r"", (False,), (0, 1), "stretch"),
 )
 
-#: whether rows of boxes begin with x1, y1, x2, y2, where that tells heads apart
-_CORNERS: Final = {
-    "yolox-decoded": False,
-    "yolov5": False,
-    "yolov8": False,
-    "yolov8-rows": False,
-    "corners-rows": True,
-    "rtdetr": False,
-}
-
 Shape = list[Any]
 
 
@@ -358,7 +348,7 @@ def _grid_heads(
                 values=values,
                 decode=decode,
                 objectness=name == "yolox-decoded",
-                corners=_CORNERS.get(name),
+                corners=None if name in ("nanodet", "yolox") else name == "corners-rows",
                 shares=True if name == "rtdetr" else None,
             )
 
