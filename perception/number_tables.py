@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +15,9 @@ from numpy.typing import NDArray
 from kg.model.errors import RecordingError
 from kg.model.regular_files import read_bytes
 
+POINTER: Final = "a Git LFS pointer"
 LFS: Final = b"version https://git-lfs"  # beginning of a file that stands for another
+_DECIMAL: Final = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")  # as some countries write it
 _UTF16: Final = (b"\xff\xfe", b"\xfe\xff")
 #: from which stamps are in another unit than seconds, and that unit [s]
 _UNITS: Final = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
@@ -27,7 +30,7 @@ _log = logging.getLogger(__name__)
 def check_pointer(data: bytes, where: object, wanted: str = "not the file itself") -> None:
     """Raise RecordingError where a file is a pointer of Git LFS."""
     if data.startswith(LFS):
-        raise RecordingError(f"{where} is a Git LFS pointer, {wanted}; `git lfs pull` fetches it")
+        raise RecordingError(f"{where} is {POINTER}, {wanted}; `git lfs pull` fetches it")
 
 
 def in_seconds(stamps: NDArray[np.float64], where: Path) -> NDArray[np.float64]:
@@ -61,22 +64,30 @@ def json_object(text: str | bytes, where: object) -> dict[str, Any]:
     return found
 
 
-def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """("FILE, line N", words) of each line that is neither empty nor a comment.
-
-    Commas separate like white space. Raises RecordingError where the file cannot be read as text.
-    """
+def text_of(path: Path) -> str:
+    """The text of a file in UTF-8 or UTF-16; raises RecordingError where it has none."""
     try:
         data = read_bytes(path)
         check_pointer(data, path)
         # programs of Windows begin with a mark
-        text = data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
+        return data.decode("utf-16" if data.startswith(_UTF16) else "utf-8-sig")
     except OSError as error:
         raise RecordingError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path} is not a text file") from error
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#", 1)[0].replace(",", " ").split()
+
+
+def rows(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """("FILE, line N", words) of each line that is neither empty nor a comment.
+
+    Commas and semicolons separate like white space, but for commas within numbers. Raises
+    RecordingError where the file cannot be read as text.
+    """
+    for number, line in enumerate(text_of(path).splitlines(), start=1):
+        line = line.split("#", 1)[0].replace(";", " ")
+        words = line.replace(",", " ").split()
+        if "," in line and len(parts := line.split()) > 1 and all(map(_DECIMAL.fullmatch, parts)):
+            words = [part.replace(",", ".") for part in parts]
         if words:
             yield f"{path}, line {number}", words
 
@@ -96,5 +107,5 @@ def all_numbers(path: Path) -> NDArray[np.float64]:
     """Every number of the file, (n,), row by row."""
     found: list[float] = []
     for where, words in rows(path):
-        found += floats(words, where)
+        found += floats(filter(None, (word.strip("[]()") for word in words)), where)
     return np.array(found)

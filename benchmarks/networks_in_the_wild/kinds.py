@@ -76,6 +76,19 @@ def corners(rows: Array) -> Array:
     return np.hstack([rows[:, :2] - rows[:, 2:4] / 2, rows[:, :2] + rows[:, 2:4] / 2])
 
 
+def places(n: int, cup: Cup) -> Array:
+    """(n, 2) places that answer: of cells of three sizes, one or three times, else anywhere."""
+    width, height = cup.size
+    found = list[Array]()
+    for stride in (8, 16, 32):
+        row, column = np.mgrid[: height // stride, : width // stride]
+        found.append((np.stack([column.ravel(), row.ravel()], 1) + 0.5) * stride)
+    for anchors in (1, 3):
+        if anchors * sum(map(len, found)) == n:
+            return np.concatenate([np.tile(one, (anchors, 1)) for one in found])
+    return np.random.default_rng(1).uniform(0.06, 0.94, (n, 2)) * cup.size
+
+
 def grid(
     n: int, cup: Cup, *, sure: float | None = None, classes: int = 80, label: int = CUP
 ) -> Array:
@@ -85,7 +98,7 @@ def grid(
     """
     rng, first = np.random.default_rng(0), 4 + (sure is not None)
     rows = np.zeros((n, first + classes))
-    rows[:, :2] = rng.uniform(0.06, 0.94, (n, 2)) * cup.size
+    rows[:, :2] = places(n, cup) + rng.uniform(-5, 5, (n, 2))
     rows[:, 2:4] = rng.uniform(0.01, 0.1, (n, 2)) * cup.size
     rows[:, 4:] = rng.uniform(0, 0.05, rows[:, 4:].shape)
     for place, share in ((7, 1.0), (9, 0.8), (n // 2, 0.7)):
@@ -175,9 +188,9 @@ def nms(
 def _part(name: str) -> str:
     words = {
         "num": r"num|valid",
-        "score": r"score|conf",
-        "label": r"label|class",
-        "box": r"box|det",
+        "score": r"score|conf|6383",
+        "label": r"label|class|6381",
+        "box": r"box|det|6379",
     }
     return next(part for part, word in words.items() if re.search(word, name))
 
@@ -370,6 +383,14 @@ KINDS: Final[dict[str, tuple[Answer, dict[str, Any]]]] = {
         lambda c: {"boxes": c.box[None, None], "scores": np.full((1, 1, 1), c.score),
                    "classes": np.full((1, 1, 1), CUP, float)}, {}),
     "DeepStream-Yolo, rows": (rows("box", "score", "label", n=8), {"shapes": (1, "n", 6)}),
+    "columns of corners": (one("output0", lambda c: np.vstack([
+        corners(grid(8400, c)).T, grid(8400, c)[:, 4:].T])[None]), {}),
+    "columns of centre and size, y first": (
+        one("output0", lambda c: grid(8400, c)[:, [1, 0, 3, 2, *range(4, 84)]].T[None]), {}),
+    "lists from TensorFlow, y first": (nms("num boxes classes scores", CUP, float, y_shares),
+                                       {**CHANNELS_LAST, **BYTES, **STRETCH}),
+    "ONNX's zoo, classes from 1 to 80": (listed(CUP + 1, "6379", "6381", "6383"), VISION),
+    "rows, classes from 1 to 80": (rows("box", "score", "label", label=CUP + 1), {}),
     "rows as shares": (
         rows("box", "score", "label", shares=True), {"metadata": {"resize": "stretch"}, **STRETCH}),
     "rows, class first": (rows("label", "score", "box"), {}),

@@ -28,6 +28,13 @@ def in_units(scale: float) -> Depth:
 MILLIMETRES: Final = in_units(1000)
 
 
+def noise_at(distance: float) -> Depth:
+    """Floats [m] with a noisy distance where nothing returns."""
+    rng = np.random.default_rng(0)
+    far = lambda s: rng.normal(distance, 0.03, s.depth.shape).astype(np.float32)  # noqa: E731
+    return lambda s: np.where(np.isfinite(s.depth), s.depth, far(s))
+
+
 def thumbnails(depth: Depth, width: int, height: int) -> Depth:
     """Depth of another size."""
     return lambda s: cv2.resize(depth(s), (width, height), interpolation=cv2.INTER_NEAREST)
@@ -96,7 +103,8 @@ def images(
     def layout(shots: Sequence[Shot], scratch: Path) -> Path:
         folder = scratch / "room"
         for i, shot in enumerate(shots):
-            names = {"n": i * GRID, "stamp": stamp_of(shot)}
+            seconds, rest = divmod(shot.stamp + i * 1_234_567, 10**9)
+            names = {"n": i * GRID, "stamp": stamp_of(shot), "ros": f"{seconds}_{rest}"}
             write(folder / colour.format(**names), of_colour(shot))
             write(folder / depth.format(**names), of_depth(shot))
             if pose:

@@ -135,6 +135,10 @@ FOLDERS: Final = (
         depth="depth/{n:06d}.npy", of_depth=lambda s: s.depth, pose="pose/{n:06d}.txt")),
     Kind("pose files and depth in TIFF, metres", folder=f.images(
         depth="depth/{n:06d}.tiff", of_depth=lambda s: s.depth, pose="poses/{n:06d}.txt")),
+    Kind("pose files, seconds and nanoseconds as names", folder=f.images(
+        "rgb/{ros}.png", "depth/{ros}.png", pose="pose/{ros}.txt")),
+    Kind("pose files, 12 m with noise where nothing returns", holes=True, folder=f.images(
+        depth="depth/{n:06d}.npy", of_depth=f.noise_at(12.0), pose="pose/{n:06d}.txt")),
     Kind("pose files, world to camera", folder=f.images(
         pose="pose/{n:06d}.txt", of_pose=lambda T: np.linalg.inv(T).astype(np.float64)),
          remedy=("--pose-convention", "world-to-camera"), said="--pose-convention world-to-camera"),

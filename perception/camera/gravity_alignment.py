@@ -37,6 +37,8 @@ ALIGNED = np.cos(np.radians(6.0))  # normals that agree on one direction
 SQUARE = np.sin(np.radians(4.0))  # normals square to it
 CAMERA_UP = np.cos(np.radians(50.0))  # how far up may lie from the cameras' own up
 CONTRADICTED = 1.5  # times as many surfaces must fit another up, to contradict the given one
+REACH = 8.0  # [m] farther patches may be what a simulator or a driver shows for nothing ...
+FEW = 100  # ... where there are so many nearer ones
 HEIGHT_BIN = 0.05  # [m]
 FLOOR_SHARE = 0.08  # of the level patches that a level needs to be a floor
 LOWEST = 1.0  # percentile of all heights that stands for the floor where no level does
@@ -179,18 +181,21 @@ def find_floor(patches: Patches, up: NDArray[np.float64]) -> float:
 
 
 def _patches(frames: Sequence[Frame], T_world_map: NDArray[np.float64]) -> Patches:
-    centres, normals, ups, cameras = [], [], [], []
+    centres, normals, ups, cameras, near = [], [], [], [], []
     for frame in frames:
         T = T_world_map @ frame.T_map_cam
         centre, normal = flat_patches(frame.depth, frame.K)
+        near.append(centre[:, 2] <= REACH)
         centres.append(centre @ T[:3, :3].T + T[:3, 3])
         normals.append(normal @ T[:3, :3].T)
         ups.append(-T[:3, 1])
         cameras.append(T[:3, 3])
     mean_up = np.mean(ups, axis=0)
+    used = np.concatenate(near)
+    used |= used.sum() < FEW  # of a hall
     patches = Patches(
-        np.concatenate(centres),
-        np.concatenate(normals),
+        np.concatenate(centres)[used],
+        np.concatenate(normals)[used],
         mean_up / max(float(np.linalg.norm(mean_up)), 1e-9),
         np.array(cameras),
     )

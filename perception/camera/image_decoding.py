@@ -71,16 +71,14 @@ def check_png(data: bytes | memoryview, where: str) -> None:
         place = end
 
 
-def metres(
-    raw: NDArray[np.uint16] | NDArray[np.float32], depth_scale: float
-) -> NDArray[np.float32]:
+def metres(raw: NDArray[Any], depth_scale: float) -> NDArray[np.float32]:
     """Depth (H, W) [m], nan = no return, of an image with `depth_scale` units a metre.
 
     Floats are metres where `depth_scale` is MILLIMETRES, and otherwise off by the same factor.
     """
-    if raw.dtype == np.uint16:
+    if raw.dtype.kind in "iu":
         depth = raw.astype(np.float32) / np.float32(depth_scale)
-        depth[np.isin(raw, NO_RETURN)] = np.nan
+        depth[np.isin(raw, NO_RETURN) | (raw < 0) | (raw == np.iinfo(raw.dtype).max)] = np.nan
         return depth
     depth = raw.astype(np.float32)
     if depth_scale != MILLIMETRES:

@@ -5,21 +5,20 @@ Rectification undoes the lens distortion, and resamples or registers depth to th
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, Final
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import read_text
-from perception.number_tables import all_numbers, check_pointer, floats
+from perception.number_tables import POINTER, all_numbers, floats, text_of
 
 JSON_NAMES = (
     "intrinsics.json",
@@ -31,10 +30,27 @@ JSON_NAMES = (
 )
 YAML = (".yaml", ".yml")
 TEXT_NAMES = ("intrinsics.txt", "K.txt", "camera-intrinsics.txt", "intrinsic/intrinsic_color.txt")
-_SHORT = {"w": "width", "h": "height", "scale": "depth_scale"}  # of NICE-SLAM
+#: what programs call the numbers of a camera
+_NAMES: Final = {
+    "fx": ("fx", "fl_x"),
+    "fy": ("fy", "fl_y"),
+    "cx": ("cx", "ppx"),
+    "cy": ("cy", "ppy"),
+    "matrix": ("camera_matrix", "intrinsic_matrix", "intrinsics", "intrinsic", "k", "cam_k"),
+    "size": ("resolution", "image_size"),
+    "width": ("width", "image_width", "w"),
+    "height": ("height", "image_height", "h"),
+    "dist": ("dist", "distortion", "distortion_coefficients", "distortion_coeffs", "dist_coeffs",
+             "dist_coeff", "coeffs", "d"),
+    "model": ("distortion_model", "camera_model", "model", "type"),
+    "depth_scale": ("depth_scale", "depthmapfactor", "png_depth_scale", "depth_factor"),
+}  # fmt: skip
+_PAIR: Final = re.compile(r"\s*(?:-\s+)?([A-Za-z_][\w.]*)\s*:(?:\s+(.*))?$")
+_Fields = dict[str, Any]
+METRES_A_UNIT: Final = 0.1  # below which a depth scale is the metres of a unit
 WIDEST, NARROWEST = 160.0, 1.0  # [deg] field of view that a pinhole camera can have
 ASPECT_TOLERANCE = 0.01  # relative; a crop or a wrong camera is off by far more
-FISHEYE = ("equidistant", "fisheye", "kannala_brandt4")  # names of one model of distortion
+FISHEYE = ("equi", "fisheye", "kannala")  # in names of one model of distortion
 FISHEYE_COEFFICIENTS = 4
 
 
@@ -133,15 +149,12 @@ def intrinsics_from_matrix(K: NDArray[np.float64], source: str) -> Intrinsics:
 def load_intrinsics(path: Path) -> Intrinsics:
     """Intrinsics from a file.
 
-    JSON: fx fy cx cy, optionally width height dist distortion_model depth_scale; or Open3D's
-    `intrinsic_matrix` (nine numbers, column by column), or NICE-SLAM's `camera`. YAML: as ROS'
-    camera_calibration, OpenCV and ORB-SLAM write it. Text: a 3x3 or 4x4
+    JSON and YAML: fx fy cx cy or a matrix, optionally width height dist distortion_model
+    depth_scale, by the names that programs give them (`_NAMES`). Text: a 3x3 or 4x4
     matrix, or `fx fy cx cy [depth_factor [width height]]`. Raises RecordingError for anything else.
     """
-    if path.suffix == ".json":
-        return _from_json(path)
-    if path.suffix in YAML:
-        return _from_yaml(path)
+    if path.suffix in (".json", *YAML):
+        return _from_card(path)
     numbers = all_numbers(path)
     if numbers.size == 16:
         numbers = numbers.reshape(4, 4)[:3, :3].ravel()
@@ -159,112 +172,125 @@ def load_intrinsics(path: Path) -> Intrinsics:
 
 
 def yaml_matrix(path: Path, key: str) -> NDArray[np.float64] | None:
-    """Numbers (n,) of the `data` of a matrix in a YAML file; None where there is no such matrix."""
-    return _matrix_in(_yaml(path), key, path)
+    """Numbers (n,) of a matrix in a YAML file; None where there is no such matrix."""
+    found = _yaml_fields(text_of(path), path).get(key)
+    return np.array(found, np.float64) if isinstance(found, list) else None
 
 
-def _matrix_in(text: str, key: str, path: Path) -> NDArray[np.float64] | None:
-    found = re.search(rf"^{key}\s*:.*?data\s*:\s*\[([^\]]*)\]", text, re.M | re.S)
-    return (
-        None if found is None else np.array(floats(found[1].replace(",", " ").split(), str(path)))
-    )
+def _yaml_fields(text: str, path: Path) -> _Fields:
+    """Numbers, lists of numbers and words of a YAML file by their names, without what is around.
+
+    The last part of a name counts, as `fx` of `Camera.fx`; `data` is that of the name before. Of
+    names that come again the first counts. Raises RecordingError for several cameras.
+    """
+    found: _Fields = {}
+    name = ""
+    one_line = re.sub(r"\[[^\[\]]*\]", lambda m: m[0].replace("\n", " "), text)
+    for line in re.sub(r"(?m)(^|\s)#.*$", "", one_line).splitlines():
+        item, pair = re.match(r"\s*-\s+([-+.\deE]*\d)\s*$", line), _PAIR.match(line)
+        listed = found.get(name)
+        if item and (listed is None or isinstance(listed, list)):
+            found[name] = [*(listed or []), *floats([item[1]], str(path))]
+        if pair is None or pair[1].lower().startswith("camera2."):
+            continue
+        key, value = pair[1].rpartition(".")[2].lower(), (pair[2] or "").strip()
+        numbers = re.search(r"\[([^\[\]]*)\]", value)
+        if not value or value.startswith("!"):
+            name = key
+        elif numbers:
+            words = [_word(one) for one in numbers[1].replace(",", " ").split()]
+            _put(found, name if key == "data" else key, words, path)
+        else:
+            _put(found, key, _word(value), path)
+    return found
 
 
-def _yaml(path: Path) -> str:
+def _word(value: str) -> float | str:
     try:
-        return read_text(path)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path} is not a text file") from error
+        return float(value)
+    except ValueError:
+        return value.strip("\"'")
 
 
-def _from_yaml(path: Path) -> Intrinsics:
-    """The camera of a YAML file: `camera_matrix` of ROS and OpenCV, `Camera.fx` of ORB-SLAM."""
-    text = _yaml(path)
+def _put(found: _Fields, name: str, value: Any, path: Path) -> None:
+    if found.setdefault(name, value) != value and name in ("fx", "camera_matrix", "intrinsics"):
+        raise RecordingError(f"{path} has several cameras; a file of colour's alone would work")
 
-    def number(names: str) -> float | None:
-        found = re.search(
-            rf"^\s*(?:{names})\s*:\s*(-?[\d.]+(?:[eE][-+]?\d+)?)\s*(?:#.*)?$", text, re.M
-        )
-        try:
-            one = None if found is None else float(found[1])
-        except ValueError as error:
-            raise RecordingError(f"{path}: {found and found[1]} is no number") from error
-        return one if one is None or abs(one) < 1e9 else None
 
-    width, height = (
-        None if (side := number(rf"image_{name}|Camera1?\.{name}")) is None else int(side)
-        for name in ("width", "height")
-    )
-    K = _matrix_in(text, "camera_matrix", path)
-    if K is not None and K.size == 9:
-        camera = intrinsics_from_matrix(K.reshape(3, 3), str(path))
-        dist = _matrix_in(text, "distortion_coefficients", path)
-        coefficients = () if dist is None else tuple(float(x) for x in dist)
-        model = re.search(r"^distortion_model\s*:\s*(\S+)", text, re.M)
-        fisheye = model is not None and model[1] in FISHEYE
+def _json_fields(card: dict[str, Any], path: Path) -> _Fields:
+    """Values of a JSON object by their names; where it has no camera, those of the objects in it.
+
+    Raises RecordingError for several cameras.
+    """
+    # programs write null for what they do not know
+    given = {key.lower(): value for key, value in card.items() if value is not None}
+    groups = {key: value for key, value in given.items() if isinstance(value, dict)}
+    found = {key: value for key, value in given.items() if key not in groups}
+    found |= {key: group["data"] for key, group in groups.items() if "data" in group}
+    if not any(name in found for key in ("fx", "matrix") for name in _NAMES[key]):
+        for key, group in groups.items():
+            for name, value in _json_fields(group, path).items():
+                scale = key == "camera" and name == "scale"  # of NICE-SLAM
+                _put(found, "depth_scale" if scale else name, value, path)
+    return found
+
+
+def _camera_of(found: _Fields, path: Path) -> Intrinsics:
+    """The camera of values by the names that programs give them; raises RecordingError."""
+
+    def first(key: str) -> Any:
+        return next((found[name] for name in _NAMES[key] if name in found), None)
+
+    def numbers(key: str) -> list[float]:
+        value = first(key)
+        return [] if value is None else [float(x) for x in np.ravel(np.array(value, np.float64))]
+
+    matrix, size, dist = numbers("matrix"), numbers("size"), numbers("dist")
+    if len(matrix) in (9, 16):
+        K = np.array(matrix).reshape(round(len(matrix) ** 0.5), -1)[:3, :3]
+        K = K.T if K[2, 0] > 0 == K[0, 2] else K  # Open3D's, column by column
+        camera = intrinsics_from_matrix(K, str(path))
     else:
-        fx, fy, cx, cy = (number(rf"Camera1?\.{name}|{name}") for name in ("fx", "fy", "cx", "cy"))
-        if fx is None or fy is None or cx is None or cy is None:
-            raise RecordingError(
-                f"{path}: expected camera_matrix, or Camera.fx, Camera.fy, Camera.cx and Camera.cy"
-            )
+        four = matrix if len(matrix) == 4 else [numbers(key) for key in ("fx", "fy", "cx", "cy")]
+        missing = [key for key, x in zip(("fx", "fy", "cx", "cy"), four, strict=True) if x == []]
+        if missing:
+            raise KeyError(missing[0])
+        fx, fy, cx, cy = (float(np.array(x).item()) for x in four)
         camera = Intrinsics(fx, fy, cx, cy, source=str(path))
-        names = ("k1", "k2", "p1", "p2", "k3")
-        coefficients = tuple(number(rf"Camera1?\.{name}") or 0.0 for name in names)
-        fisheye = "KannalaBrandt" in text
-    coefficients = coefficients if any(coefficients) else ()
-    if fisheye:
-        coefficients = (*coefficients, *(0.0,) * FISHEYE_COEFFICIENTS)[:FISHEYE_COEFFICIENTS]
-    factor = number(r"(?:RGBD\.)?DepthMapFactor")
+    width, height = size if len(size) == 2 else (first("width"), first("height"))
+    word = " ".join(str(found[name]) for name in _NAMES["model"] if name in found).lower()
+    fisheye = any(name in word for name in FISHEYE)
+    if not dist:
+        names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+        dist = [float(found.get(name, 0.0)) for name in names]
+    if fisheye and len(dist) != FISHEYE_COEFFICIENTS:
+        raise RecordingError(f"{path}: dist of a fisheye holds 4 coefficients, got {len(dist)}")
+    if any(dist) and len(dist) not in (4, 5, 8):
+        raise RecordingError(f"{path}: dist holds 4, 5 or 8 coefficients, got {len(dist)}")
+    scale = next(iter(numbers("depth_scale")), None)
     return replace(
         camera,
-        width=width,
-        height=height,
-        dist=coefficients,
-        depth_scale=factor or None,
+        width=None if width is None else int(width),
+        height=None if height is None else int(height),
+        dist=tuple(dist) if any(dist) else (),
+        depth_scale=1 / scale if scale and 0 < scale < METRES_A_UNIT else scale,
         fisheye=fisheye,
     )
 
 
-def _from_json(path: Path) -> Intrinsics:
-    wanted = "JSON with fx, fy, cx, cy (and width, height, dist, depth_scale), or intrinsic_matrix"
+def _from_card(path: Path) -> Intrinsics:
+    """The camera of a JSON or YAML file, by the names of `_NAMES`."""
+    yaml = path.suffix in YAML
+    names = "fx, fy, cx, cy (and width, height, dist, depth_scale), or a matrix"
+    wanted = f"expected {'YAML' if yaml else 'JSON'} with {names} such as camera_matrix"
+    text = text_of(path)
     try:
-        text = read_text(path)
-        check_pointer(text[:100].encode(), path)
-        card = json.loads(text)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{path}: expected {wanted}: {error}") from error
-    if not isinstance(card, dict):
-        raise RecordingError(f"{path}: expected {wanted}")
-    inner = card.get("camera")
-    if isinstance(inner, dict):
-        card = inner | {_SHORT[key]: value for key, value in inner.items() if key in _SHORT}
-    # programs write null for what they do not know
-    card = {key: value for key, value in card.items() if value is not None}
-    try:
-        if "intrinsic_matrix" in card:
-            m = [float(x) for x in card["intrinsic_matrix"]]
-            fx, fy, cx, cy = m[0], m[4], m[6], m[7]
-        else:
-            fx, fy, cx, cy = (float(card[key]) for key in ("fx", "fy", "cx", "cy"))
-        sized = "width" in card
-        width, height = (int(card["width"]), int(card["height"])) if sized else (None, None)
-        scale = float(card["depth_scale"]) if "depth_scale" in card else None
-        dist = tuple(float(x) for x in card.get("dist", ()))
+        found = _yaml_fields(text, path) if yaml else _json_fields(json.loads(text), path)
+        return _camera_of({k: v for k, v in found.items() if not (yaml and v == 0)}, path)
     except KeyError as error:
-        raise RecordingError(f"{path}: expected {wanted}; {error.args[0]} is missing") from error
-    except (ValueError, TypeError, IndexError, OverflowError) as error:
-        raise RecordingError(f"{path}: expected {wanted}: {error}") from error
-    fisheye = card.get("distortion_model") in FISHEYE
-    if fisheye and len(dist) != FISHEYE_COEFFICIENTS:
-        raise RecordingError(f"{path}: dist of a fisheye holds 4 coefficients, got {len(dist)}")
-    if len(dist) not in (0, 4, 5, 8):
-        raise RecordingError(f"{path}: dist holds 4, 5 or 8 coefficients, got {len(dist)}")
-    return Intrinsics(fx, fy, cx, cy, width, height, dist, scale, str(path), fisheye)
+        raise RecordingError(f"{path}: {wanted}; {error.args[0]} is missing") from error
+    except (ValueError, TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise RecordingError(f"{path}: {wanted}: {error}") from error
 
 
 def find_intrinsics(folder: Path) -> Intrinsics | None:
@@ -273,8 +299,11 @@ def find_intrinsics(folder: Path) -> Intrinsics | None:
         if (folder / name).is_file():
             return load_intrinsics(folder / name)
     for path in sorted(one for one in folder.glob("*.y*ml") if one.suffix in YAML):
-        with contextlib.suppress(RecordingError):  # files of other things
+        try:
             return load_intrinsics(path)
+        except RecordingError as error:  # files of other things
+            if POINTER in str(error):
+                raise
     return None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -203,9 +204,14 @@ def checked_pose(T: NDArray[np.float64], where: str) -> Pose:
 
 
 def read_pose(path: Path) -> Pose:
-    """The one pose a file holds as 16 numbers, row by row."""
-    numbers = all_numbers(path)
-    return listed_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, str(path))
+    """The one pose a file holds as 16 numbers, row by row, or 12 without the last row."""
+    return _pose_of_row(all_numbers(path), str(path))
+
+
+def _pose_of_row(numbers: NDArray[np.float64], where: str) -> Pose:
+    if numbers.size == 12:
+        numbers = np.append(numbers, (0, 0, 0, 1))
+    return listed_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where)
 
 
 def listed_pose(T: NDArray[np.float64], where: str) -> Pose:
@@ -217,7 +223,7 @@ def listed_pose(T: NDArray[np.float64], where: str) -> Pose:
 def read_pose_rows(path: Path) -> list[Pose]:
     """One pose a line: 16 numbers row by row, 12 without the last row, or x y z qx qy qz qw.
 
-    Or four lines a pose, a row each.
+    A stamp or a number of the image may come before. Or four lines a pose, a row each.
     """
     poses, lines = [], list(rows(path))
     if lines and all(len(words) == 4 for _, words in lines) and len(lines) % 4 == 0:
@@ -227,14 +233,13 @@ def read_pose_rows(path: Path) -> list[Pose]:
         ]
     for where, words in lines:
         numbers = np.array(floats(words, where))
+        numbers = numbers[numbers.size in (8, 13, 17) :]
         if numbers.size == 7:
             lost = not np.isfinite(numbers).all()
             T = LOST if lost else pose_from_quaternion(numbers[:3], numbers[3:], where)
             poses.append(T)
             continue
-        if numbers.size == 12:
-            numbers = np.append(numbers, (0, 0, 0, 1))
-        poses.append(listed_pose(numbers.reshape(4, 4) if numbers.size == 16 else numbers, where))
+        poses.append(_pose_of_row(numbers, where))
     return poses
 
 
@@ -371,19 +376,37 @@ class Trajectory:
         return pose_from_quaternion(t, q, f"pose at {stamp:.6f}")
 
 
+_EUROC: Final = (0, 1, 2, 3, 5, 6, 7, 4)
+_COLUMN: Final = re.compile(r"[a-df-z]")  # in a name; numbers have e, nan and inf have no x
+_ROLES: Final = ("t", "px", "py", "pz", "qx", "qy", "qz", "qw")
+
+
+def _order_of(names: Sequence[str]) -> tuple[int, ...] | None:
+    """Columns of stamp, position and quaternion by their names; None where one has none."""
+    roles = []
+    for name in map(str.lower, names):
+        turn = name[-1] == "w" or re.search(r"q|rot|ori", name) is not None
+        is_time = name == "t" or re.search(r"time|stamp", name) is not None
+        roles.append("t" if is_time else f"{'q' if turn else 'p'}{name[-1]}")
+    return tuple(map(roles.index, _ROLES)) if {*_ROLES} <= {*roles} else None
+
+
 def read_trajectory(path: Path) -> Trajectory:
     """A trajectory in TUM format: `stamp tx ty tz qx qy qz qw` a line.
 
-    A number of the pose may follow, as RTAB-Map writes it; a CSV file has qw before qx and perhaps
-    velocities, as EuRoC's. Stamps are as of `in_seconds`; lines that are not finite are left out.
+    A number of the pose may follow, as RTAB-Map writes it. Names of the columns in the first line
+    tell their order; a CSV file without them has qw before qx and perhaps velocities, as EuRoC's.
+    Stamps are as of `in_seconds`; lines that are not finite are left out.
     """
-    table, csv, lost = list[list[float]](), path.suffix == ".csv", False
+    table, csv, lost = list[list[float]](), path.suffix.lower() == ".csv", False
+    order: tuple[int, ...] | None = _EUROC if csv else None
     for where, words in rows(path):
-        if csv and not table and not words[0].replace(".", "").isdecimal():
-            continue  # names of the columns
+        if not table and _COLUMN.search(words[0].lower()):
+            order = _order_of([word for word in words if not word.startswith("[")]) or order
+            continue
         numbers = floats(words, where)
-        if csv and len(numbers) >= 8:
-            numbers = [*numbers[:4], *numbers[5:8], numbers[4]]
+        if order is not None and len(numbers) > max(order):
+            numbers = [numbers[place] for place in order]
         if len(numbers) not in (8, 9):
             raise RecordingError(f"{where}: expected stamp tx ty tz qx qy qz qw, got {words}")
         numbers = numbers[:8]

@@ -12,6 +12,7 @@ different things, nothing is guessed.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -48,14 +49,20 @@ class Interpretation:
 class Interpretations:
     """Interpretations of one network; its first answers decide.
 
-    `problem` tells what others lack, `guessed` whether nothing says how it takes colours.
+    `problem` tells what others lack, `guessed` whether nothing says how it takes colours, `chosen`
+    that somebody says what its outputs mean.
     """
 
     def __init__(
-        self, found: Sequence[Interpretation], problem: str = "", *, guessed: bool = False
+        self,
+        found: Sequence[Interpretation],
+        problem: str = "",
+        *,
+        guessed: bool = False,
+        chosen: bool = False,
     ) -> None:
         self._left, self._problem = tuple(found), problem
-        self.decided = len(self._left) == 1
+        self.decided = chosen
         self._tries = TRIES if guessed else 0  # pictures by which the range of colours is chosen
 
     @property
@@ -111,27 +118,30 @@ class Interpretations:
         if self.decided:
             return True
         outputs, fitted = answer_of(self.likeliest)
-        fitting = [one for one in self._left if _fits(one, outputs, fitted, threshold)]
+        # of one reading, classes beyond its labels have a line of their own
+        answer, alone = (outputs, fitted, threshold), len(self._left) == 1
+        fits = [one.head.fits(*answer) if alone else _fits(one, *answer) for one in self._left]
+        fitting = [one for one, good in zip(self._left, fits, strict=True) if good]
         if not fitting:
             # its own error tells more, where there is one
             self.likeliest.head.candidates(outputs, fitted, threshold)
             raise ModelError(
                 f"what it answers fits none of its readings ({_names(self._left)}); export it in "
-                f"another way, with names of its outputs{self._problem}"
+                "another way, with names of its outputs, or give the labels it was trained with"
+                f"{self._problem}"
             )
         found = [_seen(one, outputs, fitted, threshold) for one in fitting]
-        if len(fitting) > 1:
-            if not any(found):
-                return False
-            if any(one != found[0] for one in found[1:]):
-                raise ModelError(
-                    "what it answers has two meanings and more: "
-                    + "; ".join(
-                        f"{one.head.name}: {_told(seen)}"
-                        for one, seen in zip(fitting, found, strict=True)
-                    )
-                    + f"; --head {' or --head '.join(one.head.name for one in fitting)} chooses"
+        if not any(found) and (alone or len(fitting) > 1):
+            return alone
+        if any(one != found[0] for one in found[1:]):
+            raise ModelError(
+                "what it answers has two meanings and more: "
+                + "; ".join(
+                    f"{one.head.name}: {_told(seen)}"
+                    for one, seen in zip(fitting, found, strict=True)
                 )
+                + f"; --head {' or --head '.join(one.head.name for one in fitting)} chooses"
+            )
         self._left, self.decided = (fitting[0],), True
         return True
 
@@ -177,6 +187,8 @@ def _names(readings: Sequence[Interpretation]) -> str:
 RANGES: Final = ("0..1", "0..255", "imagenet")  # of colours
 SURE: Final = 0.8  # score that hardly any picture in a wrong range of colours reaches
 TRIES: Final = 20  # pictures that show nothing by which other ranges are tried
+BAD: Final = 1 / 3  # share of boxes that make no sense, from which none does, ...
+CLEAR: Final = 0.5  # ... of those with such a score
 OVERLAP: Final = 0.6  # IoU above which the weaker of two boxes of one class is dropped
 MAX_DETECTIONS: Final = 100  # of a class in an image, as COCO's evaluation counts
 _HIGHEST: Final = 1.5  # sums of a network's shares are a little above 1 ...
@@ -269,11 +281,17 @@ class OnnxDetector:
                 f"scores up to {highest:g} are no shares of 1 (percent, or values before the "
                 "sigmoid?): export the network so that its scores lie in 0..1"
             )
-        self._check_boxes(found.xyxy, shape)
+        self._check_boxes(found.xyxy[found.score >= CLEAR], shape)
         xyxy = np.clip(found.xyxy, 0, np.array([shape[1], shape[0]] * 2, np.float32))
         sides = xyxy[:, 2:] - xyxy[:, :2]
         real = np.nonzero(np.isfinite(xyxy).all(1) & (sides > 0).all(1))[0]
         real = real[[is_object(self._label(int(i))) for i in found.label[real]]]
+        unused = found.label[np.isin(found.label, self.head.unused) & (found.score >= CLEAR)]
+        if self.head.first_label == 1 and len(unused):
+            raise ModelError(
+                f"the network answered class {unused[0]}, which {self.head.name} has for nothing: "
+                "--head takes another reading, or give the labels it was trained with"
+            )
         overlap = OVERLAP if self.head.overlapping else 1.0
         chosen = (found.xyxy[real], found.score[real], found.label[real])
         kept = real[suppress(*chosen, overlap, MAX_DETECTIONS)]
@@ -289,19 +307,21 @@ class OnnxDetector:
         )
 
     def _check_boxes(self, xyxy: NDArray[np.float32], shape: tuple[int, int]) -> None:
-        """Raise ModelError where boxes end before they begin, or all lie outside the image."""
+        """Raise ModelError where boxes end before they begin, or lie outside the image."""
         boxes = xyxy[(np.abs(xyxy) < _FAR).all(axis=1)]
-        if ((boxes[:, 2:] < boxes[:, :2]).any(axis=1)).sum() > len(boxes) / 2:
+        reverse = (boxes[:, 2:] < boxes[:, :2]).any(axis=1).sum()
+        if reverse > BAD * len(boxes):
             raise ModelError(
-                f"most of its {len(boxes)} boxes end before they begin, as of centre and size; "
-                "export the network so that they are x1, y1, x2, y2"
+                f"{reverse} of its {len(boxes)} boxes end before they begin, as of centre and "
+                "size; export the network so that they are x1, y1, x2, y2"
             )
         centre = (boxes[:, :2] + boxes[:, 2:]) / 2
         outside = (centre < 0).any(axis=1) | (centre > shape[::-1]).any(axis=1)
-        if len(boxes) and outside.all():
+        if outside.sum() > BAD * len(boxes):
             raise ModelError(
-                f"all of its {len(boxes)} boxes lie outside the image, as in another unit or of "
-                f"another size; read as {self.head.name}, --head takes another"
+                f"{outside.sum()} of its {len(boxes)} boxes lie outside the image, as in another "
+                f"unit, of another size or with y first; read as {self.head.name}, --head takes "
+                "another"
             )
 
     def _label(self, index: int) -> str:
@@ -352,6 +372,8 @@ def load_detector(
         if head in (None, one.name):
             try:
                 known, of_labels = _labelled(one, session, labels, card)
+                if any(replace(other.head, name=one.name) == known for other in readings):
+                    continue  # by labels that somebody gives, two numberings are one
                 readings.append(
                     Interpretation(known, of_labels, *_preparation(known, session, card))
                 )
@@ -363,9 +385,9 @@ def load_detector(
     name = card.name if card is not None else path.stem
     bytes_ = session.takes_bytes(readings[0].head.image_input)
     guessed = card is None and "values" not in session.metadata and not bytes_
-    return OnnxDetector(
-        name, session, Interpretations(readings, others, guessed=guessed), threshold
-    )
+    chosen = len(readings) == 1 and (card is not None or head is not None)
+    known_by = Interpretations(readings, others, guessed=guessed, chosen=chosen)
+    return OnnxDetector(name, session, known_by, threshold)
 
 
 def _labelled(
@@ -378,11 +400,12 @@ def _labelled(
         return labels_for(path, classes, given=given, metadata=metadata, card=card)
 
     if head.first_label == 1:
-        try:
-            return head, labels(COCO_IDS)
-        except ModelError:
-            known = labels(None)
-            return head, known if not is_object(known[0]) else (NO_OBJECT, *known)
+        with contextlib.suppress(ModelError):
+            if head.gaps:
+                return head, labels(COCO_IDS)
+        known = labels(None)
+        known = (NO_OBJECT, *known) if is_object(known[0]) else known
+        return replace(head, gaps=False), known
     try:
         return head, labels(head.classes)
     except ModelError:

@@ -147,7 +147,7 @@ class Session:
         if value.ndim == 4:
             if len(shape) == 3:
                 value, shape = value[0], [None, *shape]
-            if self._is_channels_last(name):
+            if self.is_channels_last(name):
                 value = np.ascontiguousarray(np.moveaxis(value, -3, -1))
         if value.ndim == len(shape) and isinstance(shape[0], int) and len(value) == 1:
             value = np.repeat(value, max(shape[0], 1), axis=0)
@@ -155,7 +155,7 @@ class Session:
         whole = type_.kind == "u" and value.dtype != type_
         return (np.rint(value) if whole else value).astype(type_, copy=False)
 
-    def _is_channels_last(self, name: str) -> bool:
+    def is_channels_last(self, name: str) -> bool:
         """Whether an image's colours are the last axis: [N, H, W, 3]."""
         shape = self.inputs[name]
         return len(shape) in (3, 4) and shape[-1] == 3 and shape[-3] != 3
@@ -171,7 +171,7 @@ class Session:
         640 x 640. Raises ModelError for an input that is no such image.
         """
         shape = self.inputs[name][-3:]
-        if self._is_channels_last(name):
+        if self.is_channels_last(name):
             shape = [3, *shape[:2]]
         if len(self.inputs[name]) not in (3, 4) or (isinstance(shape[0], int) and shape[0] != 3):
             raise ModelError(

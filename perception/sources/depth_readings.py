@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -204,6 +205,7 @@ def another_scale(
     if best < max(GOOD, given + BETTER):
         return None
     remedy = f"--depth-scale {_usual(depth_scale / scale):g} would work instead of {depth_scale:g}"
+    remedy += f", or poses {1 / scale:.2g} times as long where that is no unit of depth"
     return _would_fit(name, given, best, f"it is {scale:.2g} times as large", remedy)
 
 
@@ -363,10 +365,20 @@ def _w_first(T: Pose) -> Pose:
     return pose_from_quaternion(T[:3, 3], np.array([y, z, w, x]), "pose")
 
 
-def _shorter(T: Pose) -> Pose:
+def _w_last(T: Pose) -> Pose:
+    x, y, z, w = quaternion_from_pose(T)
+    return pose_from_quaternion(T[:3, 3], np.array([w, x, y, z]), "pose")
+
+
+def _shorter(T: Pose, factor: float = 1000) -> Pose:
     scaled = T.copy()
-    scaled[:3, 3] /= 1000
+    scaled[:3, 3] /= factor
     return scaled
+
+
+def _other_hand(T: Pose) -> Pose:
+    S = np.diag([1.0, -1.0, 1.0, 1.0])
+    return np.asarray(S @ T @ S)
 
 
 def _causes() -> tuple[_Cause, ...]:
@@ -376,7 +388,13 @@ def _causes() -> tuple[_Cause, ...]:
                "((v - cy) / fy)^2),", _along_axis),
         _Cause("colour and depth are mirrored", "both flipped left to right", _mirrored),
         _Cause("quaternions are w x y z", "x y z w", of_pose=_w_first),
+        _Cause("quaternions are x y z w", "a first line with the names of the columns, or a name "
+               "that does not end with .csv,", of_pose=_w_last),
         _Cause("poses are in millimetres", "metres", of_pose=_shorter, shortens=True),
+        _Cause("poses are in centimetres", "metres", of_pose=partial(_shorter, factor=100),
+               shortens=True),
+        _Cause("poses are left-handed with y up, as Unity's", "S T S with S = diag(1, -1, 1, 1)",
+               of_pose=_other_hand),
     )  # fmt: skip
 
 

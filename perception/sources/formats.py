@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kg.model.errors import RecordingError, did_you_mean
 from kg.model.extensions import RECORDINGS, load_extensions
+from perception.number_tables import LFS, check_pointer
 from perception.sources.bags import bag
 from perception.sources.folders import (
     numbered_images,
@@ -58,6 +59,9 @@ def format_of(path: Path, name: str = "auto") -> Format:
         raise RecordingError(f"recording {path} does not exist")
     if path.is_dir() and not any(path.iterdir()):
         raise RecordingError(f"recording {path} is empty; known formats are {_known_formats()}")
+    if path.is_file():
+        with path.open("rb") as file:
+            check_pointer(file.read(len(LFS)), path)
     for candidate in all_formats():
         if name in ("auto", candidate.name):
             named = name == candidate.name and path.is_dir()

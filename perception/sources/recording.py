@@ -23,7 +23,13 @@ from perception.camera.gravity_alignment import (
     turned_image,
     turned_poses,
 )
-from perception.camera.intrinsics import ASPECT_TOLERANCE, Intrinsics, Rectifier, register_depth
+from perception.camera.intrinsics import (
+    ASPECT_TOLERANCE,
+    Intrinsics,
+    Rectifier,
+    find_intrinsics,
+    register_depth,
+)
 from perception.camera.poses import (
     BODY_FROM_CAMERA,
     CONVENTIONS,
@@ -57,6 +63,7 @@ from perception.sources.recording_options import (
 _log = logging.getLogger(__name__)
 LATEST = 1e11  # [s] of a stamp, in the year 5138
 FIRST = 3  # frames, of which one has to be readable
+SIZED = 9  # images whose size is that of most
 ABSOLUTE_STAMP = 1e8  # [s] smaller stamps count from the start of the recording
 
 
@@ -315,6 +322,10 @@ def _listing(
                 f"{options.poses} holds no finite pose; --poses estimate finds some"
             )
     camera, given = listing.camera, options.intrinsics
+    if camera is None and given is None and not listing.no_camera:
+        camera = find_intrinsics(path.resolve().parent)
+        if camera is not None:
+            _log.warning("%s: its camera is that of %s, one folder above", path, camera.source)
     if given is not None:
         # the folder's depth scale holds where the given intrinsics do not say one
         known = camera if given.depth_scale is None and camera is not None else given
@@ -358,7 +369,7 @@ def _rectifier_of(camera: Intrinsics) -> Rectifier:
 
 
 def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
-    """The camera fitted to the size of most of three images."""
+    """The camera fitted to the size of most of SIZED images."""
     if listing.camera is None:
         raise RecordingError(
             listing.no_camera
@@ -367,7 +378,7 @@ def _rectifier(listing: RecordingListing, folder: Path) -> Rectifier:
             "--intrinsics FILE, would work"
         )
     sizes, failures = list[tuple[int, ...]](), list[RecordingError]()
-    for place in (0, len(listing.entries) // 2, -1):
+    for place in np.unique(np.linspace(0, len(listing.entries) - 1, SIZED).astype(int)).tolist():
         try:
             sizes.append(listing.entries[place].colour.colour().shape[1::-1])
         except RecordingError as error:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
 from perception.frames import box_pixels
+from perception.inference.class_labels import UNUSED_IDS
 from perception.inference.session import Fitted
 
 MAX_SIDE: Final = 8192  # cells of a grid's side
@@ -110,9 +111,15 @@ class Head(ABC):
     name: str  # of this reading, for `--head`
     classes: int | None = None  # None: unknown from the network
     first_label: int = 0  # number of the first class; 1 where 0 is the background
+    gaps: bool = True  # whether unlabelled classes from 1 are COCO's ids, which leave out some
     resize: str = "stretch"  # as such networks want images (`perception.inference.session.fit`)
     values: str = "0..1"  # range and order of colours that they want
     overlapping: bool = False  # whether one thing may have several boxes, to be suppressed
+
+    @property
+    def unused(self) -> tuple[int, ...]:
+        """Numbers that no class has, of a head whose first class is 1."""
+        return UNUSED_IDS if self.gaps else (0,)
 
     def inputs(self, fitted: Fitted, shape: tuple[int, int]) -> Inputs:
         """The network's inputs for an image of `shape` (height, width)."""

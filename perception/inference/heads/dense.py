@@ -41,6 +41,9 @@ BINS: Final = 8  # of a side's distribution in NanoDet
 REAL: Final = 0.9  # share of a network's boxes that are boxes in its input ...
 OUTSIDE: Final = 0.6  # ... or so far outside, in its sides ...
 MIN_SIDE: Final = 1.0  # ... with sides of so many pixels
+MANY: Final = 20  # boxes that tell whether they are corners
+FOLLOWS: Final = 0.8  # correlation of boxes with the cells that answer them
+BESIDE: Final = 0.35  # of their sides, in the middle, by which no centres lie beside their cells
 HIGHEST: Final = 100.0  # scores above 1 are refused with a line of their own
 _ROUNDING: Final = 1e-3
 
@@ -80,18 +83,25 @@ class DenseHead(Head):
                 return False
         size = input_corner(fitted)
         good = np.isfinite(found.xyxy).all(axis=1) & np.isfinite(found.scores).all(axis=1)
+        empty = (found.scores == 0).all(axis=1) & (found.xyxy[:, :2] == found.xyxy[:, 2:]).all(
+            axis=1
+        )
+        good &= ~empty
         boxes, scores = in_input(found.xyxy[good], fitted), found.scores[good]
         if not len(boxes):
             return True  # nothing tells
         if self.shares is not None and are_shares(found.xyxy) != self.shares:
             return False
-        if self.named:
-            return True
-        # of centres and sizes some are in another order than corners
-        ordered = bool((raw[:, 2:4] > raw[:, :2]).all())
-        if self.corners is not None and len(raw) > 1 and ordered != self.corners:
-            return False
         sides = boxes[:, 2:] - boxes[:, :2]
+        if _beside_cells(boxes, *fitted.tensor.shape[2:]):
+            return False
+        if self.named:
+            return len(boxes) < MANY or bool((sides >= 0).all(axis=1).mean() >= REAL)
+        # of centres and sizes some are in another order than corners
+        first = boxes[:, :2] * np.float32(1 if self.corners else 3)
+        ordered = bool((boxes[:, 2:] > first).all(axis=1).mean() >= REAL)
+        if self.corners is not None and len(boxes) > 1 and ordered != self.corners:
+            return False
         inside = ((boxes > -OUTSIDE * size) & (boxes < (1 + OUTSIDE) * size)).all(axis=1)
         real = inside & (sides >= MIN_SIDE).all(axis=1)
         return bool(real.mean() >= REAL and scores.min() >= -_ROUNDING and scores.max() <= HIGHEST)
@@ -147,6 +157,26 @@ def _grid(height: int, width: int, strides: tuple[int, ...]) -> tuple[Floats, Fl
         grids.append(np.stack([column.ravel(), row.ravel()], axis=1))
         sizes.append(np.full((row.size, 1), stride))
     return np.concatenate(grids).astype(np.float32), np.concatenate(sizes).astype(np.float32)
+
+
+def _beside_cells(boxes: Floats, height: int, width: int) -> bool:
+    """Whether boxes (n, 4) [px of the input] follow the cells of a grid, but not lie at them.
+
+    Boxes of corners, of sizes or with y first, which are read in another way, lie beside theirs.
+    """
+    levels = [_grid(height, width, (stride,)) for stride in STRIDES]
+    anchors = len(boxes) // cells(height, width)
+    if anchors not in (1, 3) or len(boxes) != anchors * cells(height, width):
+        return False
+    places = [np.tile((at + np.float32(0.5)) * stride, (anchors, 1)) for at, stride in levels]
+    cell, centre = np.concatenate(places), (boxes[:, :2] + boxes[:, 2:]) / 2
+    with np.errstate(all="ignore"):
+        alike = np.abs(np.corrcoef(cell.T, centre.T)[:2, 2:])
+        off = np.median((centre - cell) / (boxes[:, 2:] - boxes[:, :2]), axis=0)
+    straight, across = alike.diagonal().min(), alike[::-1].diagonal().min()
+    if max(straight, across) < FOLLOWS:
+        return False
+    return bool(across > straight or (np.abs(off) > BESIDE).all())
 
 
 def corners_of(centre: Floats, size: Floats) -> Floats:

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import ModelError
-from perception.inference.class_labels import UNUSED_IDS
 from perception.inference.heads.candidates import (
     Candidates,
     Floats,
@@ -134,7 +133,7 @@ class RowsHead(Head):
         known = label[score > 0]
         return bool(
             ((score <= 1 + _ROUNDING) & (score >= -1)).all()
-            and not (self.first_label and np.isin(known, (0, *UNUSED_IDS)).any())
+            and not (self.first_label and np.isin(known, self.unused).any())
             and ((label == np.rint(label)) & (label >= -1) & (label < _MOST)).all()
             and (rows[:, 2:4] >= rows[:, :2]).all()
         )
@@ -187,8 +186,9 @@ class ListHead(Head):
         good = score > threshold
         within = in_input(boxes[good], fitted) <= input_corner(fitted) * np.float32(1 + _BORDER)
         label = _whole_numbers(labels.astype(np.float32)[good])
-        unused = self.first_label == 1 and np.isin(label, UNUSED_IDS).any()
-        return bool((label >= self.first_label).all() and within.all() and not unused)
+        ordered = boxes[good, 2:] >= boxes[good, :2]
+        unused = self.first_label == 1 and np.isin(label, self.unused).any()
+        return bool(within.all() and ordered.all() and (label >= 0).all() and not unused)
 
     def candidates(self, outputs: Outputs, fitted: Fitted, threshold: float) -> Candidates:
         """The candidates above the threshold."""

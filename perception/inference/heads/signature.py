@@ -55,7 +55,7 @@ _MAX_ROWS: Final = 1000  # rows of a list
 _OTHER_TASKS: Final = ("classify", "pose", "obb")
 _STRIDE_SETS: Final = (STRIDES, PLUS_STRIDES, (4, 8, 16, 32))
 #: columns of x1, y1, x2, y2, score and class in rows, by the number of columns
-_ORDERS: Final = {
+_ORDERS: Final[dict[int, dict[str, tuple[int, ...]]]] = {
     6: {
         "rows": (0, 1, 2, 3, 4, 5),
         "rows-class-score": (0, 1, 2, 3, 5, 4),
@@ -68,7 +68,7 @@ _ORDERS: Final = {
         "rows-of-batch-class-first": (3, 4, 5, 6, 2, 1),
     },
 }
-_FROM_1: Final = "rows-labels-from-1"
+_FROM_1: Final = ("rows-labels-from-1", "rows-labels-from-1-to-80")
 #: outputs of AutoML's EfficientDet: rows of the image's number, y1, x1, y2, x2, score, class from 1
 _Y_FIRST: Final = ("detections", (2, 1, 4, 3, 5, 6))
 #: roles of outputs by their names, the first that matches; what is left has none
@@ -91,15 +91,6 @@ _LISTS: Final = (
     (r"(^|,)num|num_", (False,), (0,), "letterbox"),
     (r"", (False,), (0, 1), "stretch"),
 )
-
-#: whether rows of boxes begin with x1, y1, x2, y2, where that tells heads apart
-_CORNERS: Final = {
-    "yolox-decoded": False,
-    "yolov5": False,
-    "yolov8-rows": False,
-    "corners-rows": True,
-    "rtdetr": False,
-}
 
 Shape = list[Any]
 
@@ -193,23 +184,29 @@ def _lists(session: Session) -> Iterator[Head]:
     listed = all(len(s) < len(boxes) or (len(s) == len(boxes) and s[-1] == 1) for s in flat)
     if len(boxes) not in (2, 3) or boxes[-1] != (4 if with_scores else 5) or not listed:
         return
-    names = f"{len(boxes)},{','.join(shapes)}".lower()
+    names, image = f"{len(boxes)},{','.join(shapes)}".lower(), next(iter(session.inputs))
     downs: tuple[bool, ...]
     _, downs, firsts, resize = next(one for one in _LISTS if re.search(one[0], names))
+    if firsts == (1,) and any(key in session.metadata for key in METADATA_KEYS):
+        firsts = (1, 0)  # names may begin with the first class
+    if downs == (False,) and session.is_channels_last(image):
+        downs, resize = (True, False), "stretch"  # of TensorFlow's kin
     if downs == (True,) and "int" in session.output_types[roles["labels"]]:
         downs, firsts = (True, False), (0,)  # EfficientNMS has TensorFlow's names, too
     outputs = tuple(roles[one] for one in ("boxes", "labels", "scores", "masks") if one in roles)
     for down in downs:
         for first in firsts:
-            yield ListHead(
-                image_input=next(iter(session.inputs)),
-                outputs=outputs,
-                name=f"list{'-y-first' * down}-labels-from-{first}",
-                with_scores=with_scores,
-                down_first=down,
-                first_label=first,
-                resize=resize,
-            )
+            for gaps in (True, False)[: 1 + (first and len(firsts) > 1)]:
+                yield ListHead(
+                    image_input=image,
+                    outputs=outputs,
+                    name=f"list{'-y-first' * down}-labels-from-{first}{'' if gaps else '-to-80'}",
+                    with_scores=with_scores,
+                    down_first=down,
+                    first_label=first,
+                    gaps=gaps,
+                    resize=resize,
+                )
 
 
 def _boxes_and_scores(session: Session) -> Iterator[Head]:
@@ -281,10 +278,15 @@ def _rows(session: Session) -> Iterator[Head]:
         if automl:
             orders = {"rows-of-batch-y-first-labels-from-1": _Y_FIRST[1]}
         firsts = dict.fromkeys(orders, int(automl))
+        if session.is_channels_last(image) and not automl:  # of TensorFlow's kin
+            turned = (1, 0, 3, 2, 4, 5)
+            swapped = {f"{n}-y-first": tuple(o[k] for k in turned) for n, o in orders.items()}
+            orders, firsts = orders | swapped, firsts | dict.fromkeys(swapped, 0)
         # EfficientDet's, whose classes are COCO's ids; names in the file begin with the first class
         told = any(key in session.metadata for key in METADATA_KEYS)
         if "rows" in orders and isinstance(many, int) and not channels and not told:
-            orders, firsts = orders | {_FROM_1: orders["rows"]}, firsts | {_FROM_1: 1}
+            orders |= dict.fromkeys(_FROM_1, orders["rows"])
+            firsts |= dict.fromkeys(_FROM_1, 1)
         for name, order in orders.items():
             yield RowsHead(
                 image_input=image,
@@ -292,6 +294,7 @@ def _rows(session: Session) -> Iterator[Head]:
                 name=name,
                 order=order,
                 first_label=firsts[name],
+                gaps=name != _FROM_1[1],
                 resize=resize,
                 size_inputs=sizes,
             )
@@ -345,7 +348,7 @@ def _grid_heads(
                 values=values,
                 decode=decode,
                 objectness=name == "yolox-decoded",
-                corners=_CORNERS.get(name),
+                corners=None if name in ("nanodet", "yolox") else name == "corners-rows",
                 shares=True if name == "rtdetr" else None,
             )
 

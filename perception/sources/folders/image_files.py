@@ -26,7 +26,7 @@ from perception.camera.gravity_alignment import (
 from perception.camera.image_decoding import PNG, check_png, decode_image, metres
 from perception.camera.poses import LOST, Pose
 from perception.number_tables import check_pointer
-from perception.sources.listing import FrameEntry, RecordingListing, StoredImage
+from perception.sources.listing import DAMAGED_SHARE, FrameEntry, RecordingListing, StoredImage
 
 COLOUR_SUFFIXES = (".jpg", ".jpeg", ".png")
 DEPTH_SUFFIXES = (".png", ".npy", ".tif", ".tiff")
@@ -99,8 +99,9 @@ def read_colour(path: Path) -> NDArray[np.uint8]:
 
 def read_depth(path: Path, depth_scale: float) -> NDArray[np.float32]:
     """(H, W) [m], nan = no return, from 16 bits with `depth_scale` units a metre, or floats."""
-    raw = _array(path) if path.suffix == ".npy" else decoded(path, cv2.IMREAD_UNCHANGED)
-    if raw.ndim != 2 or raw.dtype not in (np.uint16, np.float32, np.float64):
+    is_array = path.suffix.lower() == ".npy"
+    raw = _array(path) if is_array else decoded(path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim != 2 or raw.dtype.kind not in "iuf" or raw.dtype.itemsize < 2:
         raise RecordingError(
             f"{path}: depth must be one 16-bit channel, or floats in metres (NPY, TIFF), got "
             f"{raw.dtype} of shape {raw.shape}"
@@ -237,16 +238,22 @@ def images_by_number(
     Raises RecordingError where there is no image, a name without number, or one number twice.
     """
     found: dict[int, Path] = {}
+    nameless: list[Path] = []
     wanted = tuple(suffixes)
     for path in files_in(folder):
         if path.suffix.lower() not in wanted or not path.name.startswith(prefix):
             continue
         digits = "".join(c if c.isdecimal() else " " for c in path.stem).split()
         if not digits:
-            raise RecordingError(f"{path}: image names carry their frame number")
+            nameless.append(path)
+            continue
         if int(digits[-1]) in found:
             raise RecordingError(f"{path} and {found[int(digits[-1])].name} have the same number")
         found[int(digits[-1])] = path
+    if len(nameless) > DAMAGED_SHARE * len(found):
+        raise RecordingError(f"{nameless[0]}: image names carry their frame number")
+    if nameless:
+        _log.warning("%s has no frame number in its name and is left out", nameless[0])
     if not found:
         others = sorted({p.suffix for p in folder.iterdir() if p.suffix})
         beside = f", but {', '.join(others[:5])} files" if others else ""

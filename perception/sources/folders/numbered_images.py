@@ -18,6 +18,7 @@ same, or they are the stamps [s] in their names, or the folders have as many ima
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterable
 from dataclasses import replace
@@ -56,8 +57,10 @@ REPLICA_SCALE = 6553.5
 POSE_FOLDERS = ("pose", "poses")
 ROW_FILES = ("poses.txt", "pose.txt")
 COLOUR_FOLDERS = ("rgb", "color", "colour", "image", "images")
-#: [s, or ms, us or ns] since 1970, in a name
+#: [s, or ms, us or ns] since 1970, in a name; or seconds and nanoseconds, as ROS has them
 STAMP = re.compile(r"\d{9,10}\.\d+|(?<!\d)1\d{12}(?:\d{3}){0,2}(?!\d)")
+ROS_STAMP = re.compile(r"(?<!\d)(1\d{9})[_-](\d{1,9})(?!\d)")
+POSE_SUFFIXES = (".txt", ".csv", ".mat")
 
 
 def _read_log(folder: Path, streams: Streams) -> RecordingListing:
@@ -84,6 +87,11 @@ def _read_rows(folder: Path, streams: Streams) -> RecordingListing:
     if file is None:
         raise RecordingError(f"{folder} has no poses: poses.txt is missing")
     poses = read_pose_rows(file)
+    with contextlib.suppress(RecordingError):
+        pairs = pairs_by_stamp(subfolder(folder, *COLOUR_FOLDERS), subfolder(folder, "depth"))
+        if len(pairs) == len(poses):
+            entries = (entry_of(a, b, T, s) for (a, b, s), T in zip(pairs, poses, strict=True))
+            return RecordingListing(tuple(entries), find_intrinsics(folder), DEPTH_SCALE)
     colour, depth = _images(folder, *COLOUR_FOLDERS)
     return _by_place(folder, colour, depth, poses)
 
@@ -124,9 +132,9 @@ def _read_pose_files(folder: Path, streams: Streams) -> RecordingListing:
     """All images of `folder`, with poses by name; raises RecordingError for one not rigid."""
     alone = _read_alone(folder, streams)
     poses = subfolder(folder, *POSE_FOLDERS)
-    files = {path.stem: path for path in files_in(poses, "*.txt")}
+    files = {p.stem: p for p in files_in(poses) if p.suffix.lower() in POSE_SUFFIXES}
     if set(files).isdisjoint(entry.id for entry in alone.entries):
-        numbers = images_by_number(poses, (".txt",))
+        numbers = images_by_number(poses, POSE_SUFFIXES)
         ids = images_by_number(subfolder(folder, *COLOUR_FOLDERS))
         files = {path.stem: numbers[number] for number, path in ids.items() if number in numbers}
 
@@ -151,7 +159,7 @@ def _read_alone(folder: Path, streams: Streams) -> RecordingListing:
         find_intrinsics(folder),
         DEPTH_SCALE,
         no_poses=f"{folder} has no poses: no groundtruth.txt, trajectory.log, poses.txt, "
-        "transforms.json or pose/",
+        "transforms.json or pose/ with text files",
     )
 
 
@@ -160,17 +168,21 @@ def pairs_by_stamp(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
     found = []
     for folder, suffixes in ((colour, COLOUR_SUFFIXES), (depth, DEPTH_SUFFIXES)):
         paths = [path for path in files_in(folder) if path.suffix.lower() in suffixes]
-        stamps = [STAMP.search(path.stem) for path in paths]
+        stamps = [STAMP.search(ROS_STAMP.sub(_with_point, path.stem)) for path in paths]
         if not paths or not all(stamps):
             return []
         numbers = np.array([float(stamp[0]) for stamp in stamps if stamp])
         found.append((paths, in_seconds(numbers, folder)))
     (colours, a), (depths, b) = found
-    pairs = sorted(nearest_pairs(a, b, TOLERANCE))
+    pairs = sorted(nearest_pairs(a, b, TOLERANCE), key=lambda pair: float(a[pair[0]]))
     if not pairs:
         raise RecordingError(f"{colour} and {depth}: no stamps in names lie within {TOLERANCE} s")
     tell_unpaired(colour.parent, len(a), len(b), len(pairs), f"within {TOLERANCE} s")
     return [(colours[i], depths[j], float(a[i])) for i, j in pairs]
+
+
+def _with_point(found: re.Match[str]) -> str:
+    return f"{found[1]}.{int(found[2]):09d}"
 
 
 def _by_number(colour: Path, depth: Path) -> list[tuple[Path, Path, float]]:
@@ -194,7 +206,11 @@ def _has_images(folder: Path) -> bool:
 
 def _has_pose_files(folder: Path) -> bool:
     poses = next((folder / n for n in POSE_FOLDERS if (folder / n).is_dir()), None)
-    return poses is not None and _has_images(folder) and any(poses.glob("*.txt"))
+    return (
+        poses is not None
+        and _has_images(folder)
+        and any(path.suffix.lower() in POSE_SUFFIXES for path in poses.iterdir())
+    )
 
 
 def _is_replica(folder: Path) -> bool:

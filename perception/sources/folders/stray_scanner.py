@@ -19,10 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import check_regular
 from perception.camera.intrinsics import Intrinsics, find_intrinsics, intrinsics_from_matrix
 from perception.camera.poses import LOST, Pose, pose_from_quaternion
-from perception.number_tables import all_numbers, floats
+from perception.number_tables import all_numbers, floats, text_of
 from perception.sources.folders.image_files import (
     ImageFile,
     decoded,
@@ -45,7 +44,7 @@ DEPTH_SCALE: Final = 1000.0
 UP: Final = np.array([0.0, 1.0, 0.0])  # in ARKit's world
 UNSURE: Final = 0  # confidence of depth that is left out
 MAX_POSES: Final = 1_000_000
-_POSE: Final = ("x", "y", "z", "qx", "qy", "qz", "qw")
+_COLUMNS: Final = ("frame", "timestamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,24 +122,16 @@ def _depth(folder: Path, path: Path) -> StoredImage:
 def _poses(path: Path) -> dict[int, tuple[float, Pose]]:
     """Stamp [s] and camera pose by the number of the frame."""
     found = dict[int, tuple[float, Pose]]()
+    table = csv.DictReader(text_of(path).splitlines(), skipinitialspace=True)
     try:
-        check_regular(path)
-        with path.open(encoding="utf-8", newline="") as file:
-            table = csv.DictReader(file, skipinitialspace=True)
-            for row in islice(table, MAX_POSES):
-                where = f"{path}, line {table.line_num}"
-                number, stamp = floats(
-                    [_cell(row, "frame", where), _cell(row, "timestamp", where)], where
-                )
-                pose = np.array(floats([_cell(row, name, where) for name in _POSE], where))
-                if not (np.isfinite([number, stamp]).all() and number >= 0):
-                    raise RecordingError(f"{where}: frame and timestamp are finite numbers")
-                lost = not np.isfinite(pose).all()
-                T = LOST if lost else pose_from_quaternion(pose[:3], pose[3:], where)
-                found[int(number)] = stamp, T
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
+        for row in islice(table, MAX_POSES):
+            where = f"{path}, line {table.line_num}"
+            number, stamp, *pose = floats((_cell(row, name, where) for name in _COLUMNS), where)
+            if not (np.isfinite([number, stamp]).all() and number >= 0):
+                raise RecordingError(f"{where}: frame and timestamp are finite numbers")
+            t, q, lost = np.array(pose[:3]), np.array(pose[3:]), not np.isfinite(pose).all()
+            found[int(number)] = stamp, LOST if lost else pose_from_quaternion(t, q, where)
+    except csv.Error as error:
         raise RecordingError(f"{path} is no table of comma-separated values") from error
     return found
 

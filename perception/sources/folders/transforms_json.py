@@ -16,10 +16,9 @@ from typing import Any, Final
 import numpy as np
 
 from kg.model.errors import RecordingError
-from kg.model.regular_files import read_text
 from perception.camera.intrinsics import Intrinsics
 from perception.camera.poses import CONVENTIONS, LOST, Pose, listed_pose
-from perception.number_tables import json_object
+from perception.number_tables import json_object, text_of
 from perception.sources.folders.image_files import (
     entry_of,
     files_in,
@@ -52,7 +51,7 @@ def _read_transforms(folder: Path, streams: Streams) -> RecordingListing:
     Raises RecordingError where the file is malformed, or no frame has depth.
     """
     path = folder / FILE
-    card = _card(path)
+    card = json_object(text_of(path), path)
     frames = card.get("frames")
     if not isinstance(frames, list) or not all(isinstance(one, dict) for one in frames):
         raise RecordingError(f"{path} has no list of frames")
@@ -91,7 +90,8 @@ def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
     depths = images_by_number(subfolder(inner, "depth"), (".png",))
     pairs = pairs_by_number(images_by_number(images), depths, inner).values()
     files = {path.stem: path for path in files_in(cameras, "*.json")}
-    cards = {c.stem: _card(files[c.stem]) for c, _ in pairs if c.stem in files}
+    known = [files[c.stem] for c, _ in pairs if c.stem in files]
+    cards = {path.stem: json_object(text_of(path), path) for path in known}
     if not cards:
         raise RecordingError(f"{inner}: no image has a camera of its name")
     posed = any("t_00" in card for card in cards.values())
@@ -108,15 +108,6 @@ def _read_polycam(folder: Path, streams: Streams) -> RecordingListing:
     missing = "" if posed else f"{folder} has no poses: no t_00 to t_23 in {cameras.name}/"
     listing = RecordingListing(tuple(entries), upright, DEPTH_SCALE, no_poses=missing)
     return turned_upright(listing, UP) if posed else listing
-
-
-def _card(path: Path) -> dict[str, Any]:
-    try:
-        return json_object(read_text(path), path)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path} is no JSON: {error}") from error
 
 
 def _present(folder: Path, frames: list[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -110,7 +110,7 @@ def _pairs(folder: Path) -> list[_Pair]:
         colour, depth = (2, 0) if swapped else (0, 2)
         stamps = [floats(words[colour : colour + 1], where)[0] for where, words in rows]
         return [
-            (float(stamp), words[colour + 1], words[depth + 1])
+            (float(stamp), _found(folder, words[colour + 1]), _found(folder, words[depth + 1]))
             for stamp, (_, words) in zip(
                 in_seconds(np.array(stamps), associations), rows, strict=True
             )
@@ -130,15 +130,23 @@ def _list(path: Path) -> list[tuple[float, str]]:
     table = _checked(path, 2, "stamp file")
     stamps = in_seconds(np.array([floats(words[:1], where)[0] for where, words in table]), path)
     return [
-        (float(stamp), _file(path.parent, words[1:]))
+        (float(stamp), _file(path.parent, words[1:], path.stem))
         for stamp, (_, words) in zip(stamps, table, strict=True)
     ]
 
 
-def _file(folder: Path, words: list[str]) -> str:
+def _file(folder: Path, words: list[str], usual: str) -> str:
     """The file named by the first word, or by all, where its name has spaces."""
     whole = " ".join(words)
-    return whole if len(words) > 1 and (folder / whole).is_file() else words[0]
+    known = len(words) > 1 and (folder / whole).is_file()
+    return whole if known else _found(folder, words[0], usual)
+
+
+def _found(folder: Path, name: str, usual: str = "") -> str:
+    """The name of a file that is there: of another system or machine, or without its folder."""
+    parts = name.replace("\\", "/").split("/")
+    tried = (name, "/".join(parts[-2:]), "/".join([usual, parts[-1]]).lstrip("/"))
+    return next((one for one in tried if (folder / one).is_file()), name)
 
 
 def _checked(path: Path, columns: int, meaning: str) -> list[tuple[str, list[str]]]:

@@ -21,7 +21,8 @@ _FILES: Final = (
      "and intrinsics.json are read"),
     (("*.mcap.zst*", "*.db3.zst*", "*.bag.zst*"), "a compressed bag; `zstd -d FILE` writes one "
      "that is read"),
-    (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst"), "an archive; unpack it first"),
+    (("*.zip", "*.tar", "*.tgz", "*.gz", "*.7z", "*.bz2", "*.zst", "*.xz", "*.rar"),
+     "an archive; unpack it first"),
     (("lowres_wide.traj",), "a recording of ARKitScenes; its images as rgb/ and depth/, the 4x4 "
      "camera to world matrix of each image in pose/, and intrinsics.json are read"),
     (("EXR_RGBD",), "an export of Record3D; its .r3d file is read"),

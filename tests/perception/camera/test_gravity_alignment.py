@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -18,7 +20,8 @@ from perception.camera.gravity_alignment import (
     parse_up,
     read_gravity,
 )
-from perception.sources.recording import open_recording
+from perception.frames import Frame
+from perception.sources.recording import FolderRecording, open_recording
 from perception.sources.recording_options import RecordingOptions
 
 IDENTITY = np.eye(4)
@@ -55,6 +58,42 @@ def test_up_found_from_the_kitchens_surfaces_agrees_with_gravity(shared):
     recording = open_recording(shared("data/rgbd/redkitchen_tum"), UNCHECKED)
     gravity = read_gravity(shared("data/rgbd/redkitchen"))
     assert degrees(recording.T_map_world[2, :3], gravity) < 3
+
+
+@dataclass
+class Behind:
+    """A recording whose depth shows a far surface where it has none."""
+
+    recording: FolderRecording
+    far: Callable[[np.ndarray], np.ndarray]  # pixels (n, 2) -> depth [m]
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.recording, name)
+
+    def __len__(self) -> int:
+        return len(self.recording)
+
+    def frames(self, start: int = 0) -> Iterator[Frame]:
+        for frame in self.recording.frames(start):
+            nothing = np.isnan(frame.depth)
+            depth = frame.depth.copy()
+            depth[nothing] = self.far(np.argwhere(nothing))
+            yield replace(frame, depth=depth)
+
+
+@pytest.mark.parametrize(
+    "far",
+    [
+        lambda at: 12 + np.random.default_rng(0).normal(0, 0.03, len(at)),
+        lambda at: 20 + at[:, 1] / 50,
+        lambda at: 25 + 7 * ((at // 40).sum(axis=1) % 3),
+    ],
+)
+def test_far_surfaces_that_are_none_move_no_floor(shared, far):
+    recording = open_recording(shared("data/rgbd/redkitchen_tum"), UNCHECKED)
+    placed = recording.placed(IDENTITY)
+    T = gravity_aligned_transform(Behind(placed, far))
+    np.testing.assert_allclose(T, gravity_aligned_transform(placed), atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["redkitchen", "icl_livingroom"])

@@ -149,6 +149,7 @@ def test_set_prediction_boxes_are_taken_as_they_are(write_network):
 def test_a_yolox_head_is_decoded_cell_by_cell(write_network):
     # a 64x64 input has grids of 8x8, 4x4 and 2x2 cells
     raw = np.zeros((1, 84, 7), np.float32)
+    raw[..., :2] = 0.5  # the middle of each cell
     raw[0, 8 * 1 + 2] = [0.5, 0.25, np.log(2), np.log(1), 0.9, 0.1, 0.8]
     raw[0, 64 + 16 + 3] = [0.0, 0.0, np.log(1), np.log(1), 0.5, 0.9, 0.0]
     path = write_network({"output": raw}, inputs={"images": ((1, 3, 64, 64), 1)})

@@ -126,7 +126,8 @@ def test_networks_written_in_another_way_find_the_same(shared, tmp_path, written
     helper.set_model_props(model, metadata)
     onnx.save(model, tmp_path / f"{name}-cut.onnx")
     kitchen = read_colour(shared("data/rgbd/redkitchen/frame-000240.color.jpg"))
-    found = load_detector(tmp_path / f"{name}-cut.onnx").detect_image(kitchen)
+    head = "list-labels-from-0" if written == "regions" else None
+    found = load_detector(tmp_path / f"{name}-cut.onnx", head=head).detect_image(kitchen)
     expected = load_detector(shared(f"models/{name}.onnx")).detect_image(kitchen)
     assert len(expected) > 5
     assert found.label == expected.label
@@ -260,7 +261,6 @@ def test_numbers_that_are_none_give_no_box_outside_the_image(write_network, shap
         try:
             found = detector.detect_image(IMAGE)
         except ModelError as error:
-            assert shape == (1, 7, 6)
             assert "answered class" in str(error) or "fits none" in str(error)
             return
     assert found.xyxy.min(initial=0) >= 0
@@ -269,7 +269,7 @@ def test_numbers_that_are_none_give_no_box_outside_the_image(write_network, shap
 
 def test_a_flood_of_boxes_is_bounded(write_network):
     rng = np.random.default_rng(1)
-    corner = rng.uniform(0, 50, (1, 3000, 2))
+    corner = rng.uniform(0, [50, 18], (1, 3000, 2))
     boxes = np.concatenate([corner, corner + rng.uniform(1, 14, (1, 3000, 2))], 2)
     scores = rng.uniform(0.5, 1, (1, 3000, 40))
     path = write_network(
@@ -298,7 +298,7 @@ def shapes_of(rng: np.random.Generator) -> dict[str, tuple[int, ...]]:
 def test_networks_whose_outputs_do_not_belong_together_are_one_line(tmp_path, seed):
     rng = np.random.default_rng(seed)
     path, read = tmp_path / "odd.onnx", 0
-    for _ in range(60):
+    for _ in range(120):
         graph = helper.make_graph([], "g", [], [])
         graph.input.append(helper.make_tensor_value_info("image", FLOAT, [1, 3, 64, 64]))
         for name, shape in shapes_of(rng).items():

@@ -30,9 +30,10 @@ def rows(T: np.ndarray) -> str:
 
 
 def named(pattern: str, i: int) -> str:
-    """The name of image i: `n` is its number, `t`, `ns` and `ms` are its stamp."""
-    stamp = STAMPS[i]
-    return pattern.format(n=i, t=f"{stamp:.6f}", ns=round(stamp * 1e9), ms=round(stamp * 1e3))
+    """The name of image i: `n` is its number, `t`, `ns`, `ms` and `ros` are its stamp."""
+    stamp, ns = STAMPS[i], round(STAMPS[i] * 10) * 10**8
+    ros = f"{ns // 10**9}_{ns % 10**9}"
+    return pattern.format(n=i, t=f"{stamp:.6f}", ns=ns, ms=round(stamp * 1e3), ros=ros)
 
 
 class Room:

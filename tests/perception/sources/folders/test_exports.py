@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 
+import cv2
 import numpy as np
 import pytest
 
@@ -131,7 +133,56 @@ def csv(room: Room) -> None:
     room.write("groundtruth.csv", "timestamp,x,y,z,qw,qx,qy,qz,vx,vy,vz\n" + "".join(lines))
 
 
+def of_pose(pattern: str, write) -> Callable[[Room], object]:
+    """Numbered images, and a file of the pose of each."""
+    return lambda room: (
+        room.images("rgb/{n}.png", "depth/{n}.png").poses(pattern, write=write).camera()
+    )
+
+
+def named_columns(room: Room) -> None:
+    listed("t", 1)(room)
+    text = (room.folder / "groundtruth.txt").read_text().replace(" ", ";").replace(".", ",")
+    (room.folder / "groundtruth.txt").unlink()
+    names = "time [s];pos_x [m];pos_y [m];pos_z [m];rot_x;rot_y;rot_z;rot_w\n"
+    room.write("groundtruth.csv", names + text)
+
+
+def lists_of_windows(room: Room) -> None:
+    listed("t", 1)(room)
+    for name, lost in (("rgb", "C:\\data\\rgb\\"), ("depth", "")):
+        text = (room.folder / f"{name}.txt").read_text()
+        room.write(f"{name}.txt", text.replace(f"{name}/", lost))
+
+
+def depth_of(kind: str) -> Callable[[Room], object]:
+    """Depth in NPY of whole millimetres, or of floats, by numpy's name of the type."""
+
+    def write(room: Room) -> None:
+        of_pose("pose/{n}.txt", rows)(room)
+        for path in list((room.folder / "depth").iterdir()):
+            depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+            depth = depth / 1000 if "f" in kind else depth
+            np.save(path.with_suffix(".npy"), depth.astype(kind))
+            path.with_suffix(".npy").rename(path.with_suffix(".NPY"))
+            path.unlink()
+
+    return write
+
+
 READ = {
+    "a stamp before poses": numbered("poses.txt", lambda T: [1_700_000_000.5, *seven(T)]),
+    "a number before poses": numbered("poses.txt", lambda T: [3, *T.ravel()]),
+    "pose files as numpy prints them": of_pose("pose/{n}.TXT", lambda T: f"{T[:3]!s}\n"),
+    "pose files with decimal commas": of_pose("pose/{n}.csv", lambda T: rows(T).replace(".", ",")),
+    "names of columns, semicolons, commas": named_columns,
+    "lists of Windows, and without a folder": lists_of_windows,
+    "seconds and nanoseconds as names": lambda room: (
+        room.images("rgb/{ros}.png", "depth/{ros}.png").poses("pose/{ros}.txt").camera()
+    ),
+    "depth in NPY, int32": depth_of("<i4"),
+    "depth in NPY, big-endian": depth_of(">u2"),
+    "depth in NPY, half floats": depth_of("<f2"),
     "RTAB-Map": lambda room: rtabmap(room, base=False),
     "RTAB-Map, poses of the base": lambda room: rtabmap(room, base=True),
     "BOP": bop,
@@ -164,6 +215,54 @@ def test_folders_of_other_programs_are_read_as_they_are(room, layout):
         np.testing.assert_allclose(frame.K, K, atol=0.01)
     steps = np.diff([e.stamp for e in recording.listing.entries])
     np.testing.assert_allclose(steps, 0.1 if recording.start_time == 0 else 1 / 30, atol=1e-5)
+
+
+LENS = (-0.07, 0.02, 0.0005, -0.0005)
+CARDS = {
+    "k1 in JSON": ("a.json", json.dumps({**CAMERA, **dict(zip(("k1", "k2", "p1", "p2"), LENS,
+                                                             strict=True))})),
+    "coeffs and ppx": ("a.json", json.dumps({"fx": 130, "fy": 130, "ppx": 79.5, "ppy": 59.5,
+                                             "coeffs": LENS})),
+    "a group, ROS' matrix": ("a.json", json.dumps({"color": {
+        "K": K.tolist(), "distortion_coefficients": {"rows": 1, "cols": 4, "data": LENS}}})),
+    "Kalibr": ("a.yaml", "cam0:\n  distortion_coeffs: [" + ", ".join(map(str, LENS)) + "]\n"
+               "  distortion_model: radtan\n  intrinsics: [130, 130, 79.5, 59.5]\n"),
+    "SplaTAM": ("a.yaml", "camera_params:\n  fx: 130\n  fy: 130 # px\n  cx: 79.5\n  cy: 59.5\n"
+                f"  distortion: {list(LENS)}\n"),
+    "a message of ROS 2": ("a.yaml", "---\nd:\n" + "".join(f"- {x}\n" for x in LENS) + "k:\n"
+                           + "".join(f"- {x}\n" for x in K.ravel())),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("card", CARDS)
+def test_a_lens_is_read_by_the_names_that_programs_have(tmp_path, card):
+    name, text = CARDS[card]
+    (tmp_path / name).write_bytes(b"\xef\xbb\xbf" + text.encode())
+    camera = load_intrinsics(tmp_path / name)
+    np.testing.assert_allclose(camera.K, K)
+    assert camera.dist[:4] == LENS and not camera.fisheye
+
+
+def test_all_four_numbers_of_a_fisheye_are_read(tmp_path):
+    lens = "Camera.type: KannalaBrandt8\n" + "".join(f"Camera1.k{i}: 0.{i}\n" for i in range(1, 5))
+    (tmp_path / "a.yaml").write_text(ORB.replace("Camera1.k1: 0.0\n", lens).replace(
+        'Camera.type: "PinHole"\n', ""))  # fmt: skip
+    camera = load_intrinsics(tmp_path / "a.yaml")
+    assert camera.fisheye and camera.dist == (0.1, 0.2, 0.3, 0.4)
+
+
+def test_a_file_of_two_cameras_is_refused(tmp_path):
+    both = {"left": CAMERA, "right": {**CAMERA, "fx": 140}}
+    (tmp_path / "a.json").write_text(json.dumps(both))
+    with pytest.raises(RecordingError, match=r"several cameras; a file of colour's alone"):
+        load_intrinsics(tmp_path / "a.json")
+
+
+def test_a_camera_one_folder_above_is_read_and_told(room, caplog):
+    numbered("poses.txt", seven)(room)
+    (room.folder / "intrinsics.json").rename(room.folder.parent / "intrinsics.json")
+    np.testing.assert_allclose(open_recording(room.folder, OPTIONS).frame(0).K, K, atol=0.01)
+    assert "intrinsics.json, one folder above" in caplog.text
 
 
 def test_poses_of_key_frames_are_read_and_told(room, caplog):

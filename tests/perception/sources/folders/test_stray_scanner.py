@@ -125,7 +125,7 @@ def _playlist(path: Path) -> None:
             "finite numbers",
         ),
         ("odometry.csv", lambda p: p.write_text(HEADER + "1,0,0,0,0,0,0,0,9\n"), "length 1"),
-        ("odometry.csv", lambda p: p.write_bytes(b"\xff\xfe\x00"), "comma-separated"),
+        ("odometry.csv", lambda p: p.write_bytes(b"\xff\xfe\x00"), "not a text file"),
         ("camera_matrix.csv", lambda p: p.write_text("1, 2\n"), "9 numbers"),
         ("camera_matrix.csv", lambda p: p.unlink(), "camera_matrix.csv is missing"),
         ("confidence/000002.png", _cut, "truncated"),
