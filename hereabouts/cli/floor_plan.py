@@ -110,7 +110,8 @@ def _list(arguments: argparse.Namespace) -> int:
         ]
         doors = len(semantic_map.doors())
     records = [dict(zip(_COLUMNS, row, strict=True)) for row in rows]
-    print_answer(_COLUMNS[1:], [row[1:] for row in rows], arguments.json, records)
+    end = len(_COLUMNS) if any(row[-1] for row in rows) else -1  # without doors none is adjacent
+    print_answer(_COLUMNS[1:end], [row[1:end] for row in rows], arguments.json, records)
     note(f"{counted(len(rows), 'place')}, {counted(doors, 'door')}")
     return 0
 

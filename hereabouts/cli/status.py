@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from hereabouts.cli.arguments import declare
 from hereabouts.cli.console import json_value, note, print_table, without_details, write, write_json
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 
 if TYPE_CHECKING:
     from kg.maps.semantic_map import SemanticMap
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace) -> int:
                     called.get(one.place or "", one.place_label).removeprefix("the "),
                     one.value,
                     one.label,
-                    None if one.existence is None else percent(one.existence),
+                    None if one.existence is None else chance(one.existence),
                     stamp(one.last_seen),
                     percent(one.viewed_share),
                     percent(one.closely_viewed_share),

@@ -2,6 +2,19 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+_SURE: Final = 0.999  # the greatest chance that is told: perception may always be wrong
+
+
+def chance(probability: float) -> str:
+    """A chance that is told of a thing, which is never certain.
+
+    >>> [chance(p) for p in (0.98, 1)]
+    ['98 %', 'over 99 %']
+    """
+    return percent(min(probability, _SURE))
+
 
 def percent(share: float) -> str:
     """A share or probability from 0 to 1 in per cent, with the first digit that is not 0.

@@ -151,7 +151,11 @@ _PLURALS: Final = {
 
 
 def plural(noun: str) -> str:
-    """Several of a noun: ``benches``, ``mice``, ``teddy bears``."""
+    """Several of a noun: ``benches``, ``teddy bears``, ``things to sit on``."""
+    head, to, use = noun.partition(" to ")
+    if to:
+        several = "things" if head.endswith(("thing", "things")) else plural(head)
+        return f"{several} to {use}"
     first, _, last = noun.rpartition(" ")
     if last not in _PLURALS:
         if last.endswith("y") and last[-2:-1] not in "aeiou":

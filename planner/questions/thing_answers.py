@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from kg.history.timestamps import span, spoken
 from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 from planner.freespace.planning_map import number
 from planner.questions.named_things import NAMED, NamedThings, Spot, sized
 from planner.questions.patterns import ROBOT, PlainAnswer
@@ -268,8 +268,8 @@ class ThingAnswers(NamedThings):
         where, there = self._there()
         known = [k for k in self._known(target, one) if there(k)]
         lines = [
-            f"{k.label} {k.where.strip()} was seen {times(k.observations)}: {percent(k.believed)} "
-            f"sure that it exists, and {percent(k.still_there(self._now))} that it is still there"
+            f"{k.label} {k.where.strip()} was seen {times(k.observations)}: {chance(k.believed)} "
+            f"sure that it exists, and {chance(k.still_there(self._now))} that it is still there"
             for k in known[:LISTED]
         ]
         if not lines:

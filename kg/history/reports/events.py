@@ -20,7 +20,7 @@ from kg.history.timestamps import iso, short, word
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.iris import observation_iri
-from kg.model.shares import percent
+from kg.model.shares import chance
 from kg.model.transactions import Cause
 from kg.rdf.quad_store import QuadStore, Term
 
@@ -147,7 +147,7 @@ class _Summary:
             yield f"{moved}at ({x:.2f}, {y:.2f}) m"
         if math.isfinite(existence) and not self._is_as_told(existence):
             self._existence = existence
-            yield f"there with {percent(existence)}"
+            yield f"there with {chance(existence)}"
 
     def _is_as_told(self, existence: float) -> bool:
         """Whether an existence is near that of the summary, on the same side of an even chance."""

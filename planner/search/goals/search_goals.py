@@ -19,7 +19,7 @@ from kg.knowledge.ontology.catalogue import Catalogue, Category
 from kg.maps.query.evaluation import Value
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import UnknownCategoryError
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 from planner.freespace.planning_map import Row, number, time_or_none
 from planner.search.goals.place_names import in_words
 from planner.search.goals.target_words import meaning_of
@@ -169,7 +169,7 @@ def sourced(row: Row, column: str) -> str:
 
 def evidence(row: Row, existence: float, place: str = "place") -> str:
     """How surely a row's object exists, and its observations as `observed` has them."""
-    return f"{percent(existence)} sure{observed(row, place)}"
+    return f"{chance(existence)} sure{observed(row, place)}"
 
 
 def observed(row: Row, place: str = "place") -> str:

@@ -18,7 +18,7 @@ from kg.history.timestamps import spoken
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import DepartedRecord
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 from kg.model.usual_sizes import UNUSUAL, usual_sizes
 from planner.freespace.planning_map import Row, number, text_or_none, time_or_none
 from planner.search.goals.place_names import (
@@ -186,7 +186,7 @@ def _known_proof(label: str, one: PlaceStatus) -> str:
     if one.value == "gone":
         empty = f", and its spot was seen empty {stamp(one.found_gone)}"
         return f"{one.label or label}{one.said} was in {one.place_label}{seen}{empty}"
-    sure = "asserted" if one.existence is None else f"{percent(one.existence)} sure"
+    sure = "asserted" if one.existence is None else f"{chance(one.existence)} sure"
     return f"{one.label or label}{one.said} in {one.place_label}, {sure}{seen}"
 
 
@@ -211,7 +211,7 @@ def _object_status(semantic_map: SemanticMap, what: str, iri: str) -> Status:
         where = called[place.iri] if place else "no place"
         stated = stated_categories(semantic_map).get(iri)
         said = f"called {stated.category} by {stated.by}, " if stated else ""
-        proof = f"{said}in {where}, {percent(record.existence)} sure, last seen {stamp(seen)}"
+        proof = f"{said}in {where}, {chance(record.existence)} sure, last seen {stamp(seen)}"
         if value != "present" and views is not None:
             viewed = datetime.fromtimestamp(views.last, UTC)
             proof += f"; {where} last viewed {stamp(viewed)}"

@@ -15,7 +15,7 @@ from kg.history.timestamps import span
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.semantic_map import SemanticMap
 from kg.model.errors import ModelError
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 from mapping.looks.word_looks import compares_texts
 from planner.search.goals.known_objects import LISTED, KnownObject, known_objects
 from planner.search.goals.place_names import in_words
@@ -137,14 +137,14 @@ def _sentence(one: KnownObject, now: float, rooms: Mapping[str, float]) -> str:
     if p < _PERHAPS and still and (one.sure or kept < _PERHAPS):
         room = rooms.get(one.iri, 0.0)
         room_too = f", in the same room with {percent(room)}" if room >= p + _GUESS else ""
-        there = f"still there with {percent(p)}{room_too}"
+        there = f"still there with {chance(p)}{room_too}"
         return f"Probably no longer {one.where}: {name} {seen} ({there}){_besides(one)}"
     lead = "Probably" if p >= PROBABLY and one.sure else "Perhaps"
     if p >= _SURELY or one.existence < _PERHAPS:  # that it is nothing is said of the thing itself
         lead = ""
     where = f"{lead}{still} {one.where}".strip() if lead else one.where.strip()
     where = f"{where[:1].upper()}{where[1:]}"
-    return f"{where}: {name} {seen} ({percent(p)} sure){_besides(one)}"
+    return f"{where}: {name} {seen} ({chance(p)} sure){_besides(one)}"
 
 
 def _sightings(one: KnownObject, now: float) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.maps.semantic_map import SemanticMap
-from kg.model.shares import percent
+from kg.model.shares import chance, percent
 from planner.search.goals.candidate_queries import Candidate
 from planner.search.goals.known_objects import known_json
 from planner.search.goals.targets import Target, resolve
@@ -29,7 +29,6 @@ from planner.search.plans.view_plan import (
 
 _Which = tuple[int, str, str]
 
-_SURE: Final = 0.999  # the greatest chance that is told: of many things one may still be there
 _MAX_REASONS: Final = 5  # of a step; the others are summed up
 _BEARS: Final = 0.05  # share of a plan's probability from which on a reason is named
 _LITTLE: Final = 0.1  # share of a plan's probability below which its last looks are left out, ...
@@ -230,7 +229,7 @@ def plan_lines(plan: ViewPlan, looks: int | None = None) -> list[str]:
     mean = sum(step.seconds * step.finds for step in steps) / gain if gain else 0.0
     count = len(plan.targets)
     if count == 1:
-        present = percent(min(plan.present, _SURE))
+        present = chance(plan.present)
         text = (
             f"{plan.targets[0]} is on this floor with a chance of {present}; "
             f"these looks find it with {percent(gain)}, on average after {mean:.0f} s"
@@ -313,7 +312,7 @@ def nothing_line(found: ViewPlan, budget: float | None = None) -> str:
     """Why a plan has no looks; `budget` [s] is that of the plan."""
     what = ", ".join(found.targets)
     if found.best > 0:
-        present = percent(min(found.present, _SURE))
+        present = chance(found.present)
         return (
             f"Not worth looking: {what} is on this floor with a chance of {present}, and "
             f"the best look finds it with {percent(found.best)} (--worth {found.best / 2:.1g} "
