@@ -31,16 +31,14 @@ from perception.sources.depth_readings import (
     GOOD,
     MIN_PAIRS,
     Readings,
-    another_body,
-    another_cause,
     another_reading,
     another_scale,
     judged_pairs,
     lone_frames,
     pairs_by,
     share_without,
-    two_causes,
 )
+from perception.sources.known_mistakes import another_body, another_cause, two_causes
 
 EDGE_FRAMES: Final = 24  # whose edges are compared
 MAX_DEPTH: Final = 100.0  # [m] median of an image's depth
