@@ -28,7 +28,6 @@ PAIRS: Final = 12  # of frames, by each of two readings of the poses
 APART: Final = 0.3  # [m] between the two frames of a pair ...
 TURNED: Final = np.radians(25.0)  # ... that are not turned more against each other
 RUN: Final = 8  # frames beside each other that may contradict those before and after them
-SHARED: Final = 0.5  # of the points of two frames whose motion is measured or judged
 REACH: Final = 60  # frames between the two, at most
 MIN_STILL: Final = 20  # frames of a camera that hardly moves, to conclude anything
 MIN_PAIRS: Final = 5  # pairs that show enough of one scene, to conclude anything

@@ -28,7 +28,6 @@ from perception.sources.depth_readings import (
     BETTER,
     GOOD,
     MIN_PAIRS,
-    SHARED,
     FramePair,
     SamplesAt,
     best_scale,
@@ -42,7 +41,8 @@ from perception.sources.depth_readings import (
 FAR_STEP: Final = 2.0  # [m] between frames, in the middle, of poses that may be in millimetres
 MAX_MOUNT: Final = 2.0  # [m] from the origin of a body to a camera on it
 SAME: Final = 0.02  # by which the share of a plainer reading may be less
-STEP: Final = 0.1  # [m] between two frames whose motion is measured by depth
+STEP: Final = 0.1  # [m] between two frames whose motion is measured by depth ...
+SHARED: Final = 0.5  # ... which share so much of their points
 
 
 def another_cause(name: str, pairs: list[FramePair], convention: str, given: float) -> str | None:
