@@ -23,6 +23,7 @@ from perception.odometry.features import shrunk
 from perception.odometry.tracking import Odometry, tracked
 from perception.odometry.tracking_report import TrackingReport
 from perception.sources.depth_check import shows_two_scenes, two_scenes
+from perception.sources.depth_readings import usual
 from perception.sources.intrinsics_check import check_intrinsics, check_views
 from perception.sources.listing import FrameEntry, RecordingListing
 from perception.sources.recording_options import RecordingOptions
@@ -135,14 +136,15 @@ def check_height(name: str, heights: Sequence[float], depth_scale: float) -> Non
     """
     height = float(np.median(heights))
     if height > HIGHEST:
+        scale = usual(depth_scale * height / USUAL_HEIGHT)
         _log.warning(
             "%s: the camera is %.1f m over the floor, by a depth of %g units a metre; "
             "--depth-scale %g would put it at %.1f m",
             name,
             height,
             depth_scale,
-            float(f"{depth_scale * height / USUAL_HEIGHT:.1g}"),
-            height * depth_scale / float(f"{depth_scale * height / USUAL_HEIGHT:.1g}"),
+            scale,
+            height * depth_scale / scale,
         )
 
 
