@@ -112,8 +112,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
 def _author(arguments: argparse.Namespace) -> Callable[[], str] | None:
     """The author of changes; None without --write. Raises RemoteError if a token is missing."""
     from hereabouts.agents.tool_server import token_holder
+    from kg.store.credentials import HINT, token_for
     from kg.store.folder import is_url
-    from kg.store.http_session import HINT, token_for
 
     if not arguments.write:
         return None

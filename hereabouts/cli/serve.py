@@ -292,7 +292,7 @@ def _published(publish: Callable[[], object], address: str) -> bool:
 
 def _token(file: str) -> str:
     from kg.model.errors import ServerError
-    from kg.store.http_session import read_token_file
+    from kg.store.credentials import read_token_file
 
     token = read_token_file(file).strip()
     if not token or len(token.split()) != 1 or not token.isascii():

@@ -32,7 +32,7 @@ from kg.model.errors import (
     RemoteError,
     UnreachableError,
 )
-from kg.store.http_session import HINT
+from kg.store.credentials import HINT
 from kg.store.virtuoso import complaint, gives_triples, is_virtuoso, plain, readable
 
 if TYPE_CHECKING:

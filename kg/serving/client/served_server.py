@@ -32,7 +32,8 @@ from kg.serving.client.record_codec import (
     change_from_json,
     decoded_reply,
 )
-from kg.store.http_session import HINT, HttpSession
+from kg.store.credentials import HINT
+from kg.store.http_session import HttpSession
 from kg.store.sparql_client import (
     ANSWER_WITHIN,
     CONFIRM,

@@ -16,7 +16,8 @@ from kg.model.errors import HereaboutsError, RemoteError
 from kg.serving.client.change_stream import ChangeStream
 from kg.serving.client.served_server import ServedClient
 from kg.store import http_session
-from kg.store.http_session import HttpSession, token_for
+from kg.store.credentials import token_for
+from kg.store.http_session import HttpSession
 from kg.store.sparql_client import SparqlClient
 
 REPLY = b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nok"

@@ -13,7 +13,7 @@ from pyoxigraph import NamedNode
 
 from kg.model.errors import ServerError
 from kg.serving.server.http.problems import Problem
-from kg.store.http_session import read_token_file
+from kg.store.credentials import read_token_file
 
 MIN_LENGTH = 16  # characters of a token
 _TOKEN = re.compile(r"[A-Za-z0-9._~+/-]+=*")  # RFC 6750, section 2.1
