@@ -50,7 +50,7 @@ _Fields = dict[str, Any]
 METRES_A_UNIT: Final = 0.1  # below which a depth scale is the metres of a unit
 WIDEST, NARROWEST = 160.0, 1.0  # [deg] field of view that a pinhole camera can have
 ASPECT_TOLERANCE = 0.01  # relative; a crop or a wrong camera is off by far more
-FISHEYE = ("equi", "fisheye", "kannala")  # in names of one model of distortion
+_FISHEYE: Final = ("equi", "fisheye", "kannala")  # in names of one model of distortion
 FISHEYE_COEFFICIENTS = 4
 
 
@@ -132,6 +132,12 @@ class Intrinsics:
                     f"{view:.3g} degrees; focal lengths are in pixels of the colour images"
                 )
         return replace(self, fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
+
+
+def is_fisheye(model: str) -> bool:
+    """Whether a model of distortion is that of a fisheye, by any of its names."""
+    name = model.lower()
+    return any(part in name for part in _FISHEYE) and "equirect" not in name
 
 
 def intrinsics_from_matrix(K: NDArray[np.float64], source: str) -> Intrinsics:
@@ -259,7 +265,7 @@ def _camera_of(found: _Fields, path: Path) -> Intrinsics:
         camera = Intrinsics(fx, fy, cx, cy, source=str(path))
     width, height = size if len(size) == 2 else (first("width"), first("height"))
     word = " ".join(str(found[name]) for name in _NAMES["model"] if name in found).lower()
-    fisheye = any(name in word for name in FISHEYE)
+    fisheye = is_fisheye(word)
     if not dist:
         names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
         dist = [float(found.get(name, 0.0)) for name in names]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from kg.model.errors import RecordingError
 from perception.camera.image_decoding import MAX_PIXELS, decode_image
-from perception.camera.intrinsics import FISHEYE, FISHEYE_COEFFICIENTS, Intrinsics
+from perception.camera.intrinsics import FISHEYE_COEFFICIENTS, Intrinsics, is_fisheye
 
 GROUPS: Final = 11  # of a number of 32 bits
 #: [bytes] a pixel: 6 groups for its difference, 2 for the lengths of runs as short as it
@@ -304,7 +304,7 @@ def intrinsics_of(message: Any, where: str, *, rectified: bool = False) -> Intri
     if not is_calibrated(message):
         raise RecordingError(f"{where} is not calibrated (K is 0); --intrinsics FILE would work")
     matrix = _matrix(message, rectified)
-    fisheye = not rectified and str(message.distortion_model) in FISHEYE
+    fisheye = not rectified and is_fisheye(str(message.distortion_model))
     dist = () if rectified else _distortion(message, fisheye, where)
     roi = message.roi
     cropped = int(roi.width) > 0 and int(roi.height) > 0
