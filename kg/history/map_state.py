@@ -18,7 +18,7 @@ from kg.history.storage.log_reader import quads_of
 from kg.model import vocabulary as v
 from kg.model.place_names import place_titles
 from kg.rdf.literals import text_of, tsv_text
-from kg.rdf.quad_store import QuadStore
+from kg.rdf.quad_store import QuadStore, subcategories
 
 State = dict[str, Any]
 Row = dict[str, Any]
@@ -90,18 +90,8 @@ class Categories:
     @classmethod
     def of(cls, engine: QuadStore) -> Categories:
         """The categories in the graphs of ontology and common sense."""
-        is_a = NamedNode(v.IS_A)
-        kinds = (
-            frozenset(
-                quad.subject.value
-                for quad in engine.quads_for_pattern(
-                    None, is_a, NamedNode(kind), v.COMMONSENSE_GRAPH
-                )
-                if isinstance(quad.subject, NamedNode)
-            )
-            for kind in (v.OBJECT, v.PLACE)
-        )
-        return cls(engine, *kinds)
+        objects, places = (subcategories(engine, kind) - {kind} for kind in (v.OBJECT, v.PLACE))
+        return cls(engine, objects, places)
 
     def by_kind(self) -> dict[str, dict[str, str]]:
         """Label by IRI, of the categories of objects and those of places."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from kg.history.timestamps import Instant
-from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue, subcategories
+from kg.knowledge.ontology.catalogue import Catalogue, StoredCatalogue
 from kg.knowledge.ontology.declared_terms import absent_terms
 from kg.maps.facts.assertion_service import PerceivedRecords
 from kg.maps.facts.object_filters import is_believed, select_objects
@@ -42,7 +42,7 @@ from kg.model.records import (
 )
 from kg.model.transactions import Cause, ChangeSet
 from kg.model.vocabulary import UNNAMED_THING
-from kg.rdf.quad_store import QuadStore
+from kg.rdf.quad_store import QuadStore, subcategories
 from kg.store.transactional import TransactionalStore
 
 if TYPE_CHECKING:

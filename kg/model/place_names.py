@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from typing import Final
 
-from kg.model.records import likeliest
+from kg.model.records import PlaceRecord, likeliest
 
 SURE: Final = 0.5  # belief in a place's category from which on it is named without "perhaps"
 NUMBERED: Final = re.compile(r"(?:place|room) \d+")  # as mappers label places
@@ -49,6 +49,11 @@ def in_brackets(name: str, beliefs: Mapping[str, float], label: Callable[[str], 
     """`` (kitchen)``, or `` (perhaps kitchen)``; "" where the name of the place has it already."""
     kind = likely_kind(beliefs, label)
     return f" ({kind})" if kind and not kind_in(name, kind.removeprefix("perhaps ")) else ""
+
+
+def titled(place: PlaceRecord, label: Callable[[str], str]) -> str:
+    """``place 6 (kitchen)``: the label of a place with its kind."""
+    return place.label + in_brackets(place.label, place.beliefs, label)
 
 
 def kind_in(name: str, kind: str) -> bool:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-_SURE: Final = 0.999  # the greatest chance that is told: perception may always be wrong
+_SURE: Final = 0.999  # the greatest chance in sentences: perception may always be wrong
 
 
 def chance(probability: float) -> str:
-    """A chance that is told of a thing, which is never certain.
+    """A chance in per cent that is never certain.
 
     >>> [chance(p) for p in (0.98, 1)]
     ['98 %', 'over 99 %']

@@ -10,6 +10,8 @@ from typing import Any, Protocol
 
 from pyoxigraph import BlankNode, DefaultGraph, Literal, NamedNode, Quad, Triple
 
+from kg.model import vocabulary as v
+
 Term = NamedNode | BlankNode | Literal | Triple
 Subject = NamedNode | BlankNode | Triple | None
 Object = NamedNode | BlankNode | Literal | Triple | None
@@ -48,3 +50,11 @@ class QuadStore(Protocol):
     def __contains__(self, quad: Any, /) -> bool: ...
 
     def __iter__(self) -> Iterator[Quad]: ...
+
+
+def subcategories(store: QuadStore, category: str) -> frozenset[str]:
+    """IRIs of a category and of all its subcategories."""
+    isa, above = NamedNode(v.IS_A), NamedNode(category)
+    quads = store.quads_for_pattern(None, isa, above, v.COMMONSENSE_GRAPH)
+    found = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
+    return frozenset(found | {category})

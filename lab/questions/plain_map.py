@@ -19,7 +19,8 @@ second such file, of the moment before the things moved, answers what moved: by 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -36,7 +37,24 @@ NOT_KNOWN: Final = "not known"
 Thing = Mapping[str, Any]
 
 
-class PlainMap:
+class ByLists(ABC):
+    """Counts by the things of a category that an interface lists."""
+
+    @abstractmethod
+    def _of(self, category: str, room: str | None = None) -> Sequence[Mapping[str, Any]]:
+        """The things of a category, in a room or anywhere."""
+
+    def count(self, category: str) -> int:
+        return len(self._of(category))
+
+    def count_in_place(self, category: str, room: str) -> int:
+        return len(self._of(category, room))
+
+    def presence(self, category: str, room: str) -> bool:
+        return bool(self._of(category, room))
+
+
+class PlainMap(ByLists):
     """Answers each family from a document of the schema. Raises GraphError for anything else."""
 
     def __init__(
@@ -52,15 +70,6 @@ class PlainMap:
             ]
         except (AttributeError, KeyError, TypeError) as error:
             raise GraphError(f"no plain map of rooms with objects: {error!r}") from error
-
-    def count(self, category: str) -> int:
-        return len(self._of(category))
-
-    def count_in_place(self, category: str, room: str) -> int:
-        return len(self._of(category, room))
-
-    def presence(self, category: str, room: str) -> bool:
-        return bool(self._of(category, room))
 
     def nearest(self, category: str, to: str, to_room: str) -> list[float] | None:
         origin = self._one(to, to_room)

@@ -10,7 +10,7 @@ from typing import Any, Final
 import requests
 
 from lab.questions.graph_maps import AskedMap
-from lab.questions.plain_map import NOT_KNOWN
+from lab.questions.plain_map import NOT_KNOWN, ByLists
 
 Row = Mapping[str, Any]
 
@@ -18,7 +18,7 @@ SEEN_IN: Final = re.compile(r"seen in (\S+) of (\S+)")
 _MOVED: Final = 0.3  # [m]
 
 
-class SparqlInterface:
+class SparqlInterface(ByLists):
     """Each family by a query file of `queries/`; there is none for plans."""
 
     def __init__(self, asked: AskedMap) -> None:
@@ -30,15 +30,6 @@ class SparqlInterface:
             return self._map.query(name, **parameters).records()
         with self._map.at(at) as then:
             return then.query(name, **parameters).records()
-
-    def count(self, category: str) -> int:
-        return len(self._of(category))
-
-    def count_in_place(self, category: str, room: str) -> int:
-        return len(self._of(category, room))
-
-    def presence(self, category: str, room: str) -> bool:
-        return bool(self._of(category, room))
 
     def nearest(self, category: str, to: str, to_room: str) -> list[float] | None:
         near = self._around(to, to_room, 100.0)

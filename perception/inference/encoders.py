@@ -154,7 +154,7 @@ class EncoderPair:
                 )
 
     def _token(self, token: int, context: int) -> NDArray[np.generic] | None:
-        """What the text encoder makes of a token; None where it has no such token."""
+        """The output of the text encoder for a token; None where it has no such token."""
         tokens = np.full((1, context), token, np.int64)
         try:
             return self._read(tokens, np.ones_like(tokens))

@@ -221,14 +221,6 @@ class StoredCatalogue:
             self._known = None
 
 
-def subcategories(store: QuadStore, category: str) -> frozenset[str]:
-    """IRIs of a category and of all its subcategories."""
-    isa, above = NamedNode(v.IS_A), NamedNode(category)
-    quads = store.quads_for_pattern(None, isa, above, v.COMMONSENSE_GRAPH)
-    found = {q.subject.value for q in quads if isinstance(q.subject, NamedNode)}
-    return frozenset(found | {category})
-
-
 def name_key(name: str) -> str:
     """Lookup key of a name: case-folded, without spaces, hyphens and other marks.
 

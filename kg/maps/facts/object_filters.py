@@ -11,13 +11,12 @@ from collections.abc import Iterator
 
 from pyoxigraph import NamedNode
 
-from kg.knowledge.ontology.catalogue import subcategories
 from kg.maps.facts.objects_and_places import RecordCodec
 from kg.model import vocabulary as v
 from kg.model.errors import QueryParameterError
 from kg.model.records import ObjectRecord, PlaceRecord, likeliest
 from kg.rdf.literals import cells_of_disc
-from kg.rdf.quad_store import QuadStore
+from kg.rdf.quad_store import QuadStore, subcategories
 
 
 def select_objects(

@@ -18,7 +18,7 @@ from typing import Final
 
 from pyoxigraph import Literal, NamedNode, Quad
 
-from kg.knowledge.ontology.catalogue import Catalogue, subcategories
+from kg.knowledge.ontology.catalogue import Catalogue
 from kg.knowledge.words.meaning import listed, understand
 from kg.model import vocabulary as v
 from kg.model.errors import (
@@ -28,9 +28,9 @@ from kg.model.errors import (
     UnknownCategoryError,
     did_you_mean,
 )
-from kg.model.place_names import in_brackets, likely_kind, place_titles
+from kg.model.place_names import likely_kind, place_titles, titled
 from kg.model.records import PlaceRecord, likeliest
-from kg.rdf.quad_store import QuadStore
+from kg.rdf.quad_store import QuadStore, subcategories
 
 _LISTED: Final = 8  # labels in a message
 _SCHEME: Final = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:\S*")
@@ -217,7 +217,7 @@ class ParameterResolver:
         kinds = places_of_kind(self.engine, self.catalogue, places, text)
         if len(found := printed if len(printed) == 1 else [one.iri for one in kinds]) == 1:
             return found[0]
-        shown = _some([self._titled(place) for place in kinds or places]) or "none"
+        shown = _some([titled(place, self.catalogue.label) for place in kinds or places]) or "none"
         if kinds and not named:
             raise QueryParameterError(
                 f"{len(kinds)} places have the category {text!r}; give one of {shown}"
@@ -226,19 +226,16 @@ class ParameterResolver:
         hint = did_you_mean(text, known.values())
         raise QueryParameterError(f"{what} called {text!r}; there are: {shown}{hint}")
 
-    def _titled(self, place: PlaceRecord) -> str:
-        """``place 6 (kitchen)``: the label of a place with its kind."""
-        return place.label + in_brackets(place.label, place.beliefs, self.catalogue.label)
-
     def _printed(self, text: str, places: Sequence[PlaceRecord]) -> list[str]:
         """IRIs of the places that answers call so, with or without "the"."""
         plain = without_article(text)
         given = [(place.iri, place.label, place.beliefs) for place in places]
-        titles = place_titles(given, self.catalogue.label)
+        label = self.catalogue.label
+        titles = place_titles(given, label)
         return [
             place.iri
             for place, title in zip(places, titles, strict=True)
-            if plain in map(plain_label, (place.label, title, self._titled(place)))
+            if plain in map(plain_label, (place.label, title, titled(place, label)))
         ]
 
     def _labelled(self, label: str) -> str | None:

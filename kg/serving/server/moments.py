@@ -79,12 +79,19 @@ async def at_moment(
     if moment.past is None:
         serving.sessions.saw(client, found.sequence)
     headers[SEQUENCE] = str(found.sequence)
-    body = found.body
+    return await packed_response(request, found.body, found.media_type, headers)
+
+
+async def packed_response(
+    request: Request, packed: bytes, media_type: str, headers: dict[str, str]
+) -> Response:
+    """The response of a body that is kept compressed by gzip, as the client takes it."""
     if "gzip" in request.headers.get("accept-encoding", ""):
-        headers["Content-Encoding"] = "gzip"
-    else:
-        body = await run_in_threadpool(gzip.decompress, body)
-    return Response(body, media_type=found.media_type, headers=headers)
+        return Response(
+            packed, media_type=media_type, headers={**headers, "Content-Encoding": "gzip"}
+        )
+    body = await run_in_threadpool(gzip.decompress, packed)
+    return Response(body, media_type=media_type, headers=headers)
 
 
 async def _packed(make: Callable[[], Awaitable[Answer]]) -> Answer:

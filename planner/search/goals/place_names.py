@@ -28,11 +28,6 @@ def likely_kind(catalogue: Catalogue, place: PlaceRecord) -> str:
     return place_names.likely_kind(place.beliefs, catalogue.label)
 
 
-def titled(catalogue: Catalogue, place: PlaceRecord) -> str:
-    """``place 6 (kitchen)``: the label of a place with its kind."""
-    return place.label + place_names.in_brackets(place.label, place.beliefs, catalogue.label)
-
-
 def spoken_places(semantic_map: SemanticMap) -> dict[str, str]:
     """Names of places (by IRI) in sentences: ``the kitchen``, or the label and kind."""
     catalogue = semantic_map.catalogue
@@ -70,7 +65,7 @@ def _is_noun(catalogue: Catalogue, word: str) -> bool:
 
 def listed_places(semantic_map: SemanticMap) -> str:
     """``place 1 (kitchen), place 2 and 3 more``: the places of a map."""
-    named = [titled(semantic_map.catalogue, p) for p in semantic_map.places()]
+    named = [place_names.titled(p, semantic_map.catalogue.label) for p in semantic_map.places()]
     rest = f" and {len(named) - _LISTED} more" if len(named) > _LISTED else ""
     return ", ".join(named[:_LISTED]) + rest
 

@@ -1,4 +1,4 @@
-"""Where to look for things, at this moment: what the map knows of them, and a plan of looks."""
+"""The answer of `find`: what the map knows of the wanted things, and a plan of looks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from planner.settings import WORTH
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FindAnswer:
-    """What `hereabouts find` answers; printed, it is sentences and the first looks."""
+    """The answer of `find`; printed, it is sentences and the first looks."""
 
     lines: tuple[str, ...]  # what the map knows of each wanted thing
     plan: ViewPlan | None  # where to look; None for a map without floor, and for nothing to see

@@ -34,7 +34,7 @@ from kg.serving.server.endpoints.sparql_protocol import QUERY
 from kg.serving.server.http.bodies import JSON, RequestParameters, json_response, query_parameters
 from kg.serving.server.http.event_stream import unless_gone
 from kg.serving.server.http.problems import Problem, sequence_at
-from kg.serving.server.moments import at_moment, moment_of, present_of
+from kg.serving.server.moments import at_moment, moment_of, packed_response, present_of
 from kg.serving.workers.content_negotiation import negotiate
 from kg.serving.workers.process import Answer
 from kg.serving.workers.request import WorkerCall
@@ -54,10 +54,8 @@ async def page_file(serving: AppState, request: Request) -> Response:
     if headers["ETag"] in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     headers["Vary"] = "Accept-Encoding"
-    if "gzip" in request.headers.get("accept-encoding", ""):
-        headers["Content-Encoding"] = "gzip"
-        body = await run_in_threadpool(_packed, body)
-    return Response(body, media_type=_TYPES[name.rpartition(".")[2]], headers=headers)
+    packed = await run_in_threadpool(_packed, body)
+    return await packed_response(request, packed, _TYPES[name.rpartition(".")[2]], headers)
 
 
 @lru_cache(maxsize=64)
