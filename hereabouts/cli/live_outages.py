@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from kg.model.errors import MapBusyError, RemoteError, UnreachableError
+from kg.model.errors import MapBusyError, NotAllowedError, RemoteError, UnreachableError
 
 if TYPE_CHECKING:
     from mapping.recording_mapper import OnDetections
@@ -64,6 +64,7 @@ def through_outages(
             away = isinstance(error, UnreachableError)
             # after an outage, a late frame of this process may keep the map busy
             known = mapped.opened and (lost or isinstance(error, RemoteError))
+            known &= not isinstance(error, NotAllowedError)
             if not known or ended.is_set() or (not away and refused_at == mapped.count):
                 raise
             lost, refused_at = True, refused_at if away else mapped.count

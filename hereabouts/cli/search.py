@@ -149,7 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     with (
         open_viewers(arguments, title_for(arguments.map)) as viewer,
-        open_map(arguments.map, exclusive=True) as semantic_map,
+        open_map(arguments.map) as semantic_map,
         _signals() as caught,
     ):
         robot = _robot(arguments, semantic_map)

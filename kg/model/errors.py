@@ -12,7 +12,8 @@
     │   │   ├── ProtectedError   an update writes facts that have another way to be written
     │   │   └── UnconfirmedDeletionError   a large deletion is not confirmed
     │   └── RemoteError          a server refuses, fails, or breaks off its answer
-    │       └── UnreachableError no server answers at the address
+    │       ├── UnreachableError no server answers at the address
+    │       └── NotAllowedError  a server wants a token, or only reads
     ├── QueryError               a query cannot be evaluated
     │   ├── UnknownQueryError    no query file of that name
     │   ├── QueryParameterError  a parameter is missing, unknown or malformed
@@ -105,6 +106,10 @@ class RemoteError(GraphError):
 
 class UnreachableError(RemoteError):
     """Nothing answers at the address of a server."""
+
+
+class NotAllowedError(RemoteError):
+    """A server refuses this user: it wants a token, or only reads."""
 
 
 class QueryError(HereaboutsError):

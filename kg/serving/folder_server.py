@@ -22,6 +22,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final
 
+from kg.maps.conflict_check import apply_remote_update
 from kg.maps.stored_map import StoredMap
 from kg.model.errors import ConflictError, GraphError, HereaboutsError, MapBusyError
 from kg.model.platforms import user
@@ -37,10 +38,11 @@ PATIENCE: Final = 60.0  # [s] for an answer of the writer ...
 _SOON: Final = 5.0  # ... and for a state of the map, which it gives without waiting for anything
 _GREETING: Final = "hereabouts folder 1"
 _GREETED: Final = 5.0  # [s]
-#: calls of other processes, by the part of the map
+APPLIED: Final = "records"  # a call that applies an update of records, as of a search
+#: other calls of other processes, by the part of the map
 CALLS: Final = frozenset(
     (
-        *("apply_ground", "describe", "place_frame", "restore", "update"),
+        *("apply_ground", "describe", "new_object_iri", "place_frame", "restore", "update"),
         *("assertions.add", "assertions.retract", "rooms.edit"),
         *("history.compact", "ontology.learn", "ontology.replace", "ontology.write"),
     )
@@ -116,11 +118,13 @@ class FolderServer:
                 return True, self._opened().sequence
             if name == "snapshot":
                 return True, self._snapshot(*arguments)
-            if name not in CALLS:
+            if name != APPLIED and name not in CALLS:
                 raise GraphError(f"a writer of a map makes no call {name!r} for others")
             if lost:
                 raise ConflictError(f"the map was held for more than {HELD:g} s; try again")
             part: Any = self._opened()
+            if name == APPLIED:
+                return True, apply_remote_update(part, *arguments, **keywords)
             for word in name.split("."):
                 part = getattr(part, word)
             return True, part(*arguments, **keywords)

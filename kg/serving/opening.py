@@ -72,8 +72,8 @@ def open_map(
 
     A folder that another process of this user writes gives a
     `kg.serving.shared_folder.SharedMap`: each query reads a state that is at most a second old, and
-    edits (assertions, names, rooms, updates, descriptions) are made by that process, but not frames
-    and searches. With `exclusive` this process alone writes.
+    edits (assertions, names, rooms, updates, descriptions) and searches are made by that process,
+    but not frames. With `exclusive` this process alone writes.
 
     - MapNotFoundError: there is no map; nothing is created
     - MapBusyError: another process reads the folder while this one would write all by itself; or

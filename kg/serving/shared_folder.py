@@ -1,8 +1,8 @@
 """Shared maps: a map that another process of this user writes, as a reader and editor has it.
 
 A reader asks the writer (`kg.serving.folder_server`) for the store's files, and reads the databases
-beside it while they are written, as SQLite's write-ahead logs allow. Edits of persons are calls
-that the writer makes as its own.
+beside it while they are written, as SQLite's write-ahead logs allow. Edits of persons, and what a
+search finds, are calls that the writer makes as its own.
 """
 
 from __future__ import annotations
@@ -27,11 +27,13 @@ from kg.history.storage.maintenance import FILE, attach
 from kg.knowledge.ontology.catalogue import Catalogue
 from kg.maps.map_metadata import identity
 from kg.maps.stored_map import StoredMap
+from kg.maps.subscriptions import StoredSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.model.errors import GraphError, MapBusyError
 from kg.model.sqlite_files import LOG
-from kg.model.transactions import ChangeSet
-from kg.serving.folder_server import CALLS, CHECKED, FolderClient
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause, ChangeSet
+from kg.serving.folder_server import APPLIED, CALLS, CHECKED, FolderClient
 from kg.store.folder import copy_files, write_error
 from kg.store.snapshots import make_home, remove_home
 from kg.store.transaction_quads import stored_sequence
@@ -175,8 +177,8 @@ class SharedStore(TransactionalStore):
     def commit(self, *_: object, **__: object) -> ChangeSet | None:
         """Refused: the process that has the map writes it."""
         raise GraphError(
-            f"another process writes the map at {self.where}; names, assertions, rooms and updates "
-            "go through it, frames and searches do not; end it first"
+            f"another process writes the map at {self.where}; names, assertions, rooms, updates and "
+            "searches go through it, frames do not; end it first"
         )
 
     def flush(self) -> None:
@@ -198,12 +200,13 @@ class SharedMap(StoredMap):
     def __init__(self, store: SharedStore, history: HistoryLog | None) -> None:
         super().__init__(store, history=history)
         store.on_renewal = self._renewed
+        self.subscriptions = SharedSubscriptions(self)
         self._log, self._holds = history, 0
         if history is not None:
             history.refresh(store.sequence)
         if store.read_only:
             return
-        for name in ("update", "describe", "place_frame", "restore"):
+        for name in ("update", "describe", "new_object_iri", "place_frame", "restore"):
             setattr(self, name, partial(self._edit, name))
         for name in ("assertions", "rooms", "ontology", "history"):
             setattr(self, name, _Part(name, getattr(self, name), self._edit))
@@ -223,6 +226,21 @@ class SharedMap(StoredMap):
                 check()
             change: ChangeSet | None = self._edit("apply_ground", update, note, **keywords)
             return change
+
+    def apply(self, update: MapUpdate, cause: Cause | None = None) -> ChangeSet | None:
+        """Apply an update of a search as one transaction of the writer.
+
+        Raises ConflictError, with nothing written, if others changed the same things since the last
+        `subscriptions.catch_up`; GraphError for a frame.
+        """
+        if cause is None or cause.kind == "frame":
+            return self.store.commit()
+        read = self.subscriptions
+        words: dict[str, Any] = {"known_sequence": read.sequence, "own": read.own}
+        change: ChangeSet | None = self._edit(APPLIED, update, cause, **words)
+        if change is not None:
+            read.own.add(change.sequence)
+        return change
 
     @contextmanager
     def hold(self) -> Iterator[None]:
@@ -259,6 +277,30 @@ class SharedMap(StoredMap):
         if self._log is None or any(map(any, self._log.change_lines(before, now, background=True))):
             self.ontology.reread()
         self.surface_store = SurfaceStore(self.store.path, now, read_only=True, live=True)
+
+
+class SharedSubscriptions(StoredSubscriptions):
+    """Listeners of a shared map, up to transaction `sequence`; after it, `own` are its own ones."""
+
+    def __init__(self, semantic_map: SharedMap) -> None:
+        super().__init__(semantic_map.query, semantic_map.store)
+        self._map = semantic_map
+        self.sequence, self.own = semantic_map.store.sequence, set[int]()
+
+    def catch_up(self) -> None:
+        """Notify listeners of the commits of others so far."""
+        store = self._map.store
+        if store.read_only:
+            return
+        store.renew(store.client.call("sequence"))
+        for change in self._map.history.changes(self.sequence):
+            store.notify(change)
+            self.sequence = change.sequence
+        self.own.clear()
+
+    def is_external(self, change: ChangeSet) -> bool:
+        """Whether a transaction was not made by `apply` of this map."""
+        return change.sequence not in self.own
 
 
 class _Part:

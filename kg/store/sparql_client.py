@@ -27,6 +27,7 @@ from pyoxigraph import (
 
 from kg.model.errors import (
     HistoryError,
+    NotAllowedError,
     QueryTimeoutError,
     QueryTooLargeError,
     RemoteError,
@@ -268,7 +269,7 @@ class SparqlClient:
         if reply.status_code == 400:
             raise SyntaxError(detail)
         if reply.status_code in (401, 403):
-            raise RemoteError(
+            raise NotAllowedError(
                 f"{self.where} refused ({reply.status_code}{detail and ': '}{detail}); {HINT}, or "
                 "user:password@ into the address"
             )

@@ -130,9 +130,7 @@ class Ros1HouseNode:
     def run(self, ended: threading.Event) -> None:
         """Publish and take goals until `ended`."""
         threading.Thread(target=self._listen, args=(ended,), daemon=True).start()
-        T_base_cam = self._camera.model.pose(0.0, 0.0, 0.0)
-        mounted = self._maker.transforms(self._stamp, BASE, CAMERA, T_base_cam)
-        self._publisher.publish("/tf_static", mounted)
+        self._publisher.publish("/tf_static", self._mounted())
         periods = {self._publish_picture: PICTURE, self._publish_status: STATUS}
         due = dict.fromkeys(periods, 0.0)
         try:
@@ -145,6 +143,11 @@ class Ros1HouseNode:
                         action()
         finally:
             self._publisher.close()
+
+    def _mounted(self) -> Any:
+        """Where the camera sits, as a message of /tf_static."""
+        T_base_cam = self._camera.model.pose(0.0, 0.0, 0.0)
+        return self._maker.transforms(self._stamp, BASE, CAMERA, T_base_cam)
 
     @property
     def _stamp(self) -> int:

@@ -21,6 +21,7 @@ from kg.model import vocabulary as v
 from kg.model.errors import (
     ConflictError,
     HereaboutsError,
+    NotAllowedError,
     QueryParameterError,
     QueryTooLargeError,
     RemoteError,
@@ -265,4 +266,5 @@ def _refusal(where: str, status: int, body: bytes) -> HereaboutsError:
     if isinstance(kind, type) and issubclass(kind, HereaboutsError):
         return kind(detail)
     hint = f"; {HINT}" if status == 401 else ""
-    return RemoteError(f"{where} refused ({status}): {detail}{hint}")
+    refused = NotAllowedError if status in (401, 403) else RemoteError
+    return refused(f"{where} refused ({status}): {detail}{hint}")

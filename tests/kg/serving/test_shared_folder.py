@@ -11,13 +11,17 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from hereabouts.cli import main
 from kg.maps.semantic_map import SemanticMap
+from kg.maps.subscriptions import ExternalChanges
 from kg.model.errors import ConflictError, GraphError, InvalidFactError, MapBusyError
+from kg.model.records import MapUpdate
+from kg.model.transactions import Cause
 from kg.serving import folder_server
 from kg.serving.folder_server import FolderClient
 from kg.serving.opening import create_map, open_map, watch_map
@@ -127,9 +131,29 @@ def test_edits_of_a_program_are_the_writers_own(writer: SemanticMap) -> None:
         assert writer.objects()[0].p_map[0] == 7.5
         with pytest.raises(InvalidFactError, match="is not asserted"):
             editor.assertions.retract("object/2", "label", by="ann")
-        with pytest.raises(GraphError, match="frames and searches do not"):
+        with pytest.raises(GraphError, match="frames do not"):
             editor.apply(frame_update(9))
     assert writer.apply(frame_update(4)) is not None
+
+
+def test_a_search_writes_through_the_writer_unless_others_changed_the_same(
+    writer: SemanticMap,
+) -> None:
+    cause = Cause("search", "search/1", "looked")
+    with open_map(path_of(writer)) as searching:
+        touched = ExternalChanges(searching)
+        thing = searching.objects()[0]
+        for confidence in (5.0, 6.0):  # its own earlier writes are no conflict
+            moved = MapUpdate(objects=(replace(thing, confidence=confidence),))
+            made = searching.apply(moved, cause)
+            assert made is not None and made.sequence == writer.sequence
+        assert touched.take() == frozenset()
+        writer.assertions.add(thing.iri, "label", "mine", by="ann")
+        with pytest.raises(ConflictError, match="others have changed object/1"):
+            searching.apply(moved, cause)
+        assert thing.iri in touched.take()
+        assert searching.apply(replace(moved, objects=(thing,)), cause) is not None
+        assert searching.new_object_iri() != searching.new_object_iri() != writer.new_object_iri()
 
 
 def test_wrong_arguments_are_the_callers_error_and_end_nothing(writer: SemanticMap) -> None:
