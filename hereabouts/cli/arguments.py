@@ -35,6 +35,7 @@ MAP                         {MAP_HELP}
                             the clock's)
 --from X,Y[,DEG] -> start   where the search starts [m], and its heading [degrees] (default: the
                             robot's pose)
+--labels-map FILE  CSV file with lines label,category; the category - ignores the label
 --device auto|cpu|cuda|...  device that runs the networks, as onnxruntime names it (default: the
                             fastest)
 """

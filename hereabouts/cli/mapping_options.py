@@ -18,6 +18,7 @@ from kg.model.errors import RecordingError
 from mapping.objects.settings import ObjectSettings
 
 if TYPE_CHECKING:
+    from mapping.labels.label_resolver import LabelTable
     from mapping.looks.user_encoder import UserEncoder
     from mapping.mapping_options import MappingOptions, Mode
     from mapping.places.layout import Layout
@@ -181,7 +182,6 @@ def open_inputs(arguments: argparse.Namespace, path: str, mode: str | None = Non
 
 def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> MappingOptions:
     """Options of mapping; `mode` overrides `--mode`. Raises HereaboutsError."""
-    from mapping.labels.label_resolver import LabelTable, load_label_table
     from mapping.mapping_options import MappingOptions
     from mapping.objects.settings import ObjectSettings
     from mapping.reference.settings import ReferenceSettings
@@ -202,9 +202,7 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         ),
         layout=None if arguments.places in (None, FOUND, ONE) else _layout(arguments.places),
         find_places=(arguments.places or (FOUND if bayes else ONE)) == FOUND and arguments.floor,
-        labels=load_label_table(Path(arguments.labels_map))
-        if arguments.labels_map
-        else LabelTable(),
+        labels=labels_of(arguments),
         occupancy=arguments.floor,
         same_frame=arguments.same_frame,
         check_poses=arguments.check,
@@ -212,6 +210,13 @@ def mapping_options(arguments: argparse.Namespace, mode: str | None = None) -> M
         surface=arguments.surface,
         encoder=_encoder(arguments),
     )
+
+
+def labels_of(arguments: argparse.Namespace) -> LabelTable:
+    """The table of `--labels-map`, checked; an empty one without it."""
+    from mapping.labels.label_resolver import LabelTable, load_label_table
+
+    return load_label_table(Path(arguments.labels_map)) if arguments.labels_map else LabelTable()
 
 
 def _encoder(arguments: argparse.Namespace) -> UserEncoder | None:
@@ -235,7 +240,7 @@ def _layout(name: str) -> Layout:
 
 
 _MAPPING_ARGUMENTS = """
---labels-map FILE       CSV file with lines label,category; the category - ignores the label
+--labels-map
 --unknown-labels        labels without a category: give each a provisional one (default), or ignore
                         them
 --places FILE|found|one  areas of the places: GeoJSON polygons, JSON or CSV rectangles, or a

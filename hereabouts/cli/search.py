@@ -32,6 +32,7 @@ from hereabouts.cli.arguments import (
     title_for,
 )
 from hereabouts.cli.console import note, write
+from hereabouts.cli.mapping_options import labels_of
 from hereabouts.cli.ros_connections import (
     add_ros_arguments,
     check_no_ros_arguments,
@@ -116,6 +117,7 @@ MAP
                 P (default: {BELIEF.stop_below:g})
 --resume        continue the latest search that did not find everything
 --patience S    maximum seconds without a message of the robot (default: 30)
+--labels-map
 """
 
 
@@ -176,6 +178,7 @@ def search_options(arguments: argparse.Namespace) -> SearchOptions:
         budget=arguments.budget,
         give_up_at=arguments.give_up_at,
         timeout=arguments.patience,
+        labels=labels_of(arguments),
         on_event=_event_sink(arguments),
     )
 

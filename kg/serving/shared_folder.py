@@ -30,8 +30,8 @@ from kg.maps.stored_map import StoredMap
 from kg.maps.subscriptions import StoredSubscriptions
 from kg.maps.surface.surface_store import SurfaceStore
 from kg.model.errors import GraphError, MapBusyError
-from kg.model.sqlite_files import LOG
 from kg.model.records import MapUpdate
+from kg.model.sqlite_files import LOG
 from kg.model.transactions import Cause, ChangeSet
 from kg.serving.folder_server import APPLIED, CALLS, CHECKED, FolderClient
 from kg.store.folder import copy_files, write_error
@@ -177,8 +177,8 @@ class SharedStore(TransactionalStore):
     def commit(self, *_: object, **__: object) -> ChangeSet | None:
         """Refused: the process that has the map writes it."""
         raise GraphError(
-            f"another process writes the map at {self.where}; names, assertions, rooms, updates and "
-            "searches go through it, frames do not; end it first"
+            f"another process writes the map at {self.where}; names, assertions, rooms, updates "
+            "and searches go through it, frames do not; end it first"
         )
 
     def flush(self) -> None:
@@ -196,6 +196,7 @@ class SharedMap(StoredMap):
     """A map that another process of this user writes; edits are calls of that process."""
 
     store: SharedStore
+    subscriptions: SharedSubscriptions  # type: ignore[mutable-override]
 
     def __init__(self, store: SharedStore, history: HistoryLog | None) -> None:
         super().__init__(store, history=history)

@@ -18,6 +18,7 @@ from kg.history.reports.comparison import PRESENT
 from kg.maps.semantic_map import SemanticMap
 from kg.model.records import ObjectRecord
 from mapping.frames.sighting import Sighting, ThingSighting
+from mapping.labels.label_resolver import LabelTable
 from mapping.objects.bayes_mapper import BayesObjectMapper
 from mapping.objects.object_mapper import ObjectChanges
 from mapping.places.place_registry import PlaceRegistry
@@ -63,11 +64,19 @@ class ObjectUpdates:
     """
 
     def __init__(
-        self, semantic_map: SemanticMap, recording: str = "search", detector: str = ""
+        self,
+        semantic_map: SemanticMap,
+        recording: str = "search",
+        detector: str = "",
+        labels: LabelTable | None = None,
     ) -> None:
         places = PlaceRegistry(semantic_map, recording=None)
         self._mapper = BayesObjectMapper(
-            semantic_map, places=places, recording=recording, model=detector
+            semantic_map,
+            places=places,
+            recording=recording,
+            model=detector,
+            labels=labels or LabelTable(),
         )
         self._relations = RelationMapper(semantic_map, self._mapper.cache)
         self._map = semantic_map

@@ -45,6 +45,7 @@ def search(
         before = to_resume(semantic_map, words) if resume else None
         words = before.words if before else tuple(dict.fromkeys(words))
         targets = resolve(semantic_map, words)
+        options.labels.check_categories(semantic_map.catalogue)
         semantic_map.store.check_writable()
         session = RobotSession(robot, options.timeout, options.stopping)
         try:
@@ -58,7 +59,7 @@ def search(
         else:
             categories = sorted({kind for target in targets for kind in target.queried})
             log = SearchLog.begin(semantic_map, words, categories, options.clock)
-        objects = ObjectUpdates(semantic_map, log.name, hello.detector or "")
+        objects = ObjectUpdates(semantic_map, log.name, hello.detector or "", options.labels)
         return SearchRun(semantic_map, targets, adapter, session, log, options, objects).run()
     finally:
         robot.close()

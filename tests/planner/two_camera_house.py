@@ -12,9 +12,10 @@ import math
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import onnx
 
@@ -37,7 +38,9 @@ ORANGES: Final = 1  # number of the category, which ROS 1 has instead of a name
 FRAMES: Final = {"camera": CAMERA, "rear": "rear_optical_frame"}
 BEHIND: Final = math.pi  # [rad]
 THEIRS: Final = {f"/{name}/detections": BOXES for name in FRAMES}
-IMAGES: Final = {topic: topic.replace("/camera/", "/rear/") for topic in (COLOUR, COLOUR_INFO, DEPTH)}
+IMAGES: Final = {
+    topic: topic.replace("/camera/", "/rear/") for topic in (COLOUR, COLOUR_INFO, DEPTH)
+}
 
 
 NODES: Final = {
@@ -51,7 +54,7 @@ NODES: Final = {
 class _TwoCameras(Ros1HouseNode):
     """A robot whose second camera looks back."""
 
-    CAMERA_AND_TF = {
+    CAMERA_AND_TF: ClassVar = {  # type: ignore[misc]
         **Ros1HouseNode.CAMERA_AND_TF,
         **{rear: Ros1HouseNode.CAMERA_AND_TF[front] for front, rear in IMAGES.items()},
         **THEIRS,
@@ -109,11 +112,13 @@ def main(wire: str, address: str) -> None:
     is_ros1 = wire == "ros1"
     master: Any = Ros1Master.at(address) if is_ros1 else Ros2Domain.at(address)
     made: Any = type("Robot", (_TwoCameras, NODES[wire]), {})(master, house(), START)
+    made.pose = replace(made.pose, heading=math.pi / 2)  # neither camera sees the orange
     connection = FoxgloveConnection.at(made.url) if wire == "bridge" else master
     publish = made._publisher.publish
     words = {"is_ros1": is_ros1}
     threading.Thread(target=detect, args=(connection, publish), kwargs=words, daemon=True).start()
-    print(connection.address, flush=True)
+    sys.stdout.write(f"{connection.address}\n")
+    sys.stdout.flush()
     made.run(threading.Event())
 
 

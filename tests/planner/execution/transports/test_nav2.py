@@ -1,8 +1,10 @@
-"""Searches with a stand-in for Nav2: over DDS by topics, and behind foxglove_bridge by services."""
+"""Ends of searches with a stand-in for Nav2: over DDS by topics, by a bridge's services.
+
+That a thing is found is in tests/hereabouts/cli/test_whole_robot.py.
+"""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -19,10 +21,7 @@ from perception.inference.detector import load_detector
 from perception.sources.live import stream
 from perception.sources.live.foxglove import FoxgloveConnection
 from perception.sources.live.ros2 import Ros2Domain
-from perception.sources.live.ros2_publisher import Ros2Publisher
 from perception.sources.live.stream import FrameStream
-from perception.sources.live.topic_detector import BOXES, TopicDetector
-from perception.sources.ros.message_maker import MessageMaker
 from planner.execution.options import Event, SearchOptions
 from planner.execution.search_loop import search
 from planner.execution.transports import navigation
@@ -33,7 +32,7 @@ from planner.simulation.house_robot import TimedPose
 from tests.perception.sources.live import fast_dds
 from tests.perception.sources.live.test_ros2 import DOMAIN, LOOPBACK
 from tests.planner.nav2_house import BridgedHouseNode, FastHouseNode, Nav2HouseNode
-from tests.planner.ros1_house import ORANGE, START, add_dining_room, house, running
+from tests.planner.ros1_house import START, add_dining_room, house, running
 from tests.waiting import until
 
 NODES = {"dds": Nav2HouseNode, "fast dds": FastHouseNode, "bridge": BridgedHouseNode}
@@ -85,15 +84,6 @@ def robot(made: Nav2HouseNode, folder: Path) -> RosRobot:
     return RosRobot(connection, FrameStream(connection.address), detector, client, patience=20)
 
 
-@pytest.mark.parametrize("wire", WIRES)
-def test_a_thing_is_found_by_nav2(wire: str, semantic_map: SemanticMap, tmp_path: Path) -> None:
-    with running(node(wire)) as made:
-        outcome = search(semantic_map, ["orange"], robot(made, tmp_path))
-    assert outcome.state == "found"
-    (orange,) = semantic_map.objects("orange")
-    assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
-
-
 @pytest.mark.parametrize("wire", ["dds", "bridge"])
 def test_the_way_that_nav2_feeds_back_is_told(
     wire: str, semantic_map: SemanticMap, tmp_path: Path
@@ -111,49 +101,6 @@ def test_the_way_that_nav2_feeds_back_is_told(
     assert 0 < way.data["distance"] < 8 and 0 < way.data["remaining_seconds"] < 60
     assert way.data["recoveries"] == 1
     assert way.text.startswith("on the way: ") and "had to get free once" in way.text
-
-
-def test_a_thing_is_found_by_the_detections_of_another_program(
-    semantic_map: SemanticMap, tmp_path: Path
-) -> None:
-    onnx.save(orange_network(), tmp_path / "oranges.onnx")
-    network, domain = load_detector(tmp_path / "oranges.onnx"), Ros2Domain(DOMAIN + 2)
-    camera, ended = FrameStream(domain.address), threading.Event()
-    make = MessageMaker(is_ros1=False)
-
-    def detect() -> None:
-        """The other program: it hears images, and publishes what it detects in each."""
-        threading.Thread(target=domain.run, args=(camera, ended), daemon=True).start()
-        publisher = Ros2Publisher(domain, {"/yolo": BOXES})
-        while not ended.is_set():
-            frame = camera.next_frame(0.1)
-            if frame is None:
-                continue
-            found, (sec, nanosec) = network.detect(frame), frame.id.split(".")
-            header = {"stamp": {"sec": int(sec), "nanosec": int(nanosec)}, "frame_id": "camera"}
-            boxes = []
-            for (x1, y1, x2, y2), score in zip(found.xyxy.tolist(), found.score, strict=True):
-                middle = {"position": {"x": (x1 + x2) / 2, "y": (y1 + y2) / 2}}
-                bbox = {"center": middle, "size_x": x2 - x1, "size_y": y2 - y1}
-                kind = {"class_id": "orange", "score": float(score)}
-                boxes.append({"header": header, "bbox": bbox, "results": [{"hypothesis": kind}]})
-            publisher.publish("/yolo", make.make(BOXES, header=header, detections=boxes))
-        publisher.close()
-
-    other = threading.Thread(target=detect)
-    with running(Nav2HouseNode(domain, house(), START, rate=3)):
-        other.start()
-        try:
-            theirs = TopicDetector("/yolo", 0.25)
-            stream = FrameStream(domain.address, detections=theirs)
-            driven = RosRobot(domain, stream, theirs, Nav2Topics(domain), patience=30)
-            outcome = search(semantic_map, ["orange"], driven)
-        finally:
-            ended.set()
-            other.join()
-    assert outcome.state == "found"
-    (orange,) = semantic_map.objects("orange")
-    assert np.linalg.norm(orange.p_map - ORANGE) < 0.1
 
 
 @pytest.mark.parametrize("wire", WIRES)
