@@ -196,7 +196,7 @@ class SharedMap(StoredMap):
     """A map that another process of this user writes; edits are calls of that process."""
 
     store: SharedStore
-    subscriptions: SharedSubscriptions  # type: ignore[mutable-override]
+    subscriptions: SharedSubscriptions
 
     def __init__(self, store: SharedStore, history: HistoryLog | None) -> None:
         super().__init__(store, history=history)
