@@ -78,6 +78,7 @@ class Answerer(ThingAnswers):
             "certainty": self._certainty,
             "unseen": self._unseen,
             "why": self._why,
+            "alike": self._alike,
             "help": lambda: self._made("", example_questions(self._map)),
         }
         rooms = about_rooms(self._map, self._question, self._now)

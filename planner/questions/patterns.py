@@ -19,7 +19,7 @@ Kind = (
     Literal["where", "in place", "changed", "status", "count", "near", "around", "on", "last seen"]
     | Literal["places", "objects", "robot", "departed", "distance", "size", "compare", "most"]
     | Literal["under", "help", "recent", "largest", "route", "between", "certainty", "unseen"]
-    | Literal["why"]
+    | Literal["why", "alike"]
 )
 
 Known = Callable[[str], bool]
@@ -75,7 +75,7 @@ class Question:
         """Sentences on what the answer leaves out of the text, or corrects in it."""
         notes = [f"This is read as '{self.read_as}'"] if self.read_as else []
         notes += ["The map knows where the robot is, not where you are"] * self.of_person
-        if self.qualities:
+        if self.qualities and self.kind != "alike":
             named = " and ".join(self.qualities)
             notes.append(f"The map does not keep what is {named}, so this is about all of them")
         return notes

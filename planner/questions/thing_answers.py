@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kg.history.timestamps import span, spoken
-from kg.model.errors import QueryParameterError
+from kg.knowledge.words.meaning import understand
+from kg.model.errors import QueryParameterError, UnknownCategoryError
 from kg.model.records import ObjectRecord
 from kg.model.shares import chance, percent
 from planner.freespace.planning_map import number
@@ -21,6 +22,7 @@ from planner.search.goals.known_objects import LISTED, KnownObject
 from planner.search.goals.place_names import place_category
 from planner.search.goals.search_goals import times
 from planner.search.goals.status import status
+from planner.search.goals.target_words import alike_here
 from planner.search.plans.answer_sentences import answer_lines
 from planner.settings import SPEED
 
@@ -300,6 +302,21 @@ class ThingAnswers(NamedThings):
             f"detector was {percent(number(row, 'score'))} sure, in {row['frame']} of "
             f"{row['recording']}{said}"
         ]
+
+    def _alike(self) -> PlainAnswer:
+        """Which things and views look like a text; by the map's encoder, or else by classes."""
+        text = " ".join((*self._question.qualities, self._question.what))
+        try:
+            synset = understand(self._map.catalogue, text).synset
+        except UnknownCategoryError:
+            synset = ""
+        found = alike_here(self._map, text, synset)
+        if found is None:
+            raise QueryParameterError(
+                f"what looks like '{text}' is not known here; a map in a folder, made with "
+                "--encoder, would tell it"
+            )
+        return self._made("", found.sentences(f"'{text}'"))
 
     def _unseen(self) -> PlainAnswer:
         """The places that were never viewed; else those that were viewed least."""

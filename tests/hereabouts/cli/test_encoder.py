@@ -119,6 +119,11 @@ def test_questions_page_and_agents_tell_the_same(encoded: Path) -> None:
     with open_map(encoded, read_only=True) as semantic_map, LimitedQueries(semantic_map) as some:
         (line,) = answer_question(semantic_map, f"where is the {DRINKWARE}?").lines
         assert "says the encoder" in line
+        for words in (f"what looks like red {DRINKWARE}?", f"etwas, das wie {DRINKWARE} aussieht"):
+            said = " ".join(answer_question(semantic_map, words).lines)
+            assert "look" in said and "says the encoder" in said and "does not keep" not in said
+        (line,) = answer_question(semantic_map, "is there anything that looks like a unicorn").lines
+        assert "Nothing here looks like 'unicorn'" in line
         for words in (DRINKWARE, f"where is the {DRINKWARE}?"):
             box = answer_box(semantic_map, [words])
             first = box["answer"][1]
