@@ -69,7 +69,10 @@ class SharedStore(TransactionalStore):
     def client(self) -> FolderClient:
         """The connection to the process that writes; raises MapBusyError if that has ended."""
         if self._client is None:
-            raise MapBusyError(f"the process that wrote the map at {self.where} has ended")
+            raise MapBusyError(
+                f"the process that wrote the map at {self.where} has ended; run the command again, "
+                "a search with --resume"
+            )
         return self._client
 
     @property
