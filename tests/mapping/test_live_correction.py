@@ -59,9 +59,7 @@ def detector(shared: Callable[[str], Path]) -> Counting:
 
 
 @pytest.fixture
-def mapped(
-    bag: Path, detector: Counting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[], tuple[SemanticMap, LiveCorrection, KeptFrames, list[str]]]:
+def mapped(bag, detector, tmp_path, monkeypatch):
     """Callable that plays the bag without its poses; the map, its correction and the lines."""
     for name in ("SETTLING", "SILENT", "UNPOSED"):
         monkeypatch.setattr(stream, name, 0.0)

@@ -11,9 +11,7 @@ from kg.model import vocabulary as v
 from kg.model.records import MapUpdate, ObjectRecord, PlaceRecord, RobotRecord
 
 
-def thing(
-    semantic_map: SemanticMap, label: str, x: float, y: float, place: int | None, seen: float = 0.0
-) -> ObjectRecord:
+def thing(semantic_map, label, x, y, place, seen=0.0):
     return ObjectRecord(
         iri=semantic_map.new_object_iri(),
         category=semantic_map.catalogue.find(label, "object").iri,

@@ -78,9 +78,7 @@ def answer(server: MCPServer[Any], tool: str, **arguments: object) -> dict[str, 
         ),
     ],
 )
-def test_a_wrong_argument_is_told_in_one_plain_line(
-    server: MCPServer[Any], tool: str, arguments: dict[str, object], line: str
-) -> None:
+def test_a_wrong_argument_is_told_in_one_plain_line(server, tool, arguments, line):
     told = answer(server, tool, **arguments)
     assert told["error"] == "ArgumentError"
     assert told["untrusted_message"].startswith(line)

@@ -93,9 +93,7 @@ def test_a_client_of_an_earlier_protocol_subscribes(flat: SemanticMap) -> None:
     assert told == [APPLES]  # the second apple came after the end of the subscription
 
 
-def test_a_client_of_a_served_map_is_told_over_stdio_and_http(
-    tmp_path: Path, serve: Any, start: Any
-) -> None:
+def test_a_client_of_a_served_map_is_told_over_stdio_and_http(tmp_path, serve, start):
     path = tmp_path / "served.map"
     with create_map(path, base="https://example.org/flat/") as semantic_map:
         fill(semantic_map)

@@ -83,9 +83,7 @@ def filled(ballast: Path, leaving: int) -> None:
 
 
 @pytest.mark.parametrize("leaving", [20_000, 300_000])
-def test_reads_go_on_and_writes_work_again_once_there_is_space(
-    disk: Path, tmp_path: Path, leaving: int
-) -> None:
+def test_reads_go_on_and_writes_work_again_once_there_is_space(disk, tmp_path, leaving):
     path, tokens = disk / "flat.map", tmp_path / "tokens"
     create_map(path).close()
     tokens.write_text(f"ann {TOKEN}\n")

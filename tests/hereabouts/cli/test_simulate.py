@@ -56,9 +56,7 @@ def test_detections_of_another_recording_leave_no_map(house: Path, tmp_path: Pat
     assert not into.exists()
 
 
-def test_identity_between_two_sessions_is_scored(
-    sessions: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_identity_between_two_sessions_is_scored(sessions, capsys):
     words = ["--sessions", "2", "--same-frame", "--scene", "none", "--no-floor", "--json"]
     for place in sessions:
         words += ["--recording", str(place), "--truth", str(place / "objects_full_gt.json")]

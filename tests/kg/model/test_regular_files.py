@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -31,9 +30,7 @@ from planner.freespace.map_server import read_grid
     ],
 )
 @pytest.mark.parametrize("target", ["pipe", "/dev/zero"])
-def test_pipes_and_devices_are_refused_at_once(
-    tmp_path: Path, read: Callable[[Path], object], ending: str, target: str
-) -> None:
+def test_pipes_and_devices_are_refused_at_once(tmp_path, read, ending, target):
     path = tmp_path / f"one{ending}"
     if target == "pipe":
         os.mkfifo(path)

@@ -16,9 +16,7 @@ from lab.maps.truth_matching import TruthMatcher
 CUP = (0.1, 0.1, 0.1)
 
 
-def entry(
-    name: str, label: str, position: tuple[float, ...], extent: tuple[float, ...], on: str | None
-) -> TrueObject:
+def entry(name, label, position, extent, on):
     return TrueObject(name, label, np.array(position), extent=extent, on=on)
 
 

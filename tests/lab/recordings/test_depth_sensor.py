@@ -6,9 +6,7 @@ from lab.recordings.simulated_recording import KINECT
 from planner.simulation.camera import DepthSensor
 
 
-def measured(
-    depth: np.ndarray, sensor: DepthSensor = KINECT, incidence: float = 1.0, returns: bool = True
-) -> np.ndarray:
+def measured(depth, sensor=KINECT, incidence=1.0, returns=True):
     shape = depth.shape
     return sensor.measure(
         depth.astype(np.float32),

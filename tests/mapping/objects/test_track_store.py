@@ -91,9 +91,7 @@ def uninterrupted(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object
     return found
 
 
-def test_a_run_that_is_killed_makes_the_same_map(
-    tmp_path: Path, uninterrupted: list[tuple[object, ...]]
-) -> None:
+def test_a_run_that_is_killed_makes_the_same_map(tmp_path, uninterrupted):
     create_map(tmp_path / "a.map").close()
     program = (
         "import runpy, sys; from pathlib import Path; from kg.serving.opening import open_map\n"

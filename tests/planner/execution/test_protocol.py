@@ -110,9 +110,7 @@ _KEYS = st.sampled_from(("id", "x", "y", "heading", "t", "reason", "objects", "p
 
 
 @given(st.sampled_from(_KINDS), st.dictionaries(_KEYS, _JSON), st.binary(max_size=200))
-def test_nothing_a_robot_says_is_a_bug_of_ours(
-    kind: str, said: dict[str, object], noise: bytes
-) -> None:
+def test_nothing_a_robot_says_is_a_bug_of_ours(kind, said, noise):
     with suppress(MalformedValueError):
         decoded(noise)
     try:

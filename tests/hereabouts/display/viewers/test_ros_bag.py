@@ -45,9 +45,7 @@ def test_a_bag_has_markers_floor_robot_and_plan(kitchen: SemanticMap, tmp_path: 
     assert (header.frame_id, header.stamp.sec, header.stamp.nanosec) == ("map", 1000, 250_000_000)
 
 
-def test_the_occupancy_grid_is_that_of_the_mapped_floor(
-    kitchen: SemanticMap, tmp_path: Path
-) -> None:
+def test_the_occupancy_grid_is_that_of_the_mapped_floor(kitchen, tmp_path):
     scene = SceneReader(kitchen).read()
     assert scene.floor is not None
     path = tmp_path / "kitchen.bag"

@@ -141,9 +141,7 @@ def changed(told: Any, path: tuple[object, ...], value: object) -> Any:
         (("removed", 0), None, "update.removed[0] must be a text"),
     ],
 )
-def test_what_is_no_update_is_refused_by_the_member_at_fault(
-    path: tuple[object, ...], value: object, said: str
-) -> None:
+def test_what_is_no_update_is_refused_by_the_member_at_fault(path, value, said):
     told = changed(update_to_json(FULL), path, value)
     with pytest.raises(InvalidFactError) as refused:
         update_from_json(told)

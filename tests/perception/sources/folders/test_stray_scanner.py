@@ -131,9 +131,7 @@ def _playlist(path: Path) -> None:
         ("confidence/000002.png", _cut, "truncated"),
     ],
 )
-def test_damage_is_refused(
-    phone: Phone, name: str, damage: Callable[[Path], None], said: str
-) -> None:
+def test_damage_is_refused(phone, name, damage, said):
     folder = phone()
     damage(folder / name)
     with pytest.raises(RecordingError, match=said):

@@ -72,9 +72,7 @@ class Nothing:
 
 
 @pytest.fixture
-def live(
-    shared: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Callable[..., tuple[LiveRecording, FolderRecording]]:
+def live(shared, tmp_path, monkeypatch):
     """Callable: first frame, number -> live images without poses, and the same with true ones."""
     for name in ("SETTLING", "SILENT", "UNPOSED"):
         monkeypatch.setattr(stream, name, 0.0)

@@ -97,9 +97,7 @@ def test_a_box_in_space_counts_as_its_outline(room: FolderRecording, messages: M
     assert detector.detect(frame).label == ("cup",)
 
 
-def test_a_storm_of_detections_is_bounded_and_told_once(
-    messages: Messages, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_storm_of_detections_is_bounded_and_told_once(messages, caplog):
     first, second, *_ = by_frame(messages(".bag"))
     detector = TopicDetector(TOPIC)
     made = FrameStream("peer", detections=detector)

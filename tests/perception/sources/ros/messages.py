@@ -29,9 +29,7 @@ def image(array: np.ndarray, encoding: str, *, padding: int = 0, big: bool = Fal
     )
 
 
-def transform(
-    parent: str, child: str, stamp: float, t=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)
-) -> Message:
+def transform(parent, child, stamp, t=(0.0, 0.0, 0.0), q=(0.0, 0.0, 0.0, 1.0)):
     return Message(
         header=header(stamp, parent),
         child_frame_id=child,
