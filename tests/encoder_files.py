@@ -4,8 +4,6 @@ The pair of real use: images by the bundled classifier's probabilities of ImageN
 texts by the classes that have one of their words in the name. Small ones of other interfaces.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 from collections import defaultdict

@@ -1,7 +1,5 @@
 """Extensions: another distribution adds a format, a detector, an exporter, a robot ..."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

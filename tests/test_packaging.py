@@ -1,7 +1,5 @@
 """The wheel holds what it must, and its top-level names are ours."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """Systems without the calls of Linux: every module is imported, and a house is mapped and asked."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

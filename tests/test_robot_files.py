@@ -1,7 +1,5 @@
 """Files for a robot: launch files, options and layouts name what there is."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

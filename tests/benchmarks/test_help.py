@@ -1,7 +1,5 @@
 """Every benchmark can be started, and tells how."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings with faults: poses are right, left out or refused, and never silently wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The gate for object mappers: stretches, their truths, what fails, and the command."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from itertools import islice

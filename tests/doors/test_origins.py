@@ -1,7 +1,5 @@
 """Doors over HTTP: one check of Host, Origin and length, for the map and for the agents' tools."""
 
-from __future__ import annotations
-
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path

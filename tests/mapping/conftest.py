@@ -1,7 +1,5 @@
 """Small worlds in which every rule of the mapper can be worked out by hand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The stage on which a script of `correction_scripts` is played: people, a camera and networks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The map of a live camera follows the loops that its tracker closes."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from pathlib import Path

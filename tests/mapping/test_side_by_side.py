@@ -1,7 +1,5 @@
 """A second mapping of a home: side by side, and found again."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

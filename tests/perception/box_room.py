@@ -1,7 +1,5 @@
 """An empty room with a pillar, seen by a depth camera: closed form, no noise."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from perception.frames import Frame

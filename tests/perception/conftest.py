@@ -1,7 +1,5 @@
 """Recordings and networks that tests write to disk."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path

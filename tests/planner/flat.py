@@ -1,7 +1,5 @@
 """A flat of three rooms, for the tests of finding things."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Searches on trial: the truth, the robot, the ways of searching, and the command."""
 
-from __future__ import annotations
-
 import json
 import math
 from functools import cache

@@ -1,7 +1,5 @@
 """What agents are told about arguments that are wrong, and names that are labels."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The length of what agents read: the list of tools, every answer, pages, errors."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Resources that clients listen to, pictures and past moments, with the package's own client."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A small real recording and a small map, for the command line's tests."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The commands of the page on encoders run, in their order, with the tests' pair."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

@@ -1,7 +1,5 @@
 """`hereabouts assert`, `retract` and `update`."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bad input gets one line that helps, exit code 1, and leaves the map as it was."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`info`, `convert`, and maps of one recording as folder, ROS 1 bag, ROS 2 bag and MCAP file."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

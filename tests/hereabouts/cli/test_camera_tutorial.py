@@ -1,7 +1,5 @@
 """The commands of the tutorial without poses run, in their order."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

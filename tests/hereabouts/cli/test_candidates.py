@@ -1,7 +1,5 @@
 """Why is nothing here: the line after mapping, `why --candidates`, "perhaps" of find and status."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Commands on the map of a full disk: reading works, and writing is refused in one plain line."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Damaged files beside a map: named by `check`, and told by the commands that need them."""
 
-from __future__ import annotations
-
 import logging
 import shutil
 import sqlite3

@@ -1,7 +1,5 @@
 """`hereabouts describe`: title and licence, in the folder and over HTTP."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

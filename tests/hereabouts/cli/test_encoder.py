@@ -1,7 +1,5 @@
 """A map with the user's encoder, at every door: command line, questions, page and agents."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import shutil

@@ -1,7 +1,5 @@
 """`hereabouts evaluate map` on eight frames of a real kitchen, with the bundled detector."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`hereabouts find` as people use it: steps, reasons, pictures, wrong words."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

@@ -1,7 +1,5 @@
 """Two maps of one room, laid on each other by their objects."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A served map whose disk fills up: reads go on, errors name the map, writes work again."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

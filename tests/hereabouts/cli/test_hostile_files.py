@@ -1,7 +1,5 @@
 """Files of strangers: each command that reads one ends in one line, and leaves no traceback."""
 
-from __future__ import annotations
-
 import pytest
 
 from hereabouts.cli import main

@@ -1,7 +1,5 @@
 """`ontology check` beside hostile files: they are refused, and kill the check of no other."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

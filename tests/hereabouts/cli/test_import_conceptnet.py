@@ -1,7 +1,5 @@
 """`hereabouts import conceptnet`: tables, JSON, a dry run, and one line where it goes wrong."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

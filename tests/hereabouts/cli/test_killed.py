@@ -1,7 +1,5 @@
 """`hereabouts map` killed at any moment: whole frames stay, and the same command goes on."""
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -1,7 +1,5 @@
 """A detector with names of its own, on the command line: provisional categories and a table."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

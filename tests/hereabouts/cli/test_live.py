@@ -1,7 +1,5 @@
 """`hereabouts live` from a growing folder and a Foxglove peer: ended, killed, started again."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """`hereabouts live` from a robot that does something wrong: a line, and mapping goes on."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

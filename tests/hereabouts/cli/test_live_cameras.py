@@ -1,7 +1,5 @@
 """`hereabouts live` with several cameras of one robot, whose publisher is another process."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """`hereabouts live --loops`: the map follows the SLAM of a robot that is another process."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`hereabouts live` into a served map: its server is killed and comes back."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

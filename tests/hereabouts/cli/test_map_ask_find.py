@@ -1,7 +1,5 @@
 """A recording becomes a map that answers: the whole path, through the command line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """`hereabouts mcp` as agents use it: the package's own client, real processes, real ports."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os

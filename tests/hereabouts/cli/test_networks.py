@@ -1,7 +1,5 @@
 """Commands about networks: `evaluate detector`, `evaluate scene`, `teach`, `--device`, `best`."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import socket

@@ -1,7 +1,5 @@
 """`hereabouts ontology`: what people see of checking, comparing and reloading."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

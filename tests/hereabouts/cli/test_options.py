@@ -1,7 +1,5 @@
 """Each option of a command that maps or searches reaches the value that it is for."""
 
-from __future__ import annotations
-
 import argparse
 import functools
 import json

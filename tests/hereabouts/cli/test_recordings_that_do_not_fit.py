@@ -1,7 +1,5 @@
 """A second recording into a map: taken where it fits, refused where not, aligned where asked."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

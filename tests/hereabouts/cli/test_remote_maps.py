@@ -1,7 +1,5 @@
 """Commands on a map that is published on a SPARQL server."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`hereabouts search`: exit codes, events, signals, kill -9 and going on after it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`hereabouts serve` as people start it: a process, its signals, a recording, a flood."""
 
-from __future__ import annotations
-
 import http.client
 import os
 import re

@@ -1,7 +1,5 @@
 """`hereabouts map` and `search` against a running `hereabouts serve`; either of them killed."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

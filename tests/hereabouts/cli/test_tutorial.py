@@ -1,7 +1,5 @@
 """The commands of the tutorial run, in their order, and leave what the page says they leave."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from pathlib import Path

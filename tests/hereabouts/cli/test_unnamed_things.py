@@ -1,7 +1,5 @@
 """Things without a name on the command line: counted below lists, and in no list or view."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What commands write for viewers, read again by the formats' own packages."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re

@@ -1,7 +1,5 @@
 """What exported maps are to the OWLAPI and to HermiT: whole, OWL 2 DL, consistent."""
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """Exported files parse again to the same triples, and carry geometries other tools read."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Compaction and durability of the history."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

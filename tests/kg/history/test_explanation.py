@@ -1,7 +1,5 @@
 """Changes in lines, and why a fact holds."""
 
-from __future__ import annotations
-
 import shutil
 import zlib
 from collections.abc import Callable

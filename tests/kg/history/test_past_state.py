@@ -1,7 +1,5 @@
 """The map as it was equals what it was, at every transaction and between any two."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Killed between log and store, out of step, copied back: nothing acknowledged is lost."""
 
-from __future__ import annotations
-
 import os
 import random
 import shutil

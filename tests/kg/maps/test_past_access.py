@@ -1,7 +1,5 @@
 """Objects and places of the past, by the same conditions as those of now."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """Names of places: a kind is not said twice, and is known all the same."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.model.place_names import in_brackets, likely_kind

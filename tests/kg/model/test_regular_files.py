@@ -1,7 +1,5 @@
 """Files of others that have no end or no room: refused in one line wherever they are read."""
 
-from __future__ import annotations
-
 import os
 import sqlite3
 from contextlib import closing

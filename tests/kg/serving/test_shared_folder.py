@@ -1,7 +1,5 @@
 """A folder that is written is open: other processes of its user read it, and edit through it."""
 
-from __future__ import annotations
-
 import gc
 import os
 import signal

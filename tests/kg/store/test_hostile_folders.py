@@ -1,7 +1,5 @@
 """Folders of strangers, and folders whose writer was killed: reading them writes nothing."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shutil

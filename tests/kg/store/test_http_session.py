@@ -1,7 +1,5 @@
 """Credentials and sessions of HTTP."""
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections.abc import Callable, Iterator

@@ -1,7 +1,5 @@
 """Other SPARQL servers as stores."""
 
-from __future__ import annotations
-
 import json
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Readers of a process wait for its writer, and neither waits for ever."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Relations against a truth, each worked out by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The thesis author's saved maps: read into a map, and written back."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Bounds from nested clusters hold for every order, whatever is taken off the legs."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

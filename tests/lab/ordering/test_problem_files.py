@@ -1,7 +1,5 @@
 """`python -m lab.ordering` answers in the file's own format, and refuses what makes no sense."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

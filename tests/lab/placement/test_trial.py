@@ -1,7 +1,5 @@
 """The trial: what ships is what was fitted, and the blend does better than its parts."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

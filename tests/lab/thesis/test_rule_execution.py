@@ -1,7 +1,5 @@
 """Plans carried out against a hidden truth cost what they should."""
 
-from __future__ import annotations
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """Maps whose objects have pictures cut from photographs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Sightings and tracks of things with given boxes, for the Bayes mapper's parts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np

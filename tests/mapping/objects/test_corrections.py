@@ -1,7 +1,5 @@
 """Many ways in which people and perception agree, contradict each other and change their minds."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The store of tracks beside a map: a run that ended, however it did, goes on as it was."""
 
-from __future__ import annotations
-
 import functools
 import gc
 import os

@@ -1,7 +1,5 @@
 """Depth becomes a floor: what is free, what stands there, what nobody has seen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rooms of a mapped floor."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

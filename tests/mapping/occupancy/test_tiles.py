@@ -1,7 +1,5 @@
 """Occupancy tiles: frames add to log-odds, from which cells are classified."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Which object is on, inside and beside which, as objects come, move and go."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

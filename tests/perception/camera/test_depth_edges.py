@@ -1,7 +1,5 @@
 """Colour that shows another scene than depth has edges elsewhere."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Cameras that are held on their side: told by how they turn, and turned upright with `up`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

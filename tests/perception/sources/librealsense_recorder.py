@@ -1,7 +1,5 @@
 """Recordings of librealsense's own recorder, from a device in software."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pairs of two streams' images by their stamps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bags and MCAP files are read to the bits that were written; damaged ones are refused."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Damage at random places, by fixed seeds: a recording is read or refused in one line."""
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Wrong intrinsics are told by the views themselves; right ones never are."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 

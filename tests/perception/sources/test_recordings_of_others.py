@@ -1,7 +1,5 @@
 """Bags that other robots record: poses that do not reach the camera, other clocks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A search honours what people asserted: a thing that it sees again stays one object."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 
 import pytest

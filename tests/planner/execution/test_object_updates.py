@@ -1,7 +1,5 @@
 """What a robot sees on a search goes into the map as what a recording shows."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a robot may say, what it may not, and how patient we are."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

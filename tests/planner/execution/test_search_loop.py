@@ -1,7 +1,5 @@
 """Searches with a robot that is another process: found, given up, surprised, cut short, resumed."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from types import SimpleNamespace
 

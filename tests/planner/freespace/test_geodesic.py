@@ -1,7 +1,5 @@
 """Sweeps give exactly Dijkstra's lengths, and passages are taken."""
 
-from __future__ import annotations
-
 import heapq
 
 import numpy as np

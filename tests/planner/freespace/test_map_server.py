@@ -1,7 +1,5 @@
 """Free space from files of ROS' map_server and from arrays."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

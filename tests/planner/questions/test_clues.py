@@ -1,7 +1,5 @@
 """Questions that no sentence has: what their clues say, and what may not be left over."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 

@@ -1,7 +1,5 @@
 """Plain questions: their meaning, answers on a small flat, and texts that are no question."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

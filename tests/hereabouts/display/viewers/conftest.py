@@ -1,7 +1,5 @@
 """A small map with everything that viewers draw."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

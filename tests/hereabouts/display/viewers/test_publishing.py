@@ -1,7 +1,5 @@
 """A map that is published to ROS while it changes, as subscribers that come late hear it."""
 
-from __future__ import annotations
-
 import argparse
 import threading
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """Bags of a map, read again with the `rosbags` package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

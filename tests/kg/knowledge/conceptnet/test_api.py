@@ -1,7 +1,5 @@
 """ConceptNet's interface and names, and the thesis' table 6.1."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import unicodedata

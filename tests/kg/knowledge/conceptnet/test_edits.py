@@ -1,7 +1,5 @@
 """The file an import writes: the same each time, and what people did to it stays."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Whatever a file holds: an import, a count of what was skipped, or one line that helps."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

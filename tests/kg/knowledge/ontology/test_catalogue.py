@@ -1,7 +1,5 @@
 """Categories of a map, also provisional ones."""
 
-from __future__ import annotations
-
 import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator

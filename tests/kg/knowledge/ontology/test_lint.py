@@ -1,7 +1,5 @@
 """A well-made map and ontology pass; each kind of bad fact is found and named."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Callable

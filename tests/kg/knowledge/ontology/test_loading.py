@@ -1,7 +1,5 @@
 """Loading of ontologies, and what follows from them."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

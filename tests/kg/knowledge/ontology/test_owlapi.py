@@ -3,8 +3,6 @@
 It runs in a process of its own. Skipped where its packages (docs/how-to/protege.md) are absent.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import subprocess

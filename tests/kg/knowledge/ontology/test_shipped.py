@@ -1,7 +1,5 @@
 """The shipped ontologies, their terms and their page."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections import Counter, defaultdict

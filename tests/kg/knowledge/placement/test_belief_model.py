@@ -1,7 +1,5 @@
 """The placement model: monotone in the evidence, calibrated on worlds that are as it says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Tables of rooms: read, mapped to our categories, and refused in one line where they are wrong."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

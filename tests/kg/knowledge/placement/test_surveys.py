@@ -1,7 +1,5 @@
 """Surveys of rooms that ship: their features, and what the model makes of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The placement table of a real map: what speaks, how much, and what seeing rooms changes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Words: classes, meanings and usual places."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """What people said outranks what is perceived, until it is retracted."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

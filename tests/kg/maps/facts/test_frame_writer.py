@@ -1,7 +1,5 @@
 """The writer changes what differs, all of it at once, and nothing that people added."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Objects by what they are, where they are, and what they are near; places by belief."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Records become facts and come back, as precise as the map is and no more."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Floor, robot, recordings and searches in the map."""
 
-from __future__ import annotations
-
 import base64
 import math
 import zlib

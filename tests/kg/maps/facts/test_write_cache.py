@@ -1,7 +1,5 @@
 """A writer that remembers what it wrote writes what a writer that looks each time would."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows of results, and languages of labels."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Questions: the shipped ones answer, parameters are checked, nothing is pasted or reaches out."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from datetime import UTC, datetime

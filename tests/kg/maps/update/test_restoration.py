@@ -1,7 +1,5 @@
 """A past state of a map becomes its present one, whole or in part, and the history keeps both."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Validation of updates, and the guard of deletions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Writes that others wait for: linear in the document, beside each other, within limits."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

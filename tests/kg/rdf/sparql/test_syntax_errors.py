@@ -1,7 +1,5 @@
 """Syntax errors name the cause, where the parser names what it would have taken instead."""
 
-from __future__ import annotations
-
 import pytest
 
 from kg.maps.semantic_map import SemanticMap

@@ -1,7 +1,5 @@
 """What a mapper or a robot saw, told as JSON and read again."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields
 from typing import Any

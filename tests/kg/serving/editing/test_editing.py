@@ -1,7 +1,5 @@
 """An edited ontology is read with its imports, judged by file and line, told in words, taken in."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

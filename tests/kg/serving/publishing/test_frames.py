@@ -1,7 +1,5 @@
 """Maps of different frames on one server, or merged: apart, until a transform between is known."""
 
-from __future__ import annotations
-
 import json
 import math
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Maps mirrored into SPARQL servers of other makers: live, resumed, and exactly."""
 
-from __future__ import annotations
-
 import os
 import random
 import signal

@@ -1,7 +1,5 @@
 """Published maps: merging, and targets that fail."""
 
-from __future__ import annotations
-
 import http.server
 import json
 import threading

@@ -1,7 +1,5 @@
 """Characters that XML cannot hold: refused at the door, and in no XML that leaves an older map."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A served map followed from Python: its changes as they come, questions that stand."""
 
-from __future__ import annotations
-
 import queue
 import socket
 import threading

@@ -1,7 +1,5 @@
 """The Memento protocol (RFC 7089): things of the map as they were, by plain HTTP."""
 
-from __future__ import annotations
-
 import re
 import time
 from collections.abc import Iterator

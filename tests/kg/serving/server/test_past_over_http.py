@@ -1,7 +1,5 @@
 """The past of a map that is being served: asked, compared, told, explained."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime

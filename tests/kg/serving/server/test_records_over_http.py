@@ -1,7 +1,5 @@
 """A mapper or a robot far away writes into a served map, and gets in nobody's way."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

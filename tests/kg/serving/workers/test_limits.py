@@ -1,7 +1,5 @@
 """Requests that would kill or freeze a server: refused or ended, while everybody else is served."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Queries in worker processes: right answers, from a state of the map that is known."""
 
-from __future__ import annotations
-
 import asyncio
 import csv
 import io

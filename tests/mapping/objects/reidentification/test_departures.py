@@ -1,7 +1,5 @@
 """Departures, moves and merges of objects."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

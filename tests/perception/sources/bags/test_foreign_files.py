@@ -1,7 +1,5 @@
 """Files of bags that other programs write: other schemas and encodings, split and cut files."""
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Callable

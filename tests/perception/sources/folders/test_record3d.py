@@ -1,7 +1,5 @@
 """Recordings of Record3D: .r3d files written with the library that reads them."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from collections.abc import Callable

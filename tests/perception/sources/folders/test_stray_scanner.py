@@ -1,7 +1,5 @@
 """Recordings of a phone with LiDAR, held upright or on its side."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

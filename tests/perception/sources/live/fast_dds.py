@@ -1,7 +1,5 @@
 """A peer of Fast DDS, the DDS of Humble and Jazzy, as a process: publisher and subscriber."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import threading

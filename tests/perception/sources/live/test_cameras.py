@@ -1,7 +1,5 @@
 """Several cameras of one stream: each has its turn, its topics and its counts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

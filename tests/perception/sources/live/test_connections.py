@@ -1,7 +1,5 @@
 """Real peers on real sockets: ROS 1 and Foxglove, whole, broken off, and hostile."""
 
-from __future__ import annotations
-
 import json
 import struct
 import threading

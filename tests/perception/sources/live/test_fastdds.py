@@ -1,7 +1,5 @@
 """Topics of a ROS 2 domain with a peer of Fast DDS: the DDS of Humble and Jazzy."""
 
-from __future__ import annotations
-
 import threading
 from queue import SimpleQueue
 from typing import Any

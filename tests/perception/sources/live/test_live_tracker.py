@@ -1,7 +1,5 @@
 """A live camera without poses is tracked; where it is lost, nothing is given to be mapped."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Poses of frames follow the path that a SLAM corrects, or the jumps of map -> odom alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

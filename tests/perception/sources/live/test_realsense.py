@@ -1,7 +1,5 @@
 """RealSense cameras: files of librealsense, which the library itself plays as it would a device."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

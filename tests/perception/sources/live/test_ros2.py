@@ -1,7 +1,5 @@
 """ROS 2 topics of Cyclone DDS peers, on the loopback interface."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """A live recording whose images, depth or poses dry up and return: one line each, over the wire."""
 
-from __future__ import annotations
-
 import re
 import threading
 import time

@@ -1,7 +1,5 @@
 """Messages become frames by the rules of bags; the newest first, and each one that came counted."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Detections of another program, with the stamps of their images, as those of frames."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

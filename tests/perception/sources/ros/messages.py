@@ -1,7 +1,5 @@
 """Messages as any source may deliver them: plain objects with the fields of ROS."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace as Message
 
 import numpy as np

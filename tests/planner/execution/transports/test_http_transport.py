@@ -1,7 +1,5 @@
 """A robot behind an address: a real server on loopback, and ones that are hostile."""
 
-from __future__ import annotations
-
 import json
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Searches with a stand-in for Nav2: over DDS by topics, and behind foxglove_bridge by services."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path

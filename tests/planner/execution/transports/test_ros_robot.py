@@ -1,7 +1,5 @@
 """Searches behind a ROS 1 master: a house's camera, real detections, and navigation that fails."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator, Sequence

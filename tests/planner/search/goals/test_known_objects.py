@@ -1,7 +1,5 @@
 """Known objects as goals, their whereabouts, and changes."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

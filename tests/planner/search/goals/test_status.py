@@ -1,7 +1,5 @@
 """Status: present, gone, looked and none seen, hidden, never looked; and what proves it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`hereabouts.find`: what the map knows, where to look, and inputs that are none."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a hunt makes of looks in vain: Bayes' rule, fresh positions, and when it gives up."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Confinement of the workers, and their network."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket
