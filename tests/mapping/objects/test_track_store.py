@@ -26,7 +26,7 @@ from perception.frames import Detections, Frame
 from planner.simulation.camera import SimulatedCamera
 from planner.simulation.house_robot import SimulatedTour
 
-FRAMES = 44
+FRAMES = 30
 _NO_BOX = (
     "UPDATE tracks SET state = json_set(state, '$.box', json('[0,0,0,1,-1,1,9]')) WHERE number"
 )
